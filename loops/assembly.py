@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state, require_plane
 from loops.laws.frictional import ContactLaw
 from loops.validation import checked_regimes
 
@@ -95,7 +95,7 @@ def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) 
 
 def translational_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Sums of the sizes of the terms of `translational_blocks`."""
-    frame = np.abs(np.stack([state.n, state.t], axis=-1))
+    frame = np.abs(_frame(state))
     return frame @ local_sizes(state, law, regime) @ np.swapaxes(frame, -1, -2)
 
 
@@ -154,6 +154,7 @@ def contact_tangent(
         `S`: the translational block (force per length), force per spin and moment per branch rate
         (force), moment per spin (force times length).
     """
+    require_plane(state.n, "normals of the contacts")
     stiffness = _stiffness(state, law, regime)
     g, *own = law.shear_kinematics(state)
     a, b = _pair(state.arm_i, state.arm_j), _pair(*(own if arms is None else arms))
@@ -202,27 +203,35 @@ def contact_kinematics(state: ContactState, law: ContactLaw) -> Floats:
 
 
 def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """(..., C, 2, 2) translational block of each contact in its own frame (n, t).
+    """(..., C, d, d) translational block of each contact in its own frame (n, t).
 
     Material stiffness of the law, with the shear lever `g`, then `-N/l` and `T/l` from the turning
-    of the frame; rows the force on j, columns the relative displacement.
+    of the frame; rows the force on j, columns the relative displacement. Of spheres the second
+    tangent has the block of the first.
     """
     local = _stiffness(state, law, regime)
     g, _, _ = law.shear_kinematics(state)
     local[..., :, 1] *= g[..., None]
     local[..., 1, 1] -= state.normal_force / state.length
     local[..., 0, 1] += state.shear_force / state.length
-    return local
+    return _both_tangents(local) if state.n.shape[-1] == 3 else local
 
 
 def local_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Sums of the sizes of the terms of `local_blocks`, where `kt` and `N/l` may cancel."""
-    local = local_blocks(state, law, regime)
+    local = local_blocks(state, law, regime)[..., :2, :2]
     for entry, force in (((1, 1), state.normal_force), ((0, 1), -state.shear_force)):
         turning = force / state.length
         at = (..., *entry)
         local[at] = np.abs(local[at] + turning) + np.abs(turning)
-    return np.abs(local)
+    return np.abs(_both_tangents(local) if state.n.shape[-1] == 3 else local)
+
+
+def _both_tangents(local: Floats) -> Floats:
+    """Return (..., 3, 3) blocks of spheres without shear force: either tangent has the same."""
+    block = np.zeros((*local.shape[:-2], 3, 3))
+    block[..., :2, :2], block[..., 2, 2] = local, local[..., 1, 1]
+    return block
 
 
 def _pair(i: Floats, j: Floats) -> Floats:
@@ -245,8 +254,15 @@ def _joined(k: Floats, q: Floats, p: Floats, c: Floats) -> Floats:
     return joined
 
 
+def _frame(state: ContactState) -> Floats:
+    """Return the axes of each contact as columns, (..., C, d, d)."""
+    if state.n.shape[-1] == 3:
+        return np.stack([state.n, state.t, np.cross(state.n, state.t)], axis=-1)
+    return np.stack([state.n, state.t], axis=-1)
+
+
 def _to_global(state: ContactState, local: Floats) -> Floats:
-    frame = np.stack([state.n, state.t], axis=-1)
+    frame = _frame(state)
     return frame @ local @ np.swapaxes(frame, -1, -2)
 
 

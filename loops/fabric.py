@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
 from loops.faces import Faces
-from loops.graph import GrainGraph, contact_state, require_one_state
+from loops.graph import GrainGraph, contact_state, require_one_state, require_plane
 from loops.shown import Shown
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
@@ -76,12 +76,12 @@ def direction_tensors(vectors: ArrayLike) -> Floats:
 
     Parameters
     ----------
-    vectors : (..., 2) array
-        Vectors, none of them zero.
+    vectors : (..., d) array
+        Vectors of the plane or of space, none of them zero.
 
     Returns
     -------
-    (..., 2, 2) array
+    (..., d, d) array
         Symmetric tensors of trace 1.
 
     Examples
@@ -91,13 +91,14 @@ def direction_tensors(vectors: ArrayLike) -> Floats:
     [[1.0, 0.0], [0.0, 0.0]]
     """
     v = np.asarray(vectors, dtype=float)
-    tensors = np.empty((*v.shape, 2))
-    flat, out = v.reshape(-1, 2), tensors.reshape(-1, 4)
+    d = v.shape[-1]
+    tensors = np.empty((*v.shape, d))
+    flat, out = v.reshape(-1, d), tensors.reshape(-1, d, d)
     for part in _blocks(len(flat)):
-        x, y = flat[part].T.copy()
-        square = x * x + y * y
-        out[part, 0], out[part, 3] = x * x / square, y * y / square
-        out[part, 1] = out[part, 2] = x * y / square
+        components = flat[part].T.copy()
+        square = (components * components).sum(axis=0)
+        for i, j in np.ndindex(d, d):
+            out[part, i, j] = components[i] * components[j] / square
     return tensors
 
 
@@ -292,6 +293,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     [0, 0, 0, -1, -1, -1]
     """
     require_one_state(graph)
+    require_plane(graph.x, "centres of the grains")
     state = contact_state(graph)
     i, j = graph.contacts.T
     stress = np.zeros((graph.grain_count, 2, 2))

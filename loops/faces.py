@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, require_one_state
+from loops.graph import GrainGraph, branch_vectors, require_one_state, require_plane
 from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
 
@@ -131,6 +131,7 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     ([3, 3, 4], [0.5, 0.5, -1.0], [0, 1])
     """
     require_one_state(graph)
+    require_plane(graph.x, "centres of the grains")
     if use_compiled(compiled, graph.contact_count):
         from loops.compiled import given
         from loops.compiled.network import plane_faces

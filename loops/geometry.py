@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, require_plane
 
 
 def polygon_area(x: Floats) -> Floats:
@@ -226,6 +226,7 @@ def checked_volume(volume: ArrayLike) -> Floats:
 
 def require_loop(graph: GrainGraph) -> None:
     """Raise `InputError` unless contacts 0..n-1 are the ring 0-1-2-...-0; chords may follow."""
+    require_plane(graph.x, "centres of the grains")
     n = graph.grain_count
     ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
     contacts = graph.contacts[:n]

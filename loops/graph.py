@@ -30,6 +30,9 @@ def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
 class GrainGraph(Shown):
     """Grains in the plane and the contacts between them, one state or a batch of states.
 
+    Spheres with three coordinates are accepted where nothing asks for the plane: branch vectors,
+    stresses and the affine tangent with spins blocked, without shear forces.
+
     Topology (`contacts`, `images`) is shared; everything else may carry leading batch axes
     `...`, which broadcast against each other. Arrays are read-only; `replace` gives a changed
     graph.
@@ -183,6 +186,13 @@ class GrainGraph(Shown):
         return replace(self, **changes)
 
 
+def require_plane(vectors: Floats, what: str) -> None:
+    """Raise `InputError` unless vectors (..., d) have two components."""
+    if vectors.shape[-1] != 2:
+        received = f"vectors with {vectors.shape[-1]} components"
+        raise InputError(what, received, "two: grains in the plane", "Give two coordinates.")
+
+
 def require_one_state(graph: GrainGraph) -> None:
     """Raise `InputError` if the graph carries batch axes."""
     if graph.batch_shape:
@@ -276,7 +286,8 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
     n : (..., C, 2) array
         Unit normal from grain i to grain j.
     t : (..., C, 2) array
-        Unit tangent, `n` turned by 90 degrees counter-clockwise.
+        Unit tangent, `n` turned by 90 degrees counter-clockwise. In three dimensions one of the
+        tangents.
 
     Examples
     --------
@@ -286,6 +297,12 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
     [[0.9], [[1.0, 0.0]], [[-0.0, 1.0]]]
     """
     d = branch_vectors(graph)
+    if d.shape[-1] == 3:
+        length = np.linalg.norm(d, axis=-1)
+        n = d / length[..., None]
+        axis = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+        t = np.cross(n, axis)
+        return length, n, t / np.linalg.norm(t, axis=-1)[..., None]
     length = np.hypot(d[..., 0], d[..., 1])
     n = d / length[..., None]
     t = np.stack([-n[..., 1], n[..., 0]], axis=-1)

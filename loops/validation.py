@@ -14,21 +14,21 @@ from loops.errors import InputError
 
 def check_graph(graph: Any) -> None:
     """Raise `InputError` at the first fault of a grain graph."""
-    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] == 2)
-    grains = graph.x.shape[-2]
+    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] in (2, 3))
+    grains, d = graph.x.shape[-2:]
     contacts = graph.contacts
     _shape("contacts", contacts, "(C, 2)", contacts.ndim == 2 and contacts.shape[1] == 2)
     count = len(contacts)
     _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
-    _shape("x0", graph.x0, f"(..., {grains}, 2)", graph.x0.shape[-2:] == (grains, 2))
+    _shape("x0", graph.x0, f"(..., {grains}, {d})", graph.x0.shape[-2:] == (grains, d))
     for name in ("normal_force", "shear_force", "rolling_moment"):
         value = getattr(graph, name)
         if value is not None:
             _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
     if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
-        _shape("images", graph.images, f"({count}, 2)", graph.images.shape == (count, 2))
-        _shape("cell", graph.cell, "(..., 2, 2)", graph.cell.shape[-2:] == (2, 2))
-        _shape("cell0", graph.cell0, "(..., 2, 2)", graph.cell0.shape[-2:] == (2, 2))
+        _shape("images", graph.images, f"({count}, {d})", graph.images.shape == (count, d))
+        _shape("cell", graph.cell, f"(..., {d}, {d})", graph.cell.shape[-2:] == (d, d))
+        _shape("cell0", graph.cell0, f"(..., {d}, {d})", graph.cell0.shape[-2:] == (d, d))
         _check_cell("cell", graph.cell)
         _check_cell("cell0", graph.cell0)
     elif graph.images is not None and np.any(graph.images):
@@ -43,7 +43,7 @@ def check_graph(graph: Any) -> None:
         ) from None
     moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
     for name, value in (("position", graph.x), *moved):
-        ok = np.isfinite(value[..., 0]) & np.isfinite(value[..., 1])
+        ok = np.logical_and.reduce([np.isfinite(value[..., k]) for k in range(d)])
         _finite(name, "grain", ok, value)
     _finite("radius", "grain", np.isfinite(graph.radii), graph.radii)
     if not (graph.radii > 0).all():
@@ -55,6 +55,9 @@ def check_graph(graph: Any) -> None:
             "Correct it.",
         )
     _check_contacts(graph)
+    if d == 3 and np.any(graph.shear_force):
+        expected = "zero in three dimensions, where a shear force is a vector"
+        raise InputError("shear_force", "numbers", expected, "Give normal forces alone.")
 
 
 def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
@@ -151,7 +154,7 @@ def repeated_contacts(
 
 def check_branches(what: str, contacts: Integers, branches: Floats) -> None:
     """Raise `InputError` if a contact joins two grains with the same centre."""
-    distinct = (branches[..., 0] != 0) | (branches[..., 1] != 0)
+    distinct = np.logical_or.reduce([branches[..., k] != 0 for k in range(branches.shape[-1])])
     if distinct.all():
         return
     c = _first(~distinct)[-1]

@@ -37,7 +37,7 @@ from loops.geometry import (
     require_loop,
     volume_growth,
 )
-from loops.graph import GrainGraph, contact_state, reference_branch_vectors
+from loops.graph import GrainGraph, contact_state, reference_branch_vectors, require_plane
 from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
 
@@ -223,12 +223,14 @@ def affine_tangent(
     regimes = contact_regime(state, law, regime)
     growth = volume_growth(graph) if volume is None else 0.0
     if spins != "blocked":
+        require_plane(graph.x, "centres of the grains")
         relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
         return of_relaxed(relaxed, "affine", spins, v0, growth, turned)
     d0 = reference_branch_vectors(graph)
     blocks, pair = translational_blocks(state, law, regimes), d0[..., :, None] * d0[..., None, :]
     total = np.einsum("...cik,...cjl->...ijkl", blocks, pair, optimize=True)
-    matrix = total.reshape(*total.shape[:-4], 4, 4)
+    components = d0.shape[-1] ** 2
+    matrix = total.reshape(*total.shape[:-4], components, components)
     sizes = frobenius(local_sizes(state, law, regimes))
     bound = ROUNDING * (sizes * (d0 * d0).sum(axis=-1)).sum(axis=-1)
     matrix = matrix / v0[..., None, None]
