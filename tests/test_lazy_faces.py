@@ -82,7 +82,7 @@ def test_a_snapshot_loads_what_it_needs(tmp_path):
     loaded = loaded_by(command("snapshot", path, "--no-figures", "--out", tmp_path / "out"))
     assert {"loops.faces", "patterns.snapshots", "stability.verdict"} <= loaded
     unused = {"matplotlib", "networkx", "numba", "sympy", "patterns.diamond", "patterns.polygons"}
-    unused |= {"stability.paths", "stability.directional", "studies.series", "studies.bench"}
+    unused |= {"stability.paths", "stability.directional", "studies.series", "tests.benchmarks"}
     assert not loaded & unused
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -397,6 +399,21 @@ def _domain_lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
+def _benchmarks() -> Any:
+    """Load what measures: it stands among the tests of a checkout, outside the package."""
+    root = Path(__file__).parents[2]
+    if not (root / "tests" / "benchmarks").is_dir():
+        raise InputError(
+            "bench",
+            "an installed package",
+            "a checkout of the project: what measures stands there, in tests/benchmarks",
+            "Install the checkout (pip install -e '.[test]') and call the command again.",
+        )
+    if str(root) not in sys.path:
+        sys.path.insert(0, str(root))
+    return import_module("tests.benchmarks.run")
+
+
 def bench_command(
     *,
     out: Out = None,
@@ -410,11 +427,13 @@ def bench_command(
     force: Force = False,
     json: Json = False,
 ) -> Answer:
-    """Measure speed against error of the methods that can be chosen, and run the hard cases."""
-    out = out_or(out, "bench")
-    with clock("grainloops bench") as tell:
-        from studies.bench import run_bench
+    """Measure speed against error of the methods that can be chosen, and run the hard cases.
 
+    Runs in a checkout of the project, where the measuring code is.
+    """
+    out = out_or(out, "bench")
+    run_bench = _benchmarks().run_bench
+    with clock("grainloops bench") as tell:
         summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
     lines = []
     for name, group in summary["groups"].items():

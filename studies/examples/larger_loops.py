@@ -8,6 +8,8 @@ number of grains.
 
 from __future__ import annotations
 
+import time
+import timeit
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,6 @@ from loops import (
 )
 from loops.arrays import Floats
 from patterns import regular_polygon
-from studies.bench.methods import least_seconds
 from studies.examples import run_example, save
 from studies.paths.polygon import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
@@ -69,7 +70,9 @@ def tangent_seconds(orders: tuple[int, ...] = SIZES, grains: int = 400_000) -> F
         count = max(grains // order, 1)
         loop = regular_polygon(order, strain=np.linspace(0.01, 0.1, count))
         tangent = partial(traction_tangent, loop, LINEAR, method="force")
-        found.append(least_seconds(tangent, quick=True) / count)
+        found.append(
+            min(timeit.repeat(tangent, timer=time.process_time, number=1, repeat=5)) / count
+        )
     return np.array(found)
 
 

@@ -17,7 +17,7 @@ from stability import (
     statuses,
     symmetric_spectrum,
 )
-from studies.bench.hard_cases import (
+from tests.benchmarks.hard_cases import (
     followed,
     hard_path_rows,
     loop_letters,

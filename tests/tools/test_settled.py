@@ -11,7 +11,7 @@ from patterns import synthetic_network
 from patterns.diamond import TABLE_1, tangent
 from patterns.hard_cases import hard_case, parallel_half_edges
 from stability import imhof_fraction, restrict, symmetric_spectrum
-from studies.bench.methods import POINT_B, Row, error_at_b, irregular_rings
+from tests.benchmarks.methods import POINT_B, Row, error_at_b, irregular_rings
 from tests.tools.settled.__main__ import GROUPS, main
 from tests.tools.settled.closures import least_squares
 from tests.tools.settled.eigenvalues import closed_form, jacobi, sample

@@ -17,7 +17,7 @@ from loops import (
 from loops.closures.system import affine_spin
 from loops.closures.tangents import solved
 from patterns import regular_polygon
-from studies.bench.hard_cases import as_array, traction_tangent_50
+from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
 from tests.oracles.rings import member, random_rings, ring, slide
 

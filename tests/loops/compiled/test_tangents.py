@@ -17,7 +17,7 @@ from loops.compiled import given
 from loops.loop_batches import TANGENTS, compiled_packing
 from patterns.synthetic import synthetic_network
 from stability.verdict import loop_spectra
-from studies.bench.hard_cases import affine_tangent_50, as_array, traction_tangent_50
+from tests.oracles.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
 
 KN, KT, MU = 1.0, 0.4, 0.5
 

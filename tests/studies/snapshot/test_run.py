@@ -20,10 +20,10 @@ from loops import (
 )
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import imhof_fraction, restrict, symmetric_part
-from studies.bench.hard_cases import as_array, traction_tangent_50
 from studies.cli import main
 from studies.snapshot import figures
 from studies.snapshot.table import loop_columns
+from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 
 KEYS = [

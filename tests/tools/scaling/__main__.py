@@ -13,8 +13,8 @@ import cyclopts
 import pandas as pd
 from cyclopts import Parameter
 
-from studies.bench.methods import machine
 from studies.study import study
+from tests.benchmarks.methods import machine
 from tests.tools.scaling.measure import (
     FLOORS,
     command_row,

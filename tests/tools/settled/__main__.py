@@ -11,9 +11,9 @@ import cyclopts
 import pandas as pd
 from cyclopts import Parameter
 
-from studies.bench.methods import Row, machine
-from studies.bench.run import UNITS, knee, pareto
 from studies.study import study
+from tests.benchmarks.methods import Row, machine
+from tests.benchmarks.run import UNITS, knee, pareto
 from tests.tools.settled.closures import closure_switch, least_squares_methods
 from tests.tools.settled.eigenvalues import eigenvalue_methods
 from tests.tools.settled.fractions import fraction_methods

@@ -9,7 +9,7 @@ import numpy as np
 from loops import assemble_tangent, boundary_vectors, polygon_area, traction_tangent
 from loops.arrays import Floats
 from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from studies.bench.methods import (
+from tests.benchmarks.methods import (
     Rings,
     Row,
     Rows,

@@ -9,8 +9,8 @@ import numpy as np
 
 from loops.arrays import Floats
 from stability import symmetric_spectrum
-from studies.bench.hard_cases import DIGITS
-from studies.bench.methods import Rows
+from tests.benchmarks.methods import Rows
+from tests.oracles.fifty_digits import DIGITS
 
 ORACLE = "mpmath eigsy, 50 digits"
 SWEEPS = (2, 3, 4, 5, 6)

@@ -12,8 +12,8 @@ from scipy.stats import norm, qmc
 
 from loops.arrays import Floats
 from stability import imhof_fraction, unstable_fraction
-from studies.bench.hard_cases import DIGITS
-from studies.bench.methods import Rows
+from tests.benchmarks.methods import Rows
+from tests.oracles.fifty_digits import DIGITS
 
 ORACLE = "mean over the azimuth, 50 digits"
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)

@@ -13,7 +13,7 @@ from loops.arrays import Integers
 from loops.faces import next_half_edge
 from patterns import synthetic_network
 from patterns.hard_cases import parallel_half_edges
-from studies.bench.methods import Rows
+from tests.benchmarks.methods import Rows
 
 ORACLE = "orientation by fractions"
 PAIRS = 200

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from loops import GrainGraph
 from patterns.hard_cases import hard_case
-from studies.bench.hard_cases import exact_answer
-from studies.bench.methods import Rows
+from tests.benchmarks.hard_cases import exact_answer
+from tests.benchmarks.methods import Rows
 
 OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
 

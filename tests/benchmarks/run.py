@@ -15,8 +15,6 @@ from matplotlib.ticker import NullFormatter
 
 from loops import InputError
 from patterns.hard_cases import HARD_CASES
-from studies.bench.hard_cases import hard_path_rows, loop_letters, read_letters, tangent_rows
-from studies.bench.methods import METHOD_GROUPS, machine, smallest_model_rows
 from studies.study import study
 from studies.style import (
     BLACK,
@@ -28,6 +26,8 @@ from studies.style import (
     new_panels,
     styled,
 )
+from tests.benchmarks.hard_cases import hard_path_rows, loop_letters, read_letters, tangent_rows
+from tests.benchmarks.methods import METHOD_GROUPS, machine, smallest_model_rows
 
 HARD, SMALLEST = "hard-cases", "smallest-model"
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"

@@ -39,7 +39,7 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.verdict import loop_stability
-from studies.bench.hard_cases import DIGITS, affine_tangent_50, as_array, traction_tangent_50
+from tests.oracles.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
 
 # Least total time of the repeated runs in seconds; the fastest run counts.
 LONG_ENOUGH, LONG_ENOUGH_QUICK = 0.15, 0.01

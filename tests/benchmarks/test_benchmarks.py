@@ -10,14 +10,7 @@ from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import regular_polygon
 from patterns.hard_cases import hard_case
 from stability import Stage, follow, programmes
-from studies.bench import run_bench
-from studies.bench.hard_cases import (
-    as_array,
-    compliance_tangent_50,
-    tangent_50,
-    traction_tangent_50,
-)
-from studies.bench.methods import (
+from tests.benchmarks.methods import (
     METHOD_GROUPS,
     Family,
     Row,
@@ -30,7 +23,13 @@ from studies.bench.methods import (
     largest_difference,
     path_solver,
 )
-from studies.bench.run import chosen_groups
+from tests.benchmarks.run import chosen_groups, run_bench
+from tests.oracles.fifty_digits import (
+    as_array,
+    compliance_tangent_50,
+    tangent_50,
+    traction_tangent_50,
+)
 from tests.studies.snapshot.test_run import run
 
 
@@ -141,6 +140,15 @@ def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
     assert "closures, n = 6" in capsys.readouterr().out
     closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
     assert closures["closures, n = 6"]["defaults"][0]["method"] == "both"
+
+
+def test_outside_a_checkout_the_command_says_so_in_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("studies.commands.loops.__file__", str(tmp_path / "a" / "b" / "loops.py"))
+    assert run(monkeypatch, "bench", "--out", tmp_path / "o") == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1
+    assert "checkout of the project" in said.err
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.slow
