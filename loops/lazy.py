@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -39,3 +40,22 @@ def lazy_face(package: str, names: Mapping[str, str]) -> None:
     places = {name: module for module, several in names.items() for name in several.split()}
     face.__dict__.update(places=places, __all__=sorted(places))
     face.__class__ = LazyFace
+
+
+def warn_of_old_name(old: str, new: str, stacklevel: int = 3) -> None:
+    """Warn that a public name works for this release alone, and say which one replaces it."""
+    said = f"{old} is gone with the next release: use {new}"
+    warnings.warn(said, DeprecationWarning, stacklevel=stacklevel)
+
+
+def old_names(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a package with old names: each with 'module.name' of today."""
+
+    def named(name: str) -> Any:
+        if name not in names:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        warn_of_old_name(f"{package}.{name}", names[name])
+        module, _, new = names[name].rpartition(".")
+        return getattr(import_module(module), new)
+
+    return named

@@ -19,7 +19,7 @@ from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow, programmes
 from stability.packing import LoopRates, PackingPath, Replay, loop_changes, replay
 from stability.packing.state import PackingState
-from stability.paths.path import Event, Past
+from stability.path import Event, Past, describe
 from studies.output import UNITS, definitions, readable
 from studies.paths.options import PROGRAMMES
 from studies.reading import plan_series, reading
@@ -261,16 +261,10 @@ def event_table(way: Way, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
             "contact": contact,
             "id1": grains[:, 0],
             "id2": grains[:, 1],
-            "passed": np.array([_passed(event) for event in way.events], dtype=str),
-            "detail": np.array([event.detail for event in way.events], dtype=str),
+            "passed": np.array([event.passed for event in way.events], dtype=str),
+            "detail": np.array([describe(event) for event in way.events], dtype=str),
         }
     )
-
-
-def _passed(event: Event) -> str:
-    """Continuation after an instability (dragged, held, ...); '' for other events."""
-    words = event.detail.split("; ")[1:] if event.kind == "instability" else []
-    return next((word for word in words if not word.endswith("released")), "")
 
 
 def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.DataFrame:
@@ -429,7 +423,7 @@ def path_summary(way: Way, tables: dict[str, pd.DataFrame], driven: str) -> dict
     """Summary of a way and its tables."""
     last, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
     instabilities = [event for event in way.events if event.kind == "instability"]
-    passed = Counter(_passed(event) for event in instabilities)
+    passed = Counter(event.passed for event in instabilities)
     return {
         "definitions": definitions("evolve"),
         "end": end_of(tables["path"], driven),

@@ -41,13 +41,12 @@ from stability.packing.state import PackingState, jumped, start_state
 from stability.packing.strain_increment import (
     RELEASED,
     ControlLimitError,
-    Found,
     Goal,
     InstabilityError,
     MixedControl,
     StrainIncrement,
 )
-from stability.paths.path import FINISHED, Event, Past, PathStatus, follow_stages
+from stability.path import FINISHED, Event, Past, PathStatus, follow_stages
 from stability.programmes import Stage
 from stability.spectra import COMPONENTS
 
@@ -91,10 +90,9 @@ class PackingPath(Shown):
         The status in words.
     events : tuple of Event
         'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
-        agree; `detail` has the mode, how it was passed and the energy that its grains released
-        until the interval ended. Of a spring against rolling it is 'rolling'. `index` is the row
-        before. Events of a rejected interval are dropped, except when the path is lost: then they
-        lie beyond the last row. Contacts are numbered as in the states: those of the graph first.
+        agree. `index` is the row before. Events of a rejected interval are dropped, except when the
+        path is lost: then they lie beyond the last row. Contacts are numbered as in the states:
+        those of the graph first.
     parameter, stage : (R,) array
         Loading parameter since the start, and stage.
     H, P : (R, 4) array
@@ -326,9 +324,8 @@ class PackingPathSolver:
     ) -> Stop:
         """Follow a stage to its target, or until the path ends; status and message."""
         if self.intervals:
-            row, detail = len(self.rows) - 1, f"to {stage.programme.name}"
-            change = Event("programme_change", self.parameter, number, row, (), detail)
-            self.events.append(change)
+            place, name = (self.parameter, number, len(self.rows) - 1), stage.programme.name
+            self.events.append(Event("programme_change", *place, programme=name))
         self.start_stage(number, stage, rows)
         while self.targets:
             if self.intervals >= max_steps:
@@ -390,7 +387,7 @@ class PackingPathSolver:
     def step(self, stage: Stage, instabilities: int) -> Stop | None:
         """Go on by one interval, and through the instability that ends it; why the path ends."""
         before = self.saved()
-        events: list[Found] = []
+        events: list[Event] = []
         try:
             met, duration = self._interval(stage, events)
         except RejectedError as error:
@@ -414,7 +411,7 @@ class PackingPathSolver:
             self._add_events(events)
         return status, message
 
-    def _interval(self, stage: Stage, events: list[Found]) -> tuple[InstabilityError | None, float]:
+    def _interval(self, stage: Stage, events: list[Event]) -> tuple[InstabilityError | None, float]:
         """Strain by an increment: the instability that ends it, and the duration asked for."""
         packing = IncrementalPacking(
             self.state,
@@ -515,7 +512,7 @@ class PackingPathSolver:
     def _pass(self, met: InstabilityError, duration: float, stage: Stage) -> Stop | None:
         """Stop at an instability, or go through it by the equations of motion."""
         if self.past == "stop":
-            self._add_events([Found("instability", 0.0, met.contact, f"{met.why}; stopped")])
+            self._add_events([replace(met.event, parameter=0.0, passed="stopped")])
             return "instabilities", str(met)
         rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
         left = (self.targets[0] - self._quantity(stage)) / rate if rate else np.inf
@@ -528,10 +525,11 @@ class PackingPathSolver:
             if jump:
                 raise ArithmeticError(jump)
         except ArithmeticError as error:
-            self._add_events([Found("instability", 0.0, met.contact, f"{met.why}; lost")])
+            self._add_events([replace(met.event, parameter=0.0, passed="lost")])
             return "lost", f"{met}; {error}"
-        detail = f"{met.why}; replayed; {snap.work[3]:.2g} released"
-        self._add_events([Found("instability", 0.0, met.contact, detail)])
+        released = float(snap.work[RELEASED])
+        told = replace(met.event, parameter=0.0, passed="replayed", released=released)
+        self._add_events([told])
         self._go_on_from(snap.state, snap.pairs, span, snap.work)
         return None
 
@@ -576,17 +574,19 @@ class PackingPathSolver:
             return Goal(left, np.kron(np.eye(2), self.F.T)[k], none, 0.0)
         return Goal(left, none, self._to_reference()[k], 0.0)
 
-    def _add_events(self, found: list[Found], released: Floats | None = None) -> None:
+    def _add_events(self, events: list[Event], released: Floats | None = None) -> None:
         """Add events after the current state, instabilities with the energy of their grains."""
         left = None if released is None else released.copy()
-        for kind, time, contact, detail, grains in found:
-            if grains is not None and left is not None:
-                detail = f"{detail}; {left[grains].sum():.2g} released"
+        for event in events:
+            if event.kind == "instability" and left is not None:
+                grains = list(event.grains)
+                event = replace(event, released=float(left[grains].sum()))
                 # The energy of a grain belongs to its first instability.
                 left[grains] = 0.0
-            parameter = self.parameter + time
-            row = sum(one[0] <= parameter for one in self.rows) - 1
-            self.events.append(Event(kind, parameter, self.stage, row, (contact,), detail))
+            parameter = self.parameter + event.parameter
+            index = sum(one[0] <= parameter for one in self.rows) - 1
+            place = {"parameter": parameter, "stage": self.stage, "index": index}
+            self.events.append(replace(event, **place))
 
     def record(self) -> None:
         """Add a row."""

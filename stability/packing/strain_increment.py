@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from stability.packing.pairs import (
 )
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.state import PackingState
-from stability.paths.path import EventKind
+from stability.path import Event, EventKind, Spring, reason
 
 # Events of one contact within an increment; at the next one it is damped or held.
 CHATTER = 12
@@ -43,8 +43,8 @@ GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 SLIP, INCREMENT, RELEASED = 1, 2, 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
-# Detail of the opening of a contact whose grain leaves the system.
-CARRIES_NOTHING = "its grain carries nothing"
+# Grains that move by more than this share of the largest displacement are in an unstable mode.
+MODE_SHARE = 0.1
 # Changes of regime within one pivot.
 PIVOT_STEPS = 40
 
@@ -54,11 +54,11 @@ class ControlLimitError(Exception):
 
 
 class InstabilityError(Exception):
-    """No regimes of a contact agree with its rates: the reason, and the grains of the mode."""
+    """No regimes of a contact agree with its rates: the event that it is."""
 
-    def __init__(self, contact: int, why: str, grains: Integers) -> None:
-        super().__init__(f"contact {contact}: {why}")
-        self.contact, self.why, self.grains = contact, why, grains
+    def __init__(self, event: Event) -> None:
+        super().__init__(f"contact {event.contacts[0]}: {reason(event)}")
+        self.event = event
 
 
 class UnsolvedError(Exception):
@@ -72,14 +72,16 @@ class UnsolvedError(Exception):
         self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
 
     @property
-    def mode(self) -> str:
-        """The unstable mode in words: its participation number, and what det K does."""
-        u = self.motion.reshape(-1, 3)[:, :2]
-        square = np.sum(u**2, axis=1)
-        share = float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300))
-        turns = "changes sign" if self.turns else "keeps its sign"
-        none = "no regimes agree" if self.proof else "no regimes that agree were found"
-        return f"{none}: {share:.0f} grains take part, det K {turns}"
+    def facts(self) -> dict[str, Any]:
+        """Facts of the unstable mode, as `Event` has them: its grains, and what det K does."""
+        square = np.sum(self.motion.reshape(-1, 3)[:, :2] ** 2, axis=1)
+        size = np.linalg.norm(self.motion.reshape(-1, 3), axis=1)
+        return {
+            "cause": "no_regimes" if self.proof else "none_found",
+            "taking_part": float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300)),
+            "sign_changes": self.turns,
+            "grains": tuple(np.flatnonzero(size > MODE_SHARE * size.max()).tolist()),
+        }
 
 
 class MixedControl(NamedTuple):
@@ -97,16 +99,6 @@ class Goal(NamedTuple):
     strain: Floats
     stress: Floats
     time: float
-
-
-class Found(NamedTuple):
-    """An event at a time of the increment; `grains` are those of an instability."""
-
-    kind: EventKind
-    time: float
-    contact: int
-    detail: str = ""
-    grains: Integers | None = None
 
 
 class End(NamedTuple):
@@ -165,7 +157,7 @@ class StrainIncrement:
         # Pairs without events: absent ones, and contacts that are held.
         self.held = np.resize(self.absent, len(self.N))
         self.event_count: Counter[int] = Counter()
-        self.events: list[Found] = []
+        self.events: list[Event] = []
 
     def run(self) -> None:
         """Go from event to event to the end of the increment."""
@@ -259,11 +251,12 @@ class StrainIncrement:
         loose = pair[degree == degree.min()]
         spring = 10.0 * max(float(packing.ground_spring[loose].max()), GROUND_SPRINGS[0])
         if degree.min() > 2 or spring > GROUND_SPRINGS[-2]:
-            self._hold(c, "it changes regime again and again", kind)
+            self._hold(c, kind, cause="chatters")
             return
-        self._require_viscous(c, "a loose grain rattles", loose)
+        facts = {"cause": "rattles", "grains": tuple(loose.tolist())}
+        self._require_viscous(c, facts)
         packing.add_ground_springs(loose, spring)
-        self._tell("instability", c, "a loose grain rattles; dragged", loose)
+        self._tell("instability", c, passed="dragged", **facts)
 
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
@@ -282,7 +275,7 @@ class StrainIncrement:
             if packing.regime[row] != OPEN:
                 self._end_forces(row, RELEASED)
                 self._open(row)
-                self._tell("opening", row, CARRIES_NOTHING)
+                self._tell("opening", row, cause="unloaded")
         if grains:
             # Nothing would hold them against a load.
             for load in (self.load, self.relief):
@@ -330,7 +323,7 @@ class StrainIncrement:
 
     def _pivot(self, c: int, rates: Combination) -> None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
-        packing, why, grains = self.packing, "", np.zeros(0, dtype=np.int64)
+        packing, facts = self.packing, dict[str, Any]()
         for spring in GROUND_SPRINGS:
             critical = packing.at_yield(self.N, self.T, self.held)
             # A stuck contact on the friction limit would slide in the direction of its force.
@@ -339,24 +332,24 @@ class StrainIncrement:
             try:
                 # Springs make another problem: whether this one has a solution is asked once.
                 changed = pivot(
-                    packing, self.control, c, critical, self._rounding(rates), search=not why
+                    packing, self.control, c, critical, self._rounding(rates), search=not facts
                 )
             except UnsolvedError as stop:
                 if self._free(c, LIGHT_SHARE):
                     return
-                why = why or stop.mode
-                u = np.linalg.norm(stop.motion.reshape(-1, 3), axis=1)
-                grains = np.flatnonzero(u > 0.1 * u.max())
-                self._require_viscous(c, why, grains)
+                # The first mode is told; the last one is dragged.
+                grains = stop.facts["grains"]
+                facts = (facts or stop.facts) | {"grains": grains}
+                self._require_viscous(c, facts)
                 if spring:
-                    packing.add_ground_springs(grains, spring)
+                    packing.add_ground_springs(np.array(grains), spring)
                 continue
-            if why:
-                self._tell("instability", c, f"{why}; dragged", grains)
+            if facts:
+                self._tell("instability", c, passed="dragged", **facts)
             for k in changed:
                 self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
             return
-        self._hold(c, why, "yield")
+        self._hold(c, "yield", **facts)
 
     def _rounding(self, rates: Combination) -> float:
         """Rates of the yield function below this are rounding."""
@@ -380,34 +373,35 @@ class StrainIncrement:
             c = int(wrong[0])
             tried[c] += 1
             if tried[c] > 3:
-                self._hold(c, "neither sticking nor sliding agrees", "yield")
+                self._hold(c, "yield", cause="undecided")
             else:
                 self._pivot(c, rates)
 
-    def _hold(self, c: int, why: str, kind: EventKind) -> None:
+    def _hold(self, c: int, kind: EventKind, **facts: Any) -> None:
         """Keep a contact stuck or open to the end of the increment, whatever its forces."""
         packing = self.packing
-        grains = packing.frame["grains"][c]
-        self._require_viscous(c, why, grains)
+        facts |= {"grains": tuple(packing.frame["grains"][c].tolist())}
+        self._require_viscous(c, facts)
         if kind in ("opening", "closing"):
             self._open(c)
             self._end_forces(c, RELEASED)
         elif packing.regime[c] == SLIDING:
             packing.flip(c)
         self.held[self._springs(c)] = True
-        self._tell("instability", c, f"{why}; held", grains)
+        self._tell("instability", c, passed="held", **facts)
 
-    def _require_viscous(self, c: int, why: str, grains: Integers) -> None:
+    def _require_viscous(self, c: int, facts: dict[str, Any]) -> None:
         if not self.viscous:
-            raise InstabilityError(c % len(self.pairs), why, grains)
+            raise InstabilityError(self._event("instability", c, **facts))
 
-    def _tell(
-        self, kind: EventKind, c: int, detail: str = "", grains: Integers | None = None
-    ) -> None:
-        spring, contact = divmod(c, len(self.pairs))
-        if spring and kind in ("yield", "unloading"):
-            detail = "rolling"
-        self.events.append(Found(kind, self.time, contact, detail, grains))
+    def _tell(self, kind: EventKind, c: int, **facts: Any) -> None:
+        self.events.append(self._event(kind, c, **facts))
+
+    def _event(self, kind: EventKind, c: int, **facts: Any) -> Event:
+        """Return an event now; its parameter counts from the start of the increment."""
+        rolling, contact = divmod(c, len(self.pairs))
+        spring: Spring = "rolling" if rolling else "shear"
+        return Event(kind, self.time, contacts=(contact,), spring=spring, **facts)
 
     def _end_forces(self, c: int, spent: int) -> None:
         """Set the forces of a contact to zero; the energy of its shear spring becomes work."""
@@ -521,7 +515,7 @@ def pivot(
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)
     packing.flip(c)
-    raise UnsolvedError(c, motion, turns < 0, proof)
+    raise UnsolvedError(c, motion, bool(turns < 0), proof)
 
 
 def slip_problem(

@@ -13,9 +13,9 @@ from loops import ContactLaw, GrainGraph, InputError, RollingResistance, contact
 from loops.closures import Closure, Spins
 from loops.errors import check_choice, number, whole_number
 from loops.laws.frictional import require_law
+from stability.path import Past, Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
-from stability.paths.path import Past, Path, follow_stages
 from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, edge_problem
 from stability.paths.state import first_state, initial_state, start_mode, unpack

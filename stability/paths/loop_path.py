@@ -14,11 +14,10 @@ from loops.closures import Spins
 from loops.errors import InputError, check_choice, number
 from loops.laws.frictional import TOUCHING_RTOL, Regime
 from loops.symmetry import PointGroup
+from stability.path import CAUSES, FINISHED, Cause, ModelOption, PathStatus, reason
 from stability.paths.model import PathModel, with_contact, without_pairs
-from stability.paths.path import FINISHED, ModelOption, PathStatus
 from stability.paths.path_segment import Segment, SegmentEnd, event_functions, follow_segment
 from stability.paths.record import (
-    SINGULAR_SYSTEM,
     Record,
     Searches,
     expected_choices,
@@ -41,7 +40,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.rate_problem import SEARCH_LIMIT, Choice, RateProblem
+from stability.rate_problem import Choice, RateProblem
 from stability.spectra import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
@@ -144,8 +143,7 @@ class LoopPathSolver:
         go singular. Those of a ring do so together at a threshold.
         """
         if self.record.rows:
-            detail = f"to {stage.programme.name}"
-            self.record.event("programme_change", self.parameter, detail=detail)
+            self.record.event("programme_change", self.parameter, programme=stage.programme.name)
         self.record.stage = number
         several = len(self.programmes) > 1
         if self.options.model == "auto" and self.symmetry_kept == SYMMETRY_KEPT and several:
@@ -201,12 +199,7 @@ class LoopPathSolver:
             if idle > CHATTER:
                 if self._carries_nothing():
                     return self._came_apart()
-                contacts = tuple(sorted(expected))
-                reason = (
-                    f"contacts {list(contacts)} have no regime that stays consistent with its rates"
-                )
-                self.record.event("control_limit", self.parameter, contacts, reason)
-                return "no_solution", f"{name} at parameter {self.parameter:.15g}: {reason}"
+                return "no_solution", self._limit(stage, expected, "never_consistent")
 
     # ---- from an event on
 
@@ -346,7 +339,8 @@ class LoopPathSolver:
         if "stage_end" in kinds:
             return FINISHED
         if "singular" in kinds:
-            return "control_limit", f"{name} at parameter {self.parameter:.15g}: {SINGULAR_SYSTEM}"
+            said = CAUSES["singular"]
+            return "control_limit", f"{name} at parameter {self.parameter:.15g}: {said}"
         if "control_limit" in kinds:
             return (
                 "control_limit",
@@ -398,20 +392,20 @@ class LoopPathSolver:
                 all(one.rates.mode.regime[c] == choice.regime for c, choice in expected.items())
                 for one in back.solutions
             )
-        if turns_back:
-            reason = "the loading parameter has an extremum where the regimes change"
-        elif problem.singular:
-            reason = "the controlled system is singular"
-        else:
-            status = "no_solution"
-            reason = "no choice of regimes is consistent with its own rates"
-        if not problem.exhaustive:
-            reason += (
-                f" (of {problem.combinations:.3g} combinations pivoting from three starts found"
-                f" none; more than {SEARCH_LIMIT} are not all tried)"
-            )
+        cause: Cause = "turns_back" if turns_back else "singular"
+        if not (turns_back or problem.singular):
+            status, cause = "no_solution", "inconsistent"
         if not self.record.rows:
             # No direction is known.
             self.record.row(self.model, self.at(stage.programme))
-        self.record.event("control_limit", self.parameter, tuple(sorted(expected)), reason)
-        return status, f"{stage.programme.name} at parameter {self.parameter:.15g}: {reason}"
+        count = 0 if problem.exhaustive else problem.combinations
+        return status, self._limit(stage, expected, cause, count)
+
+    def _limit(
+        self, stage: Stage, expected: dict[int, Choice], cause: Cause, count: float = 0
+    ) -> str:
+        """Record a limit of the control here, and say why it is one."""
+        contacts = tuple(sorted(expected))
+        self.record.event("control_limit", self.parameter, contacts, cause=cause, count=count)
+        said = reason(self.record.events[-1])
+        return f"{stage.programme.name} at parameter {self.parameter:.15g}: {said}"

@@ -10,8 +10,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
-from stability.paths.model import Kind, PathModel
-from stability.paths.path import (
+from stability.path import (
+    CHANGES,
     Event,
     EventKind,
     ModelChoice,
@@ -19,6 +19,7 @@ from stability.paths.path import (
     Path,
     PathStatus,
 )
+from stability.paths.model import Kind, PathModel
 from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
@@ -26,8 +27,6 @@ from stability.paths.state_rates import StateRates
 from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
 from stability.spectra import RTOL, operator_norm, restrict, symmetric_spectrum
 
-CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
-SINGULAR_SYSTEM = "the controlled system is singular"
 # More pairs of grains than these that touch at once are one event.
 MANY_PAIRS = 12
 
@@ -73,23 +72,17 @@ class Record:
         kind: EventKind,
         parameter: float,
         contacts: tuple[int, ...] = (),
-        detail: str = "",
-        subspace: str = "",
+        **facts: Any,
     ) -> None:
-        """Append an event in the state of the last row."""
+        """Append an event in the state of the last row, with further facts of `Event`."""
         H, P = (tuple(self.rows[-1][name].tolist()) for name in ("H", "P"))
-        index = len(self.rows) - 1
-        self.events.append(
-            Event(kind, float(parameter), self.stage, index, contacts, detail, subspace, H, P)
-        )
+        place = float(parameter), self.stage, len(self.rows) - 1
+        self.events.append(Event(kind, *place, contacts, H=H, P=P, **facts))
 
     def branching(self, here: StateRates) -> None:
         """Append an event between two rows where other paths branch off; it may have no rates."""
         H, P, index = tuple(here.H.tolist()), tuple(here.P.tolist()), len(self.rows) - 1
-        detail = f"other paths branch off at H11 = {H[0]:.15g}, H22 = {H[3]:.15g}"
-        self.events.append(
-            Event("branching", here.state.parameter, self.stage, index, detail=detail, H=H, P=P)
-        )
+        self.events.append(Event("branching", here.state.parameter, self.stage, index, H=H, P=P))
 
     def path(
         self,
@@ -185,35 +178,31 @@ def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) ->
                 for item in items
             ]
             for each in dict.fromkeys(kinds):
-                count = kinds.count(each)
-                detail = f"{count} eigenvalues at once" if count > 1 else ""
-                record.event(cast(EventKind, each), parameter, detail=detail, subspace=subspace)
+                count = kinds.count(each) if kinds.count(each) > 1 else 0
+                record.event(cast(EventKind, each), parameter, count=count, subspace=subspace)
     touched = touched_pairs(end)
     if len(touched) > MANY_PAIRS:
-        detail = f"{len(touched)} pairs of grains at once"
-        record.event("opposite_contact", parameter, tuple(touched.ravel().tolist()), detail)
+        grains = tuple(touched.ravel().tolist())
+        record.event("opposite_contact", parameter, grains, count=len(touched))
     else:
         for pair in touched.tolist():
             record.event("opposite_contact", parameter, tuple(pair))
     if ("control_limit", -1) in end.fired:
-        detail = "the loading parameter has an extremum"
-        record.event("control_limit", parameter, detail=detail)
+        record.event("control_limit", parameter, cause="extremum")
     if ("singular", -1) in end.fired:
-        record.event("control_limit", parameter, detail=SINGULAR_SYSTEM)
+        record.event("control_limit", parameter, cause="singular")
     if ("stage_end", -1) in end.fired:
         for change in CHANGES:
             contacts = tuple(item for fired, item in end.fired if fired == change)
             if contacts:
-                record.event(change, parameter, contacts, "at the end of the stage")
+                record.event(change, parameter, contacts, cause="stage_end")
 
 
 def record_changes(
     record: Record, old: Mode, new: Mode, parameter: float, problem: RateProblem[EdgeTrial]
 ) -> None:
     """Record changes of regime, and whether the rate problem has several solutions."""
-    detail = ""
-    if problem.status == "several":
-        detail = f"the rate problem has {len(problem.solutions)} solutions"
+    count = len(problem.solutions) if problem.status == "several" else 0
     was_open, is_open = old.regime == Regime.OPEN, new.regime == Regime.OPEN
     groups: list[tuple[EventKind, Flags]] = [
         ("yield", (new.regime == Regime.SLIDING) & (old.regime == Regime.ELASTIC)),
@@ -224,14 +213,14 @@ def record_changes(
     for kind, mask in groups:
         if mask.any():
             contacts = tuple(np.flatnonzero(mask).tolist())
-            record.event(kind, parameter, contacts, detail)
+            record.event(kind, parameter, contacts, count=count)
 
 
 def record_start(record: Record, model: PathModel, mode: Mode) -> None:
     """Record the contacts that slide from the start of the path."""
     sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & (model.mu > 0))
     if len(sliding):
-        record.event("yield", 0.0, tuple(sliding.tolist()), "from the start")
+        record.event("yield", 0.0, tuple(sliding.tolist()), cause="start")
 
 
 def record_jumps(
@@ -244,12 +233,11 @@ def record_jumps(
         K = restrict(np.stack([before, after]), subspace)
         below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
         if below[0] != below[1]:
-            detail = f"jump: {below[0]} to {below[1]} negative eigenvalues"
-            record.event("det_Ks_zero", parameter, detail=detail, subspace=subspace)
+            jump = tuple(below.tolist())
+            record.event("det_Ks_zero", parameter, jump=jump, subspace=subspace)
         det = np.linalg.det(K)
         if det[0] * det[1] < 0:
-            detail = f"jump: from {det[0]:.3g} to {det[1]:.3g}"
-            record.event("det_K_zero", parameter, detail=detail, subspace=subspace)
+            record.event("det_K_zero", parameter, jump=tuple(det.tolist()), subspace=subspace)
 
 
 def expected_choices(end: SegmentEnd) -> dict[int, Choice]:

@@ -10,8 +10,8 @@ from loops import InputError
 from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, with_sides
+from stability.path import WORK_TERMS
 from stability.paths.model import START_MISMATCH, PathModel, compressed
-from stability.paths.path import WORK_TERMS
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8

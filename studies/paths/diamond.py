@@ -282,8 +282,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
         row = event.index
         if event.kind == "opposite_contact" and closed.touching[event.contacts[0]] < 0.0:
             continue
-        jumps = event.kind in DETERMINANTS and event.detail.startswith("jump")
-        if event.kind not in LISTED_KINDS or jumps or (event.kind, row) in listed:
+        if event.kind not in LISTED_KINDS or event.jump or (event.kind, row) in listed:
             continue
         at_yield = abs(states.T[row]) >= loop.mu * states.N[row] * (1.0 - YIELD_RTOL)
         if event.kind == "control_limit" and event.contacts and at_yield:

@@ -33,8 +33,8 @@ from patterns.diamond import (
 )
 from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
 from stability import Programme, Stage, programmes
+from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
-from stability.paths.path import ModelOption
 from studies.study import one_of
 
 if TYPE_CHECKING:

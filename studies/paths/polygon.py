@@ -31,6 +31,7 @@ from stability import (
     unstable_fraction,
 )
 from stability import Path as LoopPath
+from stability.path import describe
 from studies.output import UNITS, definitions
 from studies.paths.figures import comparison_figures, operator_diagram, polygon_figures
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
@@ -291,7 +292,7 @@ def event_values(found: Followed, event: Event) -> dict[str, Any]:
         "stage": found.stages[event.stage],
         "parameter": event.parameter,
         "contacts": list(event.contacts),
-        "detail": event.detail,
+        "detail": describe(event),
     }
 
 

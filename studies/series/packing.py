@@ -38,7 +38,7 @@ from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinit
 from stability.packing.pairs import contact_pairs, require_movable
 from stability.packing.response import forces_of_motion
 from stability.packing.state import PackingState, start_state
-from stability.paths.path import Past
+from stability.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns
 from studies.series.evolution import sample_strain

@@ -22,7 +22,7 @@ from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
 from stability.packing.increment import CANDIDATES
 from stability.packing.response import SOLVED, checked_band
-from stability.paths.path import Past
+from stability.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading
 from studies.series.loading import WAYS, read_strains

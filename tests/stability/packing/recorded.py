@@ -34,6 +34,7 @@ from stability.packing import (
 from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
 from stability.packing.probe import probe_to
 from stability.packing.state import PackingState, start_state
+from stability.path import Event, describe
 from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small
@@ -43,6 +44,8 @@ sustain_module = sys.modules[sustain.__module__]
 STORED = Path(__file__).with_suffix(".json")
 # Rounding itself, what follows from the other fields, and what these packings do not have.
 LEFT_OUT = {"residual", "system", "cell0", "radii", "slopes", "rolling_moment"}
+# Fields of an event that are stored; the others are in its words.
+OF_EVENTS = "kind parameter stage index contacts subspace H P".split()
 PURE = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 DRAINED = programmes.drained_biaxial()
 
@@ -55,6 +58,9 @@ def plain(value):
     if isinstance(value, PackingState) and np.abs(value.x.mean(axis=0)).max() > 1e-12:
         # A periodic packing drifts as a whole by rounding.
         return plain(replace(value, x=value.x - value.x.mean(axis=0)))
+    if isinstance(value, Event):
+        told = {name: plain(getattr(value, name)) for name in OF_EVENTS}
+        return told | {"detail": describe(value)}
     if is_dataclass(value) and not isinstance(value, type):
         return named(value)
     if hasattr(value, "_asdict"):

@@ -38,6 +38,7 @@ from stability.packing.sustain import (
     _DeadLoad,
     _to_loss,
 )
+from stability.path import Event
 from stability.programmes import Programme
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
@@ -169,13 +170,16 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     stage = Stage(programme, quantity, share * duration * unit)
     solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None, None)
     solver.targets = deque([stage.target])
-    met = InstabilityError(3, "why", np.zeros(0, dtype=int))
+    met = InstabilityError(Event("instability", 0.4, contacts=(3,), cause="chatters"))
     assert solver._pass(met, duration, stage) is None
     wanted = min(share, 1.0) * duration if unit else duration
     assert spans == [pytest.approx(wanted, rel=1e-12)] == [solver.parameter]
     assert solver.work.tolist() == [3.0, 2.0, 0.25, 0.75]
     (event,) = solver.events
-    assert event.detail == "why; replayed; 0.75 released" and event.contacts == (3,)
+    assert (event.passed, event.released) == ("replayed", 0.75)
+    assert (event.cause, event.contacts) == ("chatters", (3,))
+    # It is where the increment ended, whose time is in the parameter.
+    assert event.parameter == 0.0
     # Behind the target there is nothing left to strain.
     behind = -0.1 * duration * unit if unit else 0.0
     solver.targets = deque([solver._quantity(stage) + behind])
@@ -199,7 +203,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
     solver.F = np.eye(2) - error.reshape(2, 2)
     solver.targets = deque([1.0])
-    solver._pass(InstabilityError(3, "why", np.zeros(0, dtype=int)), duration, stage)
+    solver._pass(InstabilityError(Event("instability", 0.0, contacts=(3,))), duration, stage)
     ((found, span),) = rates
     assert span == duration
     np.testing.assert_allclose(found * span, 1.5 * rate * duration - error, rtol=1e-9)
@@ -441,7 +445,9 @@ def test_the_participation_number_of_an_unstable_mode(speeds, number):
     """Equal speeds count whole, spins do not count."""
     motion = np.zeros((4, 3))
     motion[:, 0], motion[:, 1], motion[:, 2] = 0.6 * np.array(speeds), 0.8 * np.array(speeds), 7.0
-    found = UnsolvedError(2, motion.ravel(), True, "enumeration")
-    assert found.mode == f"no regimes agree: {number} grains take part, det K changes sign"
-    found = UnsolvedError(2, 1e-3 * motion.ravel(), False, "")
-    assert f"were found: {number} grains" in found.mode and "keeps its sign" in found.mode
+    found = UnsolvedError(2, motion.ravel(), True, "enumeration").facts
+    assert (found["cause"], found["sign_changes"]) == ("no_regimes", True)
+    assert found["taking_part"] == pytest.approx(number, rel=1e-12)
+    found = UnsolvedError(2, 1e-3 * motion.ravel(), False, "").facts
+    assert (found["cause"], found["sign_changes"]) == ("none_found", False)
+    assert found["taking_part"] == pytest.approx(number, rel=1e-12)

@@ -131,7 +131,7 @@ def test_springs_of_a_lattice_yield_as_in_small_implicit_steps(mu_r):
     law = RollingResistance(LinearFrictional(1.0, 0.5, np.inf), 0.05, mu_r)
     path = followed(KAGOME, law, strained(STRAIN), interval=5e-5)
     assert path.status == "finished"
-    assert {(event.kind, event.detail) for event in path.events} == {("yield", "rolling")}
+    assert {(event.kind, event.spring) for event in path.events} == {("yield", "rolling")}
     T, M = kagome_moments(law, 400)
     end = path.states[-1]
     np.testing.assert_allclose(end.shear_force[:6], T, rtol=0, atol=3e-5 * np.abs(T).max())
@@ -214,7 +214,7 @@ def test_paths_halve_their_error_close_their_energy_and_are_slow_replays(name, i
         most = float(law.mu_r) * end.normal_force * radii.prod(axis=1) / radii.sum(axis=1)
         inside = ~end.at_wall
         assert np.all(np.abs(end.rolling_moment[inside]) <= (1 + 1e-12) * most[inside])
-        assert any(event.detail == "rolling" for event in paths[-1].events)
+        assert any(event.spring == "rolling" for event in paths[-1].events)
     if inner != "own":
         how = {"viscous": 0.02, **walls}
         states = [replay(graph, law, strain, duration=t, **how).state for t in (3e3, 3e4)]

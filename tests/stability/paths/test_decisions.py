@@ -8,6 +8,7 @@ import pytest
 from loops import LinearFrictional, Regime
 from patterns import diamond, regular_polygon
 from stability import Stage, programmes
+from stability.path import Event
 from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
 from stability.paths.state import Mode, contacts_of, pack, scales, unpack
@@ -38,7 +39,11 @@ def with_segments(monkeypatch, solver, moves, fired=("yield", 0), here=None):
     monkeypatch.setattr(solver, "_take_regimes", lambda *problem: here)
     monkeypatch.setattr(solver, "_run_segment", segment)
     monkeypatch.setattr(solver, "_take_on_contacts", lambda end: None)
-    monkeypatch.setattr(solver.record, "event", lambda *event: None)
+
+    def told(kind, parameter, contacts=(), **facts):
+        solver.record.events.append(Event(kind, parameter, contacts=contacts, **facts))
+
+    monkeypatch.setattr(solver.record, "event", told)
     monkeypatch.setattr(loop_path, "record_fired", lambda *event: None)
     monkeypatch.setattr(loop_path, "expected_choices", lambda end: {2: LEFT, 0: OPEN})
     return given

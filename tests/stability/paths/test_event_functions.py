@@ -8,6 +8,7 @@ import pytest
 from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
+from stability.path import Event, describe
 from stability.paths.model import path_model
 from stability.paths.path_segment import (
     _spectra,
@@ -154,8 +155,9 @@ class EventList:
     def __init__(self):
         self.events = []
 
-    def event(self, kind, parameter, contacts=(), detail="", subspace=""):
-        self.events.append((kind, contacts, detail))
+    def event(self, kind, parameter, contacts=(), **facts):
+        event = Event(kind, parameter, contacts=contacts, **facts)
+        self.events.append((kind, contacts, describe(event)))
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])

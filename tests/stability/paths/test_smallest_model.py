@@ -53,7 +53,7 @@ def largest_difference(small, full):
     if met and small.status == "finished":
         (branching,) = small.of_kind("branching")
         assert met[0].parameter == pytest.approx(branching.parameter, abs=1e-6)
-        assert "singular" in met[0].detail
+        assert met[0].cause == "singular"
         assert events(small)[:-1] == events(full)[:-1]
         rows = [[event.index for event in path.events[:-1]] for path in (small, full)]
     else:

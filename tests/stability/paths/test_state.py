@@ -16,6 +16,7 @@ from loops import (
 from loops.geometry import polygon_area
 from patterns import random_loop, regular_polygon
 from stability import programmes
+from stability.path import Event, describe
 from stability.paths.model import pair_keys, path_model, with_contact
 from stability.paths.record import (
     Record,
@@ -320,8 +321,9 @@ def test_a_new_contact_has_the_branch_of_its_grains():
 class EventList(Record):
     """Record of events alone."""
 
-    def event(self, kind, parameter, contacts=(), detail="", subspace=""):
-        self.events.append((kind, contacts, detail, subspace))
+    def event(self, kind, parameter, contacts=(), **facts):
+        event = Event(kind, parameter, contacts=contacts, **facts)
+        self.events.append((kind, contacts, describe(event), event.subspace))
 
 
 def end_of(*fired, pairs=(), shear=(), A=None):

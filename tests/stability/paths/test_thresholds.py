@@ -40,7 +40,7 @@ def test_many_pairs_of_grains_that_touch_at_once_are_one_event(order, events):
     assert len(found) == events
     assert sum(len(event.contacts) for event in found) == 2 * order
     assert found[0].H[0] == pytest.approx(touch, abs=1e-12)
-    assert (events == 1) == (found[0].detail == "13 pairs of grains at once")
+    assert (events == 1) == (found[0].count == 13)
 
 
 @pytest.mark.parametrize("order", [60, 61])

@@ -23,6 +23,7 @@ from loops import (
 )
 from patterns import diamond, regular_polygon, synthetic_network
 from stability import Stage, follow, programmes, rates_at
+from stability.path import describe
 from stability.paths.fan import LIMITS, Fan, LoopStates, first_limits, followed_limits
 from stability.paths.model import path_model
 
@@ -192,7 +193,7 @@ def held(path):
     message, values = split(path.message)
     events = []
     for event in path.events:
-        detail, some = split(event.detail)
+        detail, some = split(describe(event))
         events.append([event.kind, event.stage, event.index, list(event.contacts), detail,
                        event.subspace])  # fmt: skip
         values += [event.parameter, *event.H, *event.P, *some]

@@ -13,8 +13,7 @@ from loops import InputError, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
-from stability.paths.path import Event
-from studies.evolve import _passed, forecast_summary, run_evolve, stage_of
+from studies.evolve import forecast_summary, run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
 from studies.snapshot.in_packing import box_sides
 from tests.packings import LAW, jammed
@@ -257,23 +256,6 @@ def test_bad_options_are_one_clear_line(small, monkeypatch, capsys, tmp_path, ar
     assert run(monkeypatch, "evolve", small[0], "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("kind", "detail", "passed"),
-    [
-        (
-            "instability",
-            "2 grains, det K changes sign; dragged; 2e-9 released",
-            "dragged",
-        ),
-        ("instability", "no regimes agree; replayed; 0 released", "replayed"),
-        ("instability", "no regimes agree; stopped", "stopped"),
-        ("programme_change", "to drained; held", ""),
-    ],
-)
-def test_how_an_instability_was_passed(kind, detail, passed):
-    assert _passed(Event(kind, 0.0, 0, 0, (1,), detail)) == passed
 
 
 @pytest.mark.parametrize(("share", "flows"), [(0.9, False), (-1.0, True)])

@@ -1,7 +1,8 @@
-"""A path and its events, as arrays, and the run through the stages of a programme."""
+"""A path and its events, and the run through the stages of a programme."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers, Regimes
+from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 from stability.programmes import Stage
+from stability.rate_problem import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 EventKind = Literal[
@@ -30,6 +33,48 @@ EventKind = Literal[
     "programme_change",
     "instability",
 ]
+# Kinds that change the regimes of contacts.
+CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
+Spring = Literal["shear", "rolling"]
+How = Literal["", "dragged", "held", "replayed", "stopped", "lost"]
+Cause = Literal[
+    "",
+    "start",
+    "stage_end",
+    "extremum",
+    "turns_back",
+    "singular",
+    "inconsistent",
+    "never_consistent",
+    "no_regimes",
+    "none_found",
+    "undecided",
+    "chatters",
+    "rattles",
+    "unloaded",
+]
+# Each cause of an event in words.
+CAUSES: dict[Cause, str] = {
+    "": "",
+    "start": "from the start",
+    "stage_end": "at the end of the stage",
+    "extremum": "the loading parameter has an extremum",
+    "turns_back": "the loading parameter has an extremum where the regimes change",
+    "singular": "the controlled system is singular",
+    "inconsistent": "no choice of regimes is consistent with its own rates",
+    "never_consistent": "have no regime that stays consistent with its rates",
+    "no_regimes": "no regimes agree",
+    "none_found": "no regimes that agree were found",
+    "undecided": "neither sticking nor sliding agrees",
+    "chatters": "it changes regime again and again",
+    "rattles": "a loose grain rattles",
+    "unloaded": "its grain carries nothing",
+}
+# What `Event.count` counts, in words, where it isn't eigenvalues.
+COUNTED: dict[EventKind, str] = {
+    "opposite_contact": "{} pairs of grains at once",
+    **dict.fromkeys(CHANGES, "the rate problem has {} solutions"),
+}
 PathStatus = Literal[
     "finished",
     "control_limit",
@@ -75,7 +120,7 @@ class ModelChoice(Shown):
 
 @dataclass(frozen=True, repr=False)
 class Event(Shown):
-    """Event of a path.
+    """Event of a path; `describe` puts it in words.
 
     Attributes
     ----------
@@ -96,24 +141,97 @@ class Event(Shown):
         same state after it.
     contacts : tuple of int
         Contacts concerned, or the two grains that touch, pair by pair where many do at once.
-    detail : str
-        Further facts in words.
+    cause : str
+        Why it happened, where its kind leaves that open; a key of `CAUSES`.
+    count : float
+        Eigenvalues or pairs of grains that pass at once, if many do; solutions of the rate problem,
+        if several; of a limit the combinations of regimes, if not all of them were tried. Else 0.
+    jump : (before, after)
+        Determinants of K ('det_K_zero') or numbers of negative eigenvalues of Ks ('det_Ks_zero')
+        where they jump over zero with the regimes; empty where they pass it continuously.
+    programme : str
+        Name of the programme that begins.
     subspace : str
         Subspace whose spectrum passes zero; empty for other events.
     H, P : tuple of float
         Displacement gradient and nominal stress (11, 12, 21, 22) at the event itself, whatever the
         rows are; empty in a packing.
+    spring : {'shear', 'rolling'}
+        Spring of the contact that yields or unloads.
+    grains : tuple of int
+        Of an instability: grains that move most in its mode.
+    taking_part : float
+        Of an instability: participation number of the mode, in grains; nan if it has none.
+    sign_changes : bool or None
+        Of an instability: whether the determinant of the packing's K changes sign.
+    passed : {'dragged', 'held', 'replayed', 'stopped', 'lost', ''}
+        How the path went on past an instability.
+    released : float
+        Energy that the grains of an instability released until the interval, or the motion, ended
+        (force times length); nan if it is not known.
     """
 
     kind: EventKind
     parameter: float
-    stage: int
-    index: int
+    stage: int = 0
+    index: int = 0
     contacts: tuple[int, ...] = ()
-    detail: str = ""
+    cause: Cause = ""
+    count: float = 0
+    jump: tuple[float, ...] = ()
+    programme: str = ""
     subspace: str = ""
     H: tuple[float, ...] = ()
     P: tuple[float, ...] = ()
+    spring: Spring = "shear"
+    grains: tuple[int, ...] = ()
+    taking_part: float = math.nan
+    sign_changes: bool | None = None
+    passed: How = ""
+    released: float = math.nan
+
+    @property
+    def detail(self) -> str:
+        """Old name of `describe(event)`, for one release."""
+        warn_of_old_name("Event.detail", "stability.path.describe(event)")
+        return describe(self)
+
+
+def describe(event: Event) -> str:
+    """Return an event's further facts in words, for people alone: nothing reads them."""
+    words = [reason(event), event.passed]
+    if math.isfinite(event.released):
+        words.append(f"{event.released:.2g} released")
+    return "; ".join(word for word in words if word)
+
+
+def reason(event: Event) -> str:
+    """Return in words why an event happened; empty where its kind says all."""
+    said = CAUSES[event.cause]
+    if math.isfinite(event.taking_part):
+        sign = "changes sign" if event.sign_changes else "keeps its sign"
+        return f"{said}: {event.taking_part:.0f} grains take part, det K {sign}"
+    if event.cause == "never_consistent":
+        return f"contacts {list(event.contacts)} {said}"
+    if event.kind == "control_limit" and event.count:
+        return (
+            f"{said} (of {event.count:.3g} combinations pivoting from three starts found"
+            f" none; more than {SEARCH_LIMIT} are not all tried)"
+        )
+    if event.kind == "branching":
+        return f"other paths branch off at H11 = {event.H[0]:.15g}, H22 = {event.H[3]:.15g}"
+    if event.kind == "programme_change":
+        return f"to {event.programme}"
+    if event.jump:
+        before, after = event.jump
+        if event.kind == "det_K_zero":
+            return f"jump: from {before:.3g} to {after:.3g}"
+        return f"jump: {before:.0f} to {after:.0f} negative eigenvalues"
+    if event.count:
+        return COUNTED.get(event.kind, "{} eigenvalues at once").format(event.count)
+    if event.spring == "rolling" and not event.cause:
+        return "rolling"
+    return said
 
 
 @dataclass(frozen=True, eq=False, repr=False)
