@@ -8,7 +8,9 @@ SLOW := patterns/snapshots/sample/slow
 OUT := demo-output
 SITE := docs-output
 
-.PHONY: demo test slow docs lint types format clean
+ROOMS := grainloops loops patterns stability studies
+
+.PHONY: demo test prose slow docs lint types format clean
 
 demo: $(INSTALLED)
 	@echo "1 of 3: the loops of a snapshot of 600 grains"
@@ -30,16 +32,24 @@ demo: $(INSTALLED)
 	@echo "  . $(VENV)/bin/activate"
 	@echo "  grainloops snapshot grains_05.csv     # contacts_05.csv stands beside it"
 
-# One thread of BLAS for each of the two processes, neighbouring tests in one of them; bytecode is kept.
-test: $(INSTALLED)
-	OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2 --dist worksteal
+# One thread of BLAS for each of the two processes, neighbouring tests in one of them; bytecode and
+# compiled kernels are kept beside the sources.
+TEST := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2 --dist worksteal
 
-# What `make test` leaves out, with the time that each took; half an hour on two quiet cores.
+# The code.
+test: $(INSTALLED)
+	$(TEST) tests --ignore=tests/docs --ignore=tests/golden
+
+# What pages, docstrings and stored answers say: tests of docs, golden files, doctests.
+prose: $(INSTALLED)
+	$(TEST) tests/docs tests/golden $(ROOMS)
+
+# What both leave out, with the time that each took; three quarters of an hour on two quiet cores.
 slow: $(INSTALLED)
-	@export OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=; status=0; \
-	$(RUN) pytest -n 2 --dist worksteal --durations=0 -m "slow and not collection" || status=1; \
+	@status=0; \
+	$(TEST) --durations=0 -m "slow and not collection" || status=1; \
 	if [ -d "$$GRAINLOOPS_DEM" ]; then \
-		$(RUN) pytest -n 2 --dist worksteal --durations=0 -m collection || status=1; \
+		$(TEST) --durations=0 -m collection || status=1; \
 	else \
 		echo "The tests on the collection of DEM snapshots did not run: GRAINLOOPS_DEM names no folder."; \
 	fi; \
@@ -62,7 +72,7 @@ format: $(INSTALLED)
 
 clean:
 	rm -rf $(VENV) $(OUT) $(SITE) docs/gallery build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find grainloops loops patterns stability studies tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find $(ROOMS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Built afresh whenever the requirements change; an install that fails leaves no stamp.
 # Some systems split ensurepip from Python: their own pip then fills the environment.

@@ -14,12 +14,16 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # Runs inside Yade, which the tests do without.
 collect_ignore = ["tools/yade_rest.py"]
 COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
+# Functions, and cases of others, that are slow besides those marked so in their files.
+SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").splitlines())
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Tests that need the collection of snapshots are slow, and skipped without it."""
+    """Mark what is slow by the list; tests that need the collection are, and skipped without it."""
     for item in items:
+        if item.nodeid in SLOW or item.nodeid.split("[")[0] in SLOW:
+            item.add_marker("slow")
         if item.get_closest_marker("collection"):
             item.add_marker("slow")
             if not COLLECTION.is_dir():

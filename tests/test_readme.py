@@ -28,6 +28,7 @@ def test_two_commands_do_everything_on_a_fresh_machine():
     called = [re.split(r" 2>&1| \|", line)[0] for line in script.splitlines()]
     assert [line for line in called if line.startswith("make ")] == [
         test,
+        "make prose",
         "make lint",
         "make types",
     ]

@@ -22,7 +22,7 @@ from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
-HOW = {"directions": 8, "largest": 0.0022, "interval": 4e-5, "shear_increment": "radii"}
+HOW = {"directions": 4, "largest": 0.0022, "interval": 4e-5, "shear_increment": "radii"}
 TABLES = ("sustain", "motions", "paths", "orders", "loops")
 FIGURES = [f"{n}.{k}" for n in ("limits", "work", "paths", "orders", "map") for k in ("png", "svg")]
 
@@ -47,7 +47,7 @@ def results(state, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
         status = run(
-            patch, "sustain", state, "--directions", "8", "--largest", "0.0022",
+            patch, "sustain", state, "--directions", "4", "--largest", "0.0022",
             "--interval", "4e-5", "--shear-increment", "radii", "--workers", "1", "--out", out,
         )  # fmt: skip
     assert status == 0
@@ -66,7 +66,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
     summary = json.loads((results / "summary.json").read_text())
     weakest = summary["weakest"]
     first, second, *_ = _sustain_lines(summary)
-    assert first.startswith("8 directions of the stress rate (diagonal), load up to 0.0022: ")
+    assert first.startswith("4 directions of the stress rate (diagonal), load up to 0.0022: ")
     for status, count in summary["statuses"].items():
         assert f"{count} {status}" in first
     assert f"first large motion: under {weakest['first_large_load']:.4g}, by" in second
@@ -81,7 +81,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
 def test_tables_are_the_numerics(results, state):
     read = read_snapshot(state, shear_increment="radii")
     held = gl.hold(read.graph, read.law)
-    found = sustain_packing(held.graph, held.law, 8, largest=0.0022, interval=4e-5)
+    found = sustain_packing(held.graph, held.law, 4, largest=0.0022, interval=4e-5)
     table = pd.read_parquet(results / "sustain.parquet")
     assert table["status"].tolist() == found.status.tolist()
     assert "held" in found.status and any("large" in one for one in found.status)
@@ -108,7 +108,7 @@ def test_tables_are_the_numerics(results, state):
 
 @pytest.mark.slow
 def test_an_interrupted_run_goes_on(results, state, tmp_path, monkeypatch):
-    """Two directions are finished, then Ctrl-C: the second run does the other six."""
+    """Two directions are finished, then Ctrl-C: the second run does the others."""
     done, load_path = [], study_module.load_path
 
     def broken(*how):
@@ -125,7 +125,7 @@ def test_an_interrupted_run_goes_on(results, state, tmp_path, monkeypatch):
     assert len(list(parts.glob("*.npz"))) == 2 and not out.exists()
     monkeypatch.setattr(study_module, "load_path", lambda *how: done.append(0) or load_path(*how))
     run_sustain(state, out, **HOW, workers=1, figures=False)
-    assert len(done) == 8 and not parts.exists()
+    assert len(done) == 4 and not parts.exists()
     for name in TABLES:
         pd.testing.assert_frame_equal(
             pd.read_parquet(out / f"{name}.parquet"),
