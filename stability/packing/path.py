@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
@@ -484,24 +484,25 @@ class PackingPathSolver:
     def _take(self, increment: StrainIncrement, relief: float) -> None:
         """Take over the state that an increment has reached; `relief` of the load a time."""
         state, self.regime, self.side, work = increment.end()
-        self.rattlers = increment.rattlers
         if not state.closed.any():
             raise RejectedError("no_load", "the packing has come apart and carries no force")
         self._add_events(increment.events, increment.released)
         self.F = self.F - increment.strain.reshape(2, 2) @ self.F
         self.unbalanced_share -= relief * increment.time
-        self._accept(state, increment.time, work)
+        self._accept(state, increment.time, work, increment.rattlers)
         closed = np.resize(self.state.closed, len(self.regime))
         entered = closed & (self.regime == OPEN)
         regime = np.where(closed, np.where(entered, ELASTIC, self.regime), OPEN)
         self.regime = regime.astype(np.int8)
 
-    def _accept(self, state: PackingState, duration: float, work: Floats) -> None:
+    def _accept(
+        self, state: PackingState, duration: float, work: Floats, before: Flags | None
+    ) -> None:
         """Take over a later state, with the loading parameter and work that led to it.
 
-        Grains that carry nothing leave the system, or join it.
+        Grains that carry nothing leave the system, or join it; some did not carry `before`.
         """
-        self.state, self.rattlers, released = free_rattlers(state, self.pairs, self.rattlers)
+        self.state, self.rattlers, released = free_rattlers(state, self.pairs, before)
         self.first_resultants[self.rattlers] = 0.0
         self.parameter += duration
         self.work += work
@@ -542,7 +543,8 @@ class PackingPathSolver:
         """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
         self.F = state.cell @ np.linalg.inv(self.state.cell) @ self.F
         self.pairs = pairs
-        self._accept(state, duration, work)
+        # Its forces are in balance: a grain that was loaded in the motion keeps all of them.
+        self._accept(state, duration, work, None)
         self._find_regimes()
         self._list_pairs()
         # Nothing goes back through a motion.
