@@ -12,7 +12,7 @@ from stability.packing.pairs import contact_pairs, normal_forces, overlaps
 from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
 from stability.packing.state import start_state
-from tests.packings import strained
+from tests.packings import jammed, strained
 
 LAW = LinearFrictional(1.0, 0.5, 0.5)
 LARGE, FORCE = 0.505, 0.01
@@ -253,3 +253,17 @@ def test_rows_leave_the_rattlers_where_they_are():
         ends.append(solver)
     np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
     assert ends[0].rattlers.tolist() == ends[1].rattlers.tolist()
+
+
+def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
+    """A state at rest is in balance with them: taken for what it was before, it would lose them."""
+    stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
+    solver = PackingPathSolver(jammed(12, 1, LAW), LAW, [stage], 2e-4, "stop", None, None)
+    solver.start_stage(0, stage, 1)
+    end, balance = solver.state, np.abs(solver.imbalance).max()
+    solver.rattlers = carrying_nothing(end, LOADED_SHARE)
+    solver.rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
+    solver.take_motion(end, solver.pairs, 0.0, np.zeros(4))
+    np.testing.assert_array_equal(solver.state.normal_force, end.normal_force)
+    np.testing.assert_array_equal(solver.state.shear_force, end.shear_force)
+    assert np.abs(solver.imbalance).max() <= balance + 1e-15
