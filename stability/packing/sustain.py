@@ -167,8 +167,7 @@ class LoadPath(Shown):
         Stress along the direction, less that of the start, of the last state before the equilibrium
         was first lost by a motion of 1e-5 or more; and how much it changed as the interval was
         halved over the second half of the path and by other numberings, over itself. nan if it
-        never was. Errors of the first half of the path are not in it: they are .1 % at most where
-        whole paths at other intervals were compared.
+        never was. Errors of the first half of the path are not in it (docs/sustaining.md).
     first_instability : float
         The same of a motion of any strain: often of a few grains alone.
     first_large_load, first_large_strain, first_large_spread : float
