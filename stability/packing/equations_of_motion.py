@@ -320,17 +320,16 @@ def snap_through(
     pairs: Pairs,
     load: Floats,
     control: MixedControl,
-    span: float,
     by_radii: bool,
 ) -> Snap:
-    """Strain slowly by `span` of the parameter under a load (B, 3), then hold until at rest.
+    """Strain slowly by the whole of a control under a load (B, 3), then hold until at rest.
 
     Masses are those of discs of unit density, damping is Cundall's. `ArithmeticError` where grains
     run off, or don't come to rest.
     """
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
-    servo = steered(servo, state, pairs, control.stress, control.strain, control.rate * span)
+    servo = steered(servo, state, pairs, *control)
     H, dt = servo.gain @ servo.rate, step_of(masses, inertias, pairs, state, by_radii)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)

@@ -17,7 +17,7 @@ from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
 from loops.shown import Shown
-from stability.packing.equations_of_motion import require_upright, snap_through, stored_energy
+from stability.packing.equations_of_motion import require_upright, stored_energy
 from stability.packing.incremental_packing import (
     ELASTIC,
     OPEN,
@@ -36,6 +36,7 @@ from stability.packing.pairs import (
     tangents,
     with_near,
 )
+from stability.packing.past import PassBy, Passed, Standing, past_of, viscous
 from stability.packing.rattlers import free_rattlers
 from stability.packing.state import PackingState, jumped, start_state
 from stability.packing.strain_increment import (
@@ -151,7 +152,7 @@ def follow_packing(
     rows: int,
     interval: float,
     instabilities: int,
-    past: Past,
+    past: Past | PassBy,
     max_steps: int,
     load_kept: float = 1.0,
     progress: Callable[[float], None] | None = None,
@@ -215,7 +216,7 @@ class PackingPathSolver:
         law: ContactLaw,
         stages: Sequence[Stage],
         interval: float,
-        past: Past,
+        past: Past | PassBy,
         planes: PlaneContacts | None,
         plane_force: ArrayLike | None,
         load_kept: float = 1.0,
@@ -225,7 +226,7 @@ class PackingPathSolver:
         for stage in stages:
             require_upright(start, *stage.programme.equations(np.zeros(4)))
         self.by_radii = checked.shear_increment == "radii"
-        self.size, self.past, self.load_kept = interval, past, load_kept
+        self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
         self.work = np.zeros(4)
         self.events: list[Event] = []
@@ -449,7 +450,7 @@ class PackingPathSolver:
             # Under given strain rates its time ends it, to rounding.
             (1.0 + 1e-9) * self.size,
             max_speed,
-            self.past == "viscous",
+            self.past if self.past is viscous else None,
             self.rattlers,
         )
         met, taken = None, (increment, decrease / duration)
@@ -511,40 +512,38 @@ class PackingPathSolver:
         self.imbalance = self.state.resultants - self.balance
 
     def _pass(self, met: InstabilityError, duration: float, stage: Stage) -> Stop | None:
-        """Stop at an instability, or go through it by the equations of motion."""
-        if self.past == "stop":
-            self._add_events([replace(met.event, parameter=0.0, passed="stopped")])
-            return "instabilities", str(met)
+        """Go through an instability that ended an interval, or stop there."""
         rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
         left = (self.targets[0] - self._quantity(stage)) / rate if rate else np.inf
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
-        load, control = -self.balance, self._control(stage, 1.0 / span)
-        try:
-            snap = snap_through(self.state, self.pairs, load, control, span, self.by_radii)
-            jump = jumped(self.state, snap.state, self.first_stress)
-            if jump:
-                raise ArithmeticError(jump)
-        except ArithmeticError as error:
-            self._add_events([replace(met.event, parameter=0.0, passed="lost")])
-            return "lost", f"{met}; {error}"
-        released = float(snap.work[RELEASED])
-        told = replace(met.event, parameter=0.0, passed="replayed", released=released)
-        self._add_events([told])
-        self._go_on_from(snap.state, snap.pairs, span, snap.work)
+        control = self._control(stage, 1.0 / span)
+        passed = self.past(self.here(), met.event, control._replace(rate=control.rate * span))
+        event = replace(met.event, parameter=0.0, passed=passed.how, released=passed.released)
+        self._add_events([event])
+        if passed.how == "stopped":
+            return "instabilities", str(met)
+        if passed.state is None:
+            return "lost", f"{met}; {passed.message}"
+        self._go_on_from(passed, span)
         return None
 
-    def take_motion(self, state: PackingState, pairs: Pairs, load: float, work: Floats) -> None:
+    def here(self) -> Standing:
+        """Return what an instability meets, for a function that passes it."""
+        return Standing(self.state, self.pairs, -self.balance, self.by_radii, self.first_stress)
+
+    def take_motion(self, passed: Passed, load: float) -> None:
         """Go on from the end of a motion that came to rest, at another loading parameter."""
-        self._go_on_from(state, pairs, load - self.parameter, work)
+        self._go_on_from(passed, load - self.parameter)
         self.record()
 
-    def _go_on_from(self, state: PackingState, pairs: Pairs, duration: float, work: Floats) -> None:
+    def _go_on_from(self, passed: Passed, duration: float) -> None:
         """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
-        self.F = state.cell @ np.linalg.inv(self.state.cell) @ self.F
-        self.pairs = pairs
+        assert passed.state is not None and passed.pairs is not None and passed.work is not None
+        self.F = passed.state.cell @ np.linalg.inv(self.state.cell) @ self.F
+        self.pairs = passed.pairs
         # Its forces are in balance: a grain that was loaded in the motion keeps all of them.
-        self._accept(state, duration, work, None)
+        self._accept(passed.state, duration, passed.work, None)
         self._find_regimes()
         self._list_pairs()
         # Nothing goes back through a motion.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -92,6 +93,13 @@ class MixedControl(NamedTuple):
     rate: Floats
 
 
+class Within(NamedTuple):
+    """A packing within an interval; `spring` is the next ground spring to try (kn), 0 for none."""
+
+    packing: IncrementalPacking
+    spring: float
+
+
 class Goal(NamedTuple):
     """End of the increment: when `strain . H' + stress . P' + time` has grown by `left`."""
 
@@ -114,8 +122,8 @@ class StrainIncrement:
     """A packing under a control for a `duration` of the loading parameter, to its goal or a strain.
 
     `load` are the resultants on the grains that a load balances, which decrease at the rate
-    `relief`. Instabilities are passed if `viscous`, else they end the increment
-    (`InstabilityError`).
+    `relief`. Instabilities are passed by a function as `stability.packing.past.viscous`; without
+    one they end the increment (`InstabilityError`).
     """
 
     def __init__(
@@ -130,14 +138,14 @@ class StrainIncrement:
         goal: Goal,
         largest_strain: float,
         max_strain_speed: float,
-        viscous: bool,
+        past: Callable[[Any, Event, MixedControl], Any] | None,
         rattlers: Flags,
     ) -> None:
         self.packing, self.state, self.pairs = packing, state, pairs
         self.control, self.duration = control, duration
         self.load, self.relief = load.copy(), relief.copy()
         self.goal, self.left, self.left_to_strain = goal, goal.left, largest_strain
-        self.max_strain_speed, self.viscous = max_strain_speed, viscous
+        self.max_strain_speed, self.past = max_strain_speed, past
         # Grains that carry nothing, and the pairs that they are in: never in touch.
         self.rattlers = rattlers.copy()
         self.absent: Flags = np.asarray(rattlers[pairs.grains].any(axis=1))
@@ -254,9 +262,7 @@ class StrainIncrement:
             self._hold(c, kind, cause="chatters")
             return
         facts = {"cause": "rattles", "grains": tuple(loose.tolist())}
-        self._require_viscous(c, facts)
-        packing.add_ground_springs(loose, spring)
-        self._tell("instability", c, passed="dragged", **facts)
+        self.events.append(self._pass(c, spring, facts))
 
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
@@ -340,12 +346,10 @@ class StrainIncrement:
                 # The first mode is told; the last one is dragged.
                 grains = stop.facts["grains"]
                 facts = (facts or stop.facts) | {"grains": grains}
-                self._require_viscous(c, facts)
-                if spring:
-                    packing.add_ground_springs(np.array(grains), spring)
+                passed = self._pass(c, spring, facts)
                 continue
             if facts:
-                self._tell("instability", c, passed="dragged", **facts)
+                self.events.append(passed)
             for k in changed:
                 self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
             return
@@ -381,18 +385,21 @@ class StrainIncrement:
         """Keep a contact stuck or open to the end of the increment, whatever its forces."""
         packing = self.packing
         facts |= {"grains": tuple(packing.frame["grains"][c].tolist())}
-        self._require_viscous(c, facts)
+        self.events.append(self._pass(c, 0.0, facts))
         if kind in ("opening", "closing"):
             self._open(c)
             self._end_forces(c, RELEASED)
         elif packing.regime[c] == SLIDING:
             packing.flip(c)
         self.held[self._springs(c)] = True
-        self._tell("instability", c, passed="held", **facts)
 
-    def _require_viscous(self, c: int, facts: dict[str, Any]) -> None:
-        if not self.viscous:
-            raise InstabilityError(self._event("instability", c, **facts))
+    def _pass(self, c: int, spring: float, facts: dict[str, Any]) -> Event:
+        """Pass an instability within the interval, or end the increment by it."""
+        event = self._event("instability", c, **facts)
+        if self.past is None:
+            raise InstabilityError(event)
+        passed = self.past(Within(self.packing, spring), event, self.control)
+        return replace(event, passed=passed.how)
 
     def _tell(self, kind: EventKind, c: int, **facts: Any) -> None:
         self.events.append(self._event(kind, c, **facts))

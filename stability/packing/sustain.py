@@ -31,6 +31,7 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.pairs import Pairs, at_limit, require_movable
+from stability.packing.past import Passed
 from stability.packing.path import PackingPathSolver, Stop, halved
 from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
@@ -488,7 +489,9 @@ def _loaded(
         if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:
             limit, spread = lost, change
         strain = float(np.linalg.norm(motion.strain))
-        solver.take_motion(moving.moving.state(), moving.moving.pairs, load, moving.work())
+        solver.take_motion(
+            Passed("replayed", moving.moving.state(), moving.moving.pairs, moving.work()), load
+        )
         if ended == "no rest":
             large = strain >= loading.large
             status = "large motion, no rest" if large else "unfinished"

@@ -9,7 +9,7 @@ import pytest
 from loops import InputError, LinearFrictional
 from stability import Stage, follow
 from stability.packing import equations_of_motion, replay
-from stability.packing import path as path_module
+from stability.packing import past as past_module
 from stability.packing.equations_of_motion import (
     Moving,
     Snap,
@@ -152,7 +152,7 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
         seen.append(np.abs(load).max())
         return snap
 
-    monkeypatch.setattr(path_module, "snap_through", kept)
+    monkeypatch.setattr(past_module, "snap_through", kept)
     shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
     path = followed(shaken, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and len(seen) >= 3
@@ -173,7 +173,7 @@ def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
             return Snap(replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
                         pairs, np.zeros(4))  # fmt: skip
 
-        monkeypatch.setattr(path_module, "snap_through", off)
+        monkeypatch.setattr(past_module, "snap_through", off)
     path = followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "lost" and (why in path.message or "jumped" in path.message)
     assert path.events[-1].passed == "lost"

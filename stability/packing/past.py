@@ -1,0 +1,89 @@
+"""Ways past an instability: what a packing does where no regimes of a contact agree.
+
+Each is a function of what stands there, of the instability and of a control, and answers with how
+it was passed. One of your own can be given to `follow` as `past`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loops.arrays import Floats
+from stability.packing.equations_of_motion import snap_through
+from stability.packing.pairs import Pairs
+from stability.packing.state import PackingState, jumped
+from stability.packing.strain_increment import RELEASED, MixedControl, Within
+from stability.path import Event, How, Past
+
+
+class Standing(NamedTuple):
+    """A packing at the end of an interval, which an instability has ended.
+
+    `load` (B, 3) are the forces and moments that balance it, `first_stress` is the norm of the
+    stress at the start of the path.
+    """
+
+    state: PackingState
+    pairs: Pairs
+    load: Floats
+    by_radii: bool
+    first_stress: float
+
+
+class Passed(NamedTuple):
+    """How an instability was passed: the state at rest behind it, or in words why there is none.
+
+    `work` (4,) is that of the motion, as `Path.work`.
+    """
+
+    how: How
+    state: PackingState | None = None
+    pairs: Pairs | None = None
+    work: Floats | None = None
+    message: str = ""
+
+    @property
+    def released(self) -> float:
+        """Energy that the motion released; nan if there was none."""
+        return math.nan if self.work is None else float(self.work[RELEASED])
+
+
+# A way past an instability; the control is the whole change of stress and strain ahead.
+PassBy = Callable[[Any, Event, MixedControl], Passed]
+
+
+def viscous(here: Within, instability: Event, control: MixedControl) -> Passed:
+    """Drag the grains of the mode by springs on the ground; hold the contact if none is left."""
+    if not here.spring:
+        return Passed("held")
+    here.packing.add_ground_springs(np.array(instability.grains), here.spring)
+    return Passed("dragged")
+
+
+def dynamic(here: Standing, instability: Event, control: MixedControl) -> Passed:
+    """Follow the equations of motion through the rest of the interval, then until rest."""
+    try:
+        snap = snap_through(here.state, here.pairs, here.load, control, here.by_radii)
+        jump = jumped(here.state, snap.state, here.first_stress)
+        if jump:
+            raise ArithmeticError(jump)
+    except ArithmeticError as error:
+        return Passed("lost", message=str(error))
+    return Passed("replayed", snap.state, snap.pairs, snap.work)
+
+
+def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:
+    """End the path at its first instability."""
+    return Passed("stopped")
+
+
+WAYS: dict[str, PassBy] = {"viscous": viscous, "dynamic": dynamic, "stop": stop}
+
+
+def past_of(way: Past | PassBy) -> PassBy:
+    """Return the function of a way past instabilities, which options give by its name."""
+    return WAYS[way] if isinstance(way, str) else way
