@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from stability.directional import DirectionalWork as DirectionalWork
     from stability.directional import branch_fraction as branch_fraction
     from stability.directional import directional_work as directional_work
-    from stability.paths import Event as Event
-    from stability.paths import Path as Path
-    from stability.paths import follow as follow
+    from stability.follow import follow as follow
+    from stability.path import Event as Event
+    from stability.path import Path as Path
     from stability.paths import rates_at as rates_at
     from stability.programmes import Programme as Programme
     from stability.programmes import Stage as Stage
@@ -61,7 +61,9 @@ NAMES = {
         "LinearControl destabilising_control softening_control strain_driven stress_driven"
     ),
     "stability.directional": "BranchFraction DirectionalWork branch_fraction directional_work",
-    "stability.paths": "Event Path follow rates_at",
+    "stability.follow": "follow",
+    "stability.path": "Event Path",
+    "stability.paths": "rates_at",
     "stability.programmes": "Programme Stage programmes",
     "stability.rate_problem": "RateProblem RateSolution",
     "stability.second_order_work": (

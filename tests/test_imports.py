@@ -90,6 +90,21 @@ def import_graph(root: Path) -> "nx.DiGraph[str]":
     return graph
 
 
+def package_graph(root: Path) -> "nx.DiGraph[str]":
+    """Package to package within the rooms; a module that stands in a room is one by itself."""
+    modules = room_modules(root)
+
+    def package(module: str) -> str:
+        inside = module.count(".") > 1 or modules[module].stem == "__init__"
+        return ".".join(module.split(".")[:2]) if inside else module
+
+    graph = nx.DiGraph()
+    for one, other in import_graph(root).edges:
+        if package(one) != package(other):
+            graph.add_edge(package(one), package(other))
+    return graph
+
+
 def write_rooms(root: Path, files: dict[str, str]) -> Path:
     """A small house with the given modules; the rest of each room is empty."""
     for name, source in {**{f"{room}/__init__.py": "" for room in BELOW}, **files}.items():
@@ -114,6 +129,7 @@ def test_imports_run_downwards():
 
 def test_no_import_cycles():
     assert list(nx.simple_cycles(import_graph(ROOT))) == []
+    assert list(nx.simple_cycles(package_graph(ROOT))) == []
 
 
 @pytest.mark.parametrize(
@@ -181,3 +197,23 @@ def test_a_module_that_imports_its_own_package_is_a_cycle(tmp_path):
     files = {"loops/__init__.py": "from loops.a import f", "loops/a.py": "from loops import g"}
     (cycle,) = nx.simple_cycles(import_graph(write_rooms(tmp_path, files)))
     assert set(cycle) == {"loops", "loops.a"}
+
+
+@pytest.mark.parametrize(
+    ("of_c", "cycles"),
+    [
+        ("from loops.one.a import f", [{"loops.one", "loops.two"}]),
+        ("def g():\n    from loops.one import f", [{"loops.one", "loops.two"}]),
+        # By way of a module of the room.
+        ("import loops.d", [{"loops.one", "loops.two", "loops.d"}]),
+        ("from loops.two import e", []),
+    ],
+)
+def test_packages_that_need_each_other_are_found_where_no_modules_do(tmp_path, of_c, cycles):
+    files = {"loops/one/__init__.py": "", "loops/two/__init__.py": "", "loops/two/e.py": ""}
+    files |= {"loops/one/a.py": "", "loops/one/b.py": "from loops.two.c import f"}
+    house = write_rooms(
+        tmp_path, files | {"loops/two/c.py": of_c, "loops/d.py": "from loops.one.a import f"}
+    )
+    assert list(nx.simple_cycles(import_graph(house))) == []
+    assert [set(one) for one in nx.simple_cycles(package_graph(house))] == cycles

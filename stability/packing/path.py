@@ -7,12 +7,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
+from loops.errors import check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.packing import PlaneContacts
@@ -37,6 +38,7 @@ from stability.packing.pairs import (
     with_near,
 )
 from stability.packing.past import PassBy, Passed, Standing, past_of, viscous
+from stability.packing.past import stop as end_there
 from stability.packing.rattlers import free_rattlers
 from stability.packing.state import PackingState, jumped, start_state
 from stability.packing.strain_increment import (
@@ -144,36 +146,54 @@ class PackingPath(Shown):
         return tuple(event for event in self.events if event.kind == kind)
 
 
+@dataclass(frozen=True)
+class PackingPathOptions:
+    """Options of `follow` under the packing closure, see there."""
+
+    interval: float = 5e-6
+    instabilities: int = 20
+    past: Past | PassBy = "viscous"
+    load_kept: float = 1.0
+    progress: Callable[[float], None] | None = None
+    planes: PlaneContacts | None = None
+    plane_force: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        number("interval", self.interval, 0.0, open_low=True)
+        whole_number("instabilities", self.instabilities, 1)
+        if not callable(self.past):
+            check_choice("past", self.past, get_args(Past))
+        number("load_kept", self.load_kept, 0.0)
+        number("1 - load_kept", 1.0 - self.load_kept, 0.0)
+
+
 def follow_packing(
     graph: GrainGraph,
     law: ContactLaw,
     stages: Sequence[Stage],
+    options: PackingPathOptions,
     *,
-    rows: int,
-    interval: float,
-    instabilities: int,
-    past: Past | PassBy,
-    max_steps: int,
-    load_kept: float = 1.0,
-    progress: Callable[[float], None] | None = None,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
+    rows: int = 0,
+    max_steps: int = 20_000,
 ) -> PackingPath:
-    """Path of a packing: `stability.follow` with the packing closure."""
-    solver = PackingPathSolver(graph, law, stages, interval, past, planes, plane_force, load_kept)
+    """Follow a packing through its stages: `stability.follow` with the packing closure."""
+    o = options
+    solver = PackingPathSolver(
+        graph, law, stages, o.interval, o.past, o.planes, o.plane_force, o.load_kept
+    )
     stop = follow_stages(
         lambda number, stage: solver.follow(
-            number, stage, max(rows, 1), instabilities, max_steps, progress
+            number, stage, max(rows, 1), o.instabilities, max_steps, o.progress
         ),
         stages,
     )
     path = solver.path(*stop)
-    met = stop[0] == "control_limit" or (stop[0] == "instabilities" and past == "stop")
+    met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)
     if not (met and solver.history):
         return path
     stage = stages[solver.stage]
     limit, spread = halved(
-        solver, lambda size: solver.ends(stage, size, instabilities), lambda: solver.parameter
+        solver, lambda size: solver.ends(stage, size, o.instabilities), lambda: solver.parameter
     )
     message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
     return replace(path, message=message, limit=limit, limit_spread=spread)

@@ -26,7 +26,7 @@ from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes, loop_sums
 from stability.packing.pairs import at_limit, contact_pairs, require_movable
-from stability.packing.path import PackingPath
+from stability.packing.path import PackingPath, PackingPathOptions, follow_packing
 from stability.packing.regime_regions import (
     NEUTRAL,
     Cones,
@@ -44,7 +44,6 @@ from stability.packing.response import (
     yield_response,
 )
 from stability.packing.state import start_state
-from stability.paths import follow as path_of
 from stability.programmes import Programme, Stage
 from stability.spectra import subspace_basis
 
@@ -501,9 +500,9 @@ def probe_to(
     for stage in stages:
         require_upright(at_start, *stage.programme.equations(np.zeros(4)))
     if follow is None:
+        options = PackingPathOptions(planes=planes, plane_force=plane_force)
         paths: Sequence[PackingPath] = [
-            path_of(graph, law, stage, closure="packing", planes=planes, plane_force=plane_force)
-            for stage in stages
+            follow_packing(graph, law, [stage], options) for stage in stages
         ]
     else:
         paths = follow(stages)

@@ -1,7 +1,7 @@
-"""Paths: the rate equations of a graph integrated under loading programmes, with exact events."""
+"""Paths of loops: the rate equations integrated under loading programmes, with exact events."""
 
-from stability.path import Event as Event
-from stability.path import EventKind as EventKind
-from stability.path import Path as Path
-from stability.paths.follow import follow as follow
+from loops.lazy import old_names
 from stability.paths.follow import rates_at as rates_at
+
+OLD = {name: f"stability.{name}" for name in ("Event", "Path", "follow")}
+__getattr__ = old_names(__name__, OLD | {"EventKind": "stability.path.EventKind"})

@@ -30,7 +30,8 @@ from loops.assembly import translational_blocks
 from loops.closures import Spins
 from loops.laws.frictional import edge_rates, with_sides
 from loops.symmetry import identity
-from stability.paths.follow import follow
+from stability.paths.follow import follow_loop
+from stability.paths.loop_path import LoopPathOptions
 from stability.paths.model import PathModel
 from stability.paths.state import PathContacts
 from stability.programmes import Stage, proportional_strain, proportional_stress
@@ -654,10 +655,9 @@ def followed_limits(
     b, model = float(fan.programme[programme]), fan.model
     load = CONTROLS[fan.control](np.cos(b), np.sin(b))
     stage = Stage(load, "parameter", fan.reach * (1.0 if fan.control == "strain" else STRESS_REACH))
-    path = follow(
-        start, model.law, stage, closure=model.closure, spins=spins,
-        subspace=("diagonal", "symmetric"), volume=model.volume,
-    )  # fmt: skip
+    watched = ("diagonal", "symmetric")
+    options = LoopPathOptions(spins=spins, subspace=watched, volume=model.volume)
+    path = follow_loop(start, model.law, [stage], model.closure, options)
     i, j = model.contacts.T
 
     def state(row: int, H: ArrayLike) -> LoopStates:

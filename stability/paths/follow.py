@@ -1,19 +1,19 @@
-"""Follow a sequence of stages from a grain graph."""
+"""Path and rates of a loop, from its graph."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, RollingResistance, contact_state
 from loops.closures import Closure, Spins
-from loops.errors import check_choice, number, whole_number
+from loops.errors import check_choice
 from loops.laws.frictional import require_law
-from stability.path import Past, Path, follow_stages
+from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
 from stability.paths.record import model_choice
@@ -22,205 +22,31 @@ from stability.paths.state import first_state, initial_state, start_mode, unpack
 from stability.programmes import Programme, Stage
 from stability.rate_problem import RateProblem
 
-if TYPE_CHECKING:
-    from loops.packing import PlaneContacts
-    from stability.packing.path import PackingPath
 
-Options = TypeVar("Options")
-
-
-@dataclass(frozen=True)
-class PackingPathOptions:
-    """Options of `follow` under the packing closure, see there."""
-
-    interval: float = 5e-6
-    instabilities: int = 20
-    past: Past = "viscous"
-    load_kept: float = 1.0
-    progress: Callable[[float], None] | None = None
-    planes: PlaneContacts | None = None
-    plane_force: ArrayLike | None = None
-
-    def __post_init__(self) -> None:
-        number("interval", self.interval, 0.0, open_low=True)
-        whole_number("instabilities", self.instabilities, 1)
-        check_choice("past", self.past, get_args(Past))
-        number("load_kept", self.load_kept, 0.0)
-        number("1 - load_kept", 1.0 - self.load_kept, 0.0)
-
-
-@overload
-def follow(
+def follow_loop(
     graph: GrainGraph,
     law: ContactLaw,
-    stages: Sequence[Stage] | Stage,
+    stages: Sequence[Stage],
+    closure: Closure,
+    options: LoopPathOptions,
     *,
-    closure: Literal["packing"],
     rows: int = 0,
     max_steps: int = 20_000,
-    **options: Any,
-) -> PackingPath: ...
-
-
-@overload
-def follow(
-    graph: GrainGraph,
-    law: ContactLaw,
-    stages: Sequence[Stage] | Stage,
-    *,
-    closure: Closure = "affine",
-    rows: int = 0,
-    max_steps: int = 20_000,
-    **options: Any,
-) -> Path: ...
-
-
-def follow(
-    graph: GrainGraph,
-    law: ContactLaw,
-    stages: Sequence[Stage] | Stage,
-    *,
-    closure: Closure | Literal["packing"] = "affine",
-    rows: int = 0,
-    max_steps: int = 20_000,
-    **options: Any,
-) -> Path | PackingPath:
-    """Integrate the rate equations of a graph under loading programmes, with exact events.
-
-    Every contact is elastic, sliding or open (Nicot et al. 2016, equation (8)). The normal force is
-    that of the geometry, the shear force of a sliding contact is `s mu N`; the rest is integrated
-    by an explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
-    restarted at every event. Events are located on the dense output and corrected by integrating
-    to them again. Where contacts are at the edge of their law, a rate problem decides
-    (`stability.rate_problem`).
-
-    Under the `packing` closure the whole of a packing under `LinearFrictional` is followed,
-    periodic or between walls, its spins free: within short intervals of strain the rates are
-    piecewise linear and contacts change regime by pivots (Theory, equation (11.10)); geometry and
-    normal forces are exact at their ends, so the error halves with the interval. What is out of
-    balance at the start is balanced by a load, of which `load_kept` stays.
-    Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `load_kept`, `progress`, `planes` and `plane_force`.
-
-    Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
-    such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
-    at rest; `atol` is 1e-12 at least.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        Initial state: a loop (contacts 0..n-1 are the ring, chords may follow); under the affine
-        closure also a packing, in a state that is an affine image of its reference.
-    law : ContactLaw
-        Contact law.
-    stages : Stage or sequence of Stage
-        Programmes and the values at which they end.
-    closure : {'affine', 'traction', 'packing'}
-        How the surrounding medium drives the grains.
-    spins : {'blocked', 'affine', 'free'}
-        What the grains' spins do.
-    subspace : {'diagonal', 'symmetric', 'full'}, or several of them
-        Where the spectra are taken: `Event.subspace` names it; the first is that of `Path.K`.
-    volume : float, optional
-        Reference area V0; the cell's or the polygon's if left out. The diamond of Nicot et al.
-        2016 uses `L10 L20`, twice its polygon.
-    contact_on_touch : {'ignore', 'stop', 'add'}
-        What to do where grains without a contact touch: report it and let them overlap (the
-        paper), stop, or add the contact, with the parameters of contact 0. Not looked for in
-        periodic cells.
-    rtol, atol : float
-        Tolerances of the integrator; `atol` in natural units of each variable.
-    max_step : float
-        Longest step in the space of `H`; events are looked for four times a step.
-    max_steps : int
-        Accepted steps after which the path is given up.
-    rows : int
-        Rows of each stage, evenly spaced from event to event over its length as judged from its
-        start (a strain of one at most), whatever the steps are; 0 for a row at every accepted step.
-        Of a packing: evenly spaced in the quantity that ends the stage; 0 for its end alone.
-    model : {'auto', 'full'}
-        The smallest model that serves: rates in the fields that the symmetry of state and
-        programmes leaves, and one contact of an orbit in the branch search; or all unknowns, and a
-        search over all contacts. `Path.model` describes it. The tangents are full in either, so the
-        losses of stability are those of all motions. Motions that break the symmetry are not
-        looked for where a symmetric one goes on: 'branching' events mark where they set in, with
-        spins that are not free.
-    interval : float
-        Of a packing: strain of an interval, the norm of the change of `H`.
-    instabilities : int
-        Of a packing: number of unstable contacts at which the path stops.
-    past : {'viscous', 'dynamic', 'stop'}
-        Of a packing, how the path continues where no regime of a contact is consistent: springs on
-        the grains of its mode until the interval ends; the equations of motion from there on, over
-        the strain of an interval at an inertial number of 2.5e-7, then held until at rest (discs of
-        unit density, Cundall's damping of 0.3); or the path stops there, status 'instabilities'.
-    load_kept : float
-        Of a packing that is out of balance at the start: share of the load that balances it that
-        stays; the rest decreases to zero over the first strain of 1e-5. 1 for a sample that goes on
-        at its rate, 0 for the limit of slow loading from this state.
-    progress : callable, optional
-        Of a packing: called after every interval with the parameter that the path has reached.
-    planes : PlaneContacts, optional
-        Of a packing without a cell: its contacts with four walls along the axes, which move with
-        the strain of the box and keep their directions (`H12 = H21 = 0`). Grains that touch a wall
-        later have its mean stiffness over the radius, or its mean stiffness where that varies less.
-    plane_force : (W, 2) array, optional
-        Of these contacts: force of the wall on the grain (force), for shear forces of rough walls.
-
-    Returns
-    -------
-    Path, or PackingPath
-        Also where the path ends early: see `Path.status`.
-
-    Raises
-    ------
-    InputError
-        If an option is unknown, the graph does not fit the closure, or its forces do not fit the
-        law.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
-    >>> from stability import Stage, follow, programmes
-    >>> x = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]) * np.sqrt(0.5)
-    >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=ring)
-    >>> law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5)))
-    >>> stages = [Stage(programmes.isotropic_strain(), "H11", 0.25),
-    ...           Stage(programmes.drained_biaxial(), "H11", 0.4)]
-    >>> path = follow(square, law, stages)
-    >>> path.status, [event.kind for event in path.events if not event.contacts]
-    ('finished', ['det_Ks_zero', 'det_K_zero', 'programme_change'])
-    >>> round(float(path.H[path.events[0].index, 0]), 12), path.of_kind("yield")[0].contacts
-    (0.166666666667, (0, 1, 2, 3))
-    """
-    stages = [stages] if isinstance(stages, Stage) else list(stages)
-    if not stages or stages[0].fallback:
-        received = "no stage" if not stages else "a fallback as the first stage"
-        raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
-    check_choice("closure", closure, (*get_args(Closure), "packing"))
-    whole_number("max_steps", max_steps, 1)
-    whole_number("rows", rows, 0)
-    if closure == "packing":
-        from stability.packing.path import follow_packing
-
-        given = vars(_options(PackingPathOptions, options, closure))
-        return follow_packing(graph, law, stages, rows=rows, max_steps=max_steps, **given)
-    checked = _options(LoopPathOptions, options, closure)
+) -> Path:
+    """Follow a loop through its stages, see `stability.follow`."""
     require_law(law)
     if isinstance(law, RollingResistance) and np.isfinite(law.mu_r).any():
         expected = "springs for rolling without a limit, mu_r=inf, in paths of loops"
         raise InputError("law", "a finite mu_r", expected, "Follow the packing, or leave it out.")
     contacts = contact_state(graph)
-    model = path_model(graph, contacts, law, closure, checked.spins, checked.volume)
+    model = path_model(graph, contacts, law, closure, options.spins, options.volume)
     model, y, least = first_state(model, contacts)
     solver = LoopPathSolver(
-        model=replace(model, search_all=checked.model == "full"),
+        model=replace(model, search_all=options.model == "full"),
         y=y,
         mode=start_mode(model, contacts),
-        options=checked,
-        atol=max(checked.atol, least),
+        options=options,
+        atol=max(options.atol, least),
         rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
@@ -229,18 +55,8 @@ def follow(
     solver.find_symmetry()
     start = solver.model
     status, message = follow_stages(solver.follow_stage, stages)
-    chosen = model_choice(start, checked.model, solver.searches, solver.symmetry_kept)
-    return solver.record.path(solver.model, status, message, checked.subspaces[0], chosen)
-
-
-def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:
-    """Options of a closure, checked; those of other closures are refused."""
-    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    for name in given:
-        if name not in names:
-            received = f"{given[name]!r} with the {closure} closure"
-            raise InputError(name, received, f"one of {', '.join(names)}", "Leave it out.")
-    return kind(**given)
+    chosen = model_choice(start, options.model, solver.searches, solver.symmetry_kept)
+    return solver.record.path(solver.model, status, message, options.subspaces[0], chosen)
 
 
 def rates_at(

@@ -15,7 +15,7 @@ from stability.packing import (
     state,
     strain_increment,
 )
-from stability.paths.follow import PackingPathOptions
+from stability.packing.path import PackingPathOptions
 from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
 from tests.yade_slow import in_collection, predicted, slow, strain_between
