@@ -9,6 +9,7 @@ import pytest
 from loops import InputError, LinearFrictional, find_faces
 from stability import follow
 from stability.packing import probe
+from stability.packing.path import follow_packing
 from stability.packing.probe import probe_to
 from stability.programmes import Programme, Stage
 from tests.packings import LAW, jammed
@@ -50,8 +51,8 @@ def test_a_row_is_the_path_itself(case):
 
 def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
     graph, faces = case
-    short = functools.partial(follow, max_steps=2)
-    monkeypatch.setattr(sys.modules["stability.packing.probe"], "path_of", short)
+    short = functools.partial(follow_packing, max_steps=2)
+    monkeypatch.setattr(sys.modules["stability.packing.probe"], "follow_packing", short)
     found = probe_to(probe(graph, LAW, 2), graph, LAW, faces, 1e-4)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):
