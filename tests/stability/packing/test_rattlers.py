@@ -9,6 +9,7 @@ from loops import GrainGraph, LinearFrictional
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
 from stability.packing.pairs import contact_pairs, normal_forces, overlaps
+from stability.packing.past import Passed
 from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
 from stability.packing.state import start_state
@@ -263,7 +264,7 @@ def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     end, balance = solver.state, np.abs(solver.imbalance).max()
     solver.rattlers = carrying_nothing(end, LOADED_SHARE)
     solver.rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
-    solver.take_motion(end, solver.pairs, 0.0, np.zeros(4))
+    solver.take_motion(Passed("replayed", end, solver.pairs, np.zeros(4)), 0.0)
     np.testing.assert_array_equal(solver.state.normal_force, end.normal_force)
     np.testing.assert_array_equal(solver.state.shear_force, end.shear_force)
     assert np.abs(solver.imbalance).max() <= balance + 1e-15
