@@ -9,6 +9,9 @@ if TYPE_CHECKING:
     from loops.assembly import assemble_tangent as assemble_tangent
     from loops.assembly import contact_tangent as contact_tangent
     from loops.assembly import translational_blocks as translational_blocks
+    from loops.boundary import Boundary as Boundary
+    from loops.boundary import PlaneContacts as PlaneContacts
+    from loops.boundary import boundary_of as boundary_of
     from loops.closures import Closure as Closure
     from loops.closures import MacroTangent as MacroTangent
     from loops.closures import Spins as Spins
@@ -77,6 +80,7 @@ NAMES = {
     "loops.assembly": (
         "assemble_sparse_tangent assemble_tangent contact_tangent translational_blocks"
     ),
+    "loops.boundary": "Boundary PlaneContacts boundary_of",
     "loops.closures": (
         "Closure MacroTangent Spins affine_tangent macroscopic_tangent traction_tangent"
     ),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
 
 from loops import ContactLaw, GrainGraph, InputError
+from loops.boundary import former_boundary
 from loops.closures import Closure
 from loops.errors import check_choice, whole_number
 from stability.path import Path
@@ -46,6 +48,7 @@ def follow(
 ) -> Path: ...
 
 
+@partial(former_boundary, former=("planes", "plane_force"))
 def follow(
     graph: GrainGraph,
     law: ContactLaw,
@@ -71,7 +74,7 @@ def follow(
     normal forces are exact at their ends, so the error halves with the interval. What is out of
     balance at the start is balanced by a load, of which `load_kept` stays.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `load_kept`, `progress`, `planes` and `plane_force`.
+    `past`, `load_kept`, `progress` and `boundary`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -131,12 +134,11 @@ def follow(
         at its rate, 0 for the limit of slow loading from this state.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
-    planes : PlaneContacts, optional
-        Of a packing without a cell: its contacts with four walls along the axes, which move with
-        the strain of the box and keep their directions (`H12 = H21 = 0`). Grains that touch a wall
-        later have its mean stiffness over the radius, or its mean stiffness where that varies less.
-    plane_force : (W, 2) array, optional
-        Of these contacts: force of the wall on the grain (force), for shear forces of rough walls.
+    boundary : Boundary, optional
+        Of a packing without a cell: its contacts with four walls along the axes (`boundary_of`),
+        with their forces where walls are rough. They move with the strain of the box and keep their
+        directions (`H12 = H21 = 0`). Grains that touch a wall later have its mean stiffness over
+        the radius, or its mean stiffness where that varies less.
 
     Returns
     -------

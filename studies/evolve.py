@@ -26,7 +26,7 @@ from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
 from studies.series.loading import nominal, stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
-from studies.snapshot.in_packing import balance_notes, followed_walls, held_snapshot, hold_control
+from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control, sample_boundary
 from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
@@ -94,20 +94,20 @@ def run_evolve(
         after = [one.read() for one in planned[1:]]
         graph, faces, (law, _) = snapshot.graph, snapshot.faces, snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
-        planes, plane_force = followed_walls(snapshot)
+        boundary, _ = sample_boundary(snapshot)
         rate, ways = None, dict[str, Way]()
         if by != "replay":
             path = follow(
                 graph, law, stage, closure="packing", max_steps=INTERVALS, rows=rows,
                 interval=interval, instabilities=instabilities, past=past, progress=progress,
-                planes=planes, plane_force=plane_force,
+                boundary=boundary,
             )  # fmt: skip
             ways["events"] = path_rows(path)
         if by != "events":
             known = Following(past, inertial_number, time_step, mean_mass)
             rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
             done = replay(
-                graph, law, stage, planes=planes, plane_force=plane_force, rows=rows,
+                graph, law, stage, boundary=boundary, rows=rows,
                 damping=damping, **rate.options,
             )  # fmt: skip
             ways["replay"] = replay_rows(done, stage, rate)

@@ -12,10 +12,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
-from loops.arrays import Floats
+from loops.boundary import Boundary
 from loops.errors import number
 from loops.laws import ContactLaw
-from loops.packing import PlaneContacts
 from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import PackingPath, Probe
@@ -31,9 +30,9 @@ from studies.series.evolution import components
 from studies.series.workers import one_blas_thread, open_runner
 from studies.snapshot.in_packing import (
     balance_notes,
-    followed_walls,
     held_snapshot,
     hold_control,
+    sample_boundary,
     sample_edge,
 )
 from studies.study import one_of, study
@@ -118,7 +117,7 @@ def run_probe(
                 return paths
 
             packing = (snapshot.graph, snapshot.mechanics()[0], faces)
-            found = probe_to(found, *packing, amplitude, shared, *followed_walls(snapshot))
+            found = probe_to(found, *packing, amplitude, shared, sample_boundary(snapshot)[0])
         if found.system.held:
             notes.append(OUTLINE)
         step = search_step(found.candidates, len(found.directions))
@@ -207,8 +206,7 @@ class _Direction:
     number: int
     graph: GrainGraph
     law: ContactLaw
-    planes: PlaneContacts | None
-    plane_force: Floats | None
+    boundary: Boundary
     past: Past
     stage: Stage
 
@@ -222,8 +220,8 @@ def _follow(one: _Direction) -> tuple[int, tuple[PackingPath, float]]:
     reached = [0.0]
     with one_blas_thread():
         path = follow(
-            one.graph, one.law, one.stage, closure="packing", past=one.past, planes=one.planes,
-            plane_force=one.plane_force, progress=lambda done: reached.__setitem__(0, done),
+            one.graph, one.law, one.stage, closure="packing", past=one.past,
+            boundary=one.boundary, progress=lambda done: reached.__setitem__(0, done),
         )  # fmt: skip
     return one.number, (path, max(reached[0], float(path.parameter[-1])))
 
@@ -236,7 +234,7 @@ def _followed(
     stages: Sequence[Stage],
 ) -> tuple[list[PackingPath], list[float]]:
     """Paths of all directions and what they reached, whatever the number of processes."""
-    packing = (snapshot.graph, snapshot.mechanics()[0], *followed_walls(snapshot))
+    packing = (snapshot.graph, snapshot.mechanics()[0], sample_boundary(snapshot)[0])
     tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))

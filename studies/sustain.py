@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, GrainGraph, InputError
 from loops.arrays import Floats
+from loops.boundary import Boundary
 from loops.laws import ContactLaw, FrictionalLaw, HertzMindlin, RollingResistance
-from loops.packing import PlaneContacts
 from patterns import Snapshot
 from stability import COMPONENTS
 from stability.packing import LoadPath, Motion, Sustained
@@ -31,7 +31,7 @@ from stability.packing.sustain import LARGE, Loading, load_path
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, one_blas_thread, open_runner
-from studies.snapshot.in_packing import followed_walls, held_snapshot, sample_edge
+from studies.snapshot.in_packing import held_snapshot, sample_boundary, sample_edge
 from studies.study import study
 
 UNITS = (
@@ -85,9 +85,9 @@ def run_sustain(
         snapshot, held = held_snapshot(_followable(read_planar(path, **how), subspace), control)
         law = require_movable(snapshot.graph, snapshot.mechanics()[0])
         faces = snapshot.faces
-        planes, plane_force = followed_walls(snapshot)
-        task = partial(_Direction, snapshot.graph, law, faces, planes, plane_force)
-        parts = _Parts(out.absolute(), _digest(snapshot.graph, law, planes, plane_force, asked))
+        boundary, _ = sample_boundary(snapshot)
+        task = partial(_Direction, snapshot.graph, law, faces, boundary)
+        parts = _Parts(out.absolute(), _digest(snapshot.graph, law, boundary, asked))
         with open_runner(workers, scheduler, []) as runner:
             found = sustain_packing(
                 snapshot.graph,
@@ -101,8 +101,7 @@ def run_sustain(
                 spread=spread,
                 faces=faces,
                 follow=partial(_followed, runner, parts, task),
-                planes=planes,
-                plane_force=plane_force,
+                boundary=boundary,
             )
         rates = probe_edge(
             sample_edge(snapshot, YIELD_BAND), found.directions, "stress", subspace, faces
@@ -209,7 +208,7 @@ def sustain(
     """
     at_rest, _ = held_snapshot(_followable(snapshot, subspace), hold)
     law, _ = at_rest.mechanics()
-    planes, plane_force = followed_walls(at_rest)
+    boundary, _ = sample_boundary(at_rest)
     return sustain_packing(
         at_rest.graph,
         law,
@@ -221,8 +220,7 @@ def sustain(
         most_snaps=most_snaps,
         spread=spread,
         faces=at_rest.faces,
-        planes=planes,
-        plane_force=plane_force,
+        boundary=boundary,
     )
 
 
@@ -246,8 +244,7 @@ class _Direction:
     graph: GrainGraph
     law: ContactLaw
     faces: Faces
-    planes: PlaneContacts | None
-    plane_force: Floats | None
+    boundary: Boundary
     number: int
     direction: Floats
     loading: Loading
@@ -259,7 +256,7 @@ class _Direction:
 
 def _load(one: _Direction) -> tuple[int, LoadPath]:
     with one_blas_thread():
-        how = one.loading, one.faces, one.planes, one.plane_force
+        how = one.loading, one.faces, one.boundary
         return one.number, load_path(one.graph, one.law, one.direction, *how)
 
 
@@ -279,16 +276,16 @@ def _followed(
 def _digest(
     graph: GrainGraph,
     law: MovableLaw,
-    planes: PlaneContacts | None,
-    plane_force: Floats | None,
+    boundary: Boundary,
     asked: dict[str, Any],
 ) -> str:
     """Digest of all that the directions depend on."""
     numbers: list[Any] = [graph.x, graph.radii, graph.contacts, graph.normal_force]
     if graph.cell is not None:
         numbers += [graph.images, graph.cell]
+    planes = boundary.walls
     if planes is not None:
-        numbers += [planes.grain, planes.branch, planes.kn, planes.kt, plane_force]
+        numbers += [planes.grain, planes.branch, planes.kn, planes.kt, planes.force]
         numbers += [] if planes.mu is None else [planes.mu]
     digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
     if graph.rolling_moment is not None:

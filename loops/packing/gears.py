@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from loops.arrays import Flags, Floats, Integers
 from loops.graph import contact_state
-from loops.packing.system import PackingSystem, in_freedoms, stiffness_matrix
+from loops.system import System, in_freedoms, stiffness_matrix
 
 # Ratios of spins, multiplied around a ring of gears, miss 1 by its mismatch. From NEARLY on the
 # ring locks as any other; below UNKNOWN the mismatch may be rounding.
@@ -49,7 +49,7 @@ class RegularMatrix:
 
 
 def regular_matrix(
-    system: PackingSystem, free: Flags, whole: bool, *, slips: bool = True
+    system: System, free: Flags, whole: bool, *, slips: bool = True
 ) -> RegularMatrix:
     """Border the matrix by its gear modes; without `slips` only by those that rounding hides.
 
@@ -116,7 +116,7 @@ def regular_matrix(
     )
 
 
-def _closes(system: PackingSystem, grains: Integers, mode: Integers) -> Flags:
+def _closes(system: System, grains: Integers, mode: Integers) -> Flags:
     """(modes,) whether all rings of grains that roll on each other close exactly.
 
     Spins go by the radii, or by equal shares of the branch where radii are the same.
@@ -145,7 +145,7 @@ class SlipForces:
 
 
 def _slip_forces(
-    part: PackingSystem, growth: Floats, label: Integers, motion: Floats, count: int
+    part: System, growth: Floats, label: Integers, motion: Floats, count: int
 ) -> SlipForces:
     """Forces of rings that nearly close; `label` has the ring of each spin, -1 for none.
 

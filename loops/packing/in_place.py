@@ -10,7 +10,7 @@ The whole packing is inverted, or square blocks of it with the grains around the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
+from loops.boundary import Boundary, boundary_of, former_boundary
 from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
@@ -28,13 +29,12 @@ from loops.laws.frictional import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.packing.gears import RegularMatrix, regular_matrix
 from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
-from loops.packing.system import (
-    PackingSystem,
-    PlaneContacts,
+from loops.shown import Shown
+from loops.system import (
+    System,
     factorised,
     packing_system,
 )
-from loops.shown import Shown
 
 # Number of random vectors by which norms are estimated, for all loops at once, and the factor by
 # which an estimate may be too small: chi-squared, one in a thousand is below half.
@@ -107,7 +107,7 @@ class Block:
 
 
 def packing_blocks(
-    system: PackingSystem, polygons: Polygons, side: float, buffer: float
+    system: System, polygons: Polygons, side: float, buffer: float
 ) -> Iterator[Block]:
     """Cut the box into blocks of about `side`, each with its buffer."""
     graph, carries = system.graph, system.carrying.grains
@@ -156,7 +156,7 @@ class InvertedLoops:
 
 
 def inverted(
-    system: PackingSystem, polygons: Polygons, side: float, buffer: float, threads: int = 1
+    system: System, polygons: Polygons, side: float, buffer: float, threads: int = 1
 ) -> InvertedLoops:
     """Invert in blocks of about `side`, or the whole packing if `side` is infinite."""
     count = len(polygons.centre)
@@ -169,7 +169,7 @@ def inverted(
 
 
 def _operators(
-    system: PackingSystem, polygons: Polygons, block: Block, threads: int
+    system: System, polygons: Polygons, block: Block, threads: int
 ) -> tuple[Floats, Floats]:
     """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
     free, grains = block.free, np.flatnonzero(block.free)
@@ -244,7 +244,7 @@ def _solve_again(
             compliance[row[part]] = strain.reshape(-1, 4, 4) / area[part, None, None]
 
 
-def inverse_at_contacts(system: PackingSystem, threads: int = 1) -> Floats:
+def inverse_at_contacts(system: System, threads: int = 1) -> Floats:
     """(E', 6, 6) entries of `K^-1` at the freedoms of each contact of grains, in their order.
 
     Translations that nothing resists are taken out: it is the inverse on motions without them, by
@@ -395,7 +395,7 @@ def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
     return out
 
 
-def _edges(system: PackingSystem, polygons: Polygons, free: Flags) -> Integers:
+def _edges(system: System, polygons: Polygons, free: Flags) -> Integers:
     """(E, 2) pairs of free grains with a contact or a loop in common, each once."""
     pairs = [system.graph.contacts[system.contacts]]
     for grains in polygons.grains:
@@ -455,7 +455,7 @@ class LoopsInPlace(Shown):
         loops, infinite for a loop that reaches beyond its buffer.
     alone_error : (L,) array
         Bound on the rounding error of `alone` (force per length).
-    system : PackingSystem
+    system : System
         The carrying part, with counts of what carries nothing.
     """
 
@@ -463,7 +463,7 @@ class LoopsInPlace(Shown):
     alone: Floats
     error: Floats
     alone_error: Floats
-    system: PackingSystem
+    system: System
 
     @property
     def surroundings(self) -> Floats:
@@ -481,6 +481,7 @@ class LoopsInPlace(Shown):
         return self.matrix_error + self.alone_error
 
 
+@former_boundary
 def loops_in_place(
     graph: GrainGraph,
     law: ContactLaw,
@@ -490,8 +491,7 @@ def loops_in_place(
     method: Method = "auto",
     block: float = BLOCK,
     buffer: float = BUFFER,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
+    boundary: Boundary | None = None,
     threads: int | None = None,
 ) -> LoopsInPlace:
     """Operators of all loops of a snapshot in their packing: Theory, equation (11.5).
@@ -514,8 +514,8 @@ def loops_in_place(
     threads : int, optional
         Threads of the inversion, all cores if left out; results are the same with any number. BLAS
         should use one thread each (`OPENBLAS_NUM_THREADS=1`).
-    planes, held
-        As in `packing_response`.
+    boundary : Boundary, optional
+        What the packing ends at; its cell if left out.
 
     Returns
     -------
@@ -528,8 +528,9 @@ def loops_in_place(
     """
     if method not in METHODS:
         raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
-    volume = None if graph.cell is not None else 1.0
-    system = packing_system(graph, law, regime=regime, planes=planes, held=held, volume=volume)
+    # No stress is asked for.
+    whole = replace(boundary_of(graph) if boundary is None else boundary, volume=1.0)
+    system = packing_system(graph, law, regime=regime, boundary=whole)
     polygons = polygons_of(graph, faces)
     if method == "auto":
         method = "whole" if graph.grain_count <= WHOLE else "blocks"
@@ -550,7 +551,7 @@ def loops_in_place(
     return LoopsInPlace(found.matrix, alone, error, alone_error, system)
 
 
-def _truncation(system: PackingSystem, polygons: Polygons, matrix: Floats, rho: Floats) -> Floats:
+def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats) -> Floats:
     """(L,) relative error that held grains make, by loops that are solved in the whole packing."""
     with np.errstate(divide="ignore"):
         shape = rho**-DECAY
@@ -566,7 +567,7 @@ def _truncation(system: PackingSystem, polygons: Polygons, matrix: Floats, rho: 
             B = np.zeros((system.size, 4))
             np.add.at(B[:, :2], system.freedom[grains[k], 0], vectors[k])
             np.add.at(B[:, 2:], system.freedom[grains[k], 1], vectors[k])
-            whole = np.linalg.inv(B.T @ factor.solve(B, refinements=0) / area[k])
+            whole = np.linalg.inv(B.T @ factor.solve(B, refine=0) / area[k])
             change = frobenius(matrix[row[k]] - whole) / frobenius(whole)
             true.append(change / shape[row[k]])
     return np.where(shape > 0, MARGIN * float(np.max(true)) * shape, 0.0)

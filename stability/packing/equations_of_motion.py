@@ -13,10 +13,10 @@ from scipy.linalg import expm, logm
 from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
+from loops.boundary import Boundary, former_boundary
 from loops.errors import InputError, number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw, Regime
-from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.pairs import (
     HERTZ,
@@ -90,13 +90,13 @@ class Replay(Shown):
     states: tuple[PackingState, ...]
 
 
+@former_boundary
 def replay(
     graph: GrainGraph,
     law: ContactLaw,
     strain: ArrayLike | Stage,
     *,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
+    boundary: Boundary | None = None,
     inertial_number: float = 2e-6,
     duration: float | None = None,
     time_step: float | None = None,
@@ -127,12 +127,11 @@ def replay(
         parts, each at a velocity gradient of its own. Or a programme and its end, 'parameter' or a
         component that is driven alone: strains are prescribed, stresses held by a servo on `H'`.
         Walls don't turn: `H12 = H21 = 0`.
-    planes : PlaneContacts, optional
-        Contacts with four walls along the axes, in place of a cell. Grains that touch a wall later
-        have its mean stiffness over the radius, or its mean stiffness where that varies less.
-        Walls are springs, under `HertzMindlin` of that law with the modulus that their forces tell.
-    plane_force : (W, 2) array, optional
-        Force of the wall on the grain at each of them (force), for shear forces of rough walls.
+    boundary : Boundary, optional
+        Contacts with four walls along the axes, in place of a cell (`boundary_of`), with their
+        forces where walls are rough. Grains that touch a wall later have its mean stiffness over
+        the radius, or its mean stiffness where that varies less. Walls are springs, under
+        `HertzMindlin` of that law with the modulus that their forces tell.
     inertial_number : float
         Rate: `|H| / duration * sqrt(mean mass / pressure)`; of parts with the sum of their strains,
         of a programme with the elastic affine estimate of `H`. Slower is closer to quasi-static.
@@ -184,8 +183,8 @@ def replay(
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
-    start = start_state(graph, planes, plane_force)
-    pairs = contact_pairs(start, checked, planes)
+    start = start_state(graph, boundary)
+    pairs = contact_pairs(start, checked, boundary)
     dt = time_step or step_of(masses, inertias, pairs, start, by_radii)
     servo, ends = _steering(start, pairs, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])

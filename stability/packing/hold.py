@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
+from loops.boundary import Boundary, PlaneContacts, boundary_of, former_boundary
 from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     Moving,
@@ -61,10 +62,8 @@ class HeldPacking(Shown):
         The closed contacts at rest.
     law : FrictionalLaw or RollingResistance
         Stiffness and friction of these contacts.
-    planes : PlaneContacts or None
-        Contacts with walls at rest.
-    plane_force : (W, 2) array
-        Force of the wall on the grain at each of these.
+    boundary : Boundary
+        Its cell, or the contacts with walls at rest and their forces.
     status : {'at rest', 'not at rest', 'flows'}
         Whether the unbalanced force fell below the bound; `flows`: under a held stress the cell
         strained by more than 0.05, or no contact was left.
@@ -101,8 +100,7 @@ class HeldPacking(Shown):
 
     graph: GrainGraph
     law: MovableLaw
-    planes: PlaneContacts | None
-    plane_force: Floats
+    boundary: Boundary
     status: HoldStatus
     other_status: HoldStatus
     damping: float
@@ -120,6 +118,19 @@ class HeldPacking(Shown):
     spread: float
     strain_spread: float
     steps: int
+
+    @property
+    def planes(self) -> PlaneContacts | None:
+        """Return the walls of the boundary, as before; with a warning."""
+        warnings.warn("HeldPacking: take boundary.walls", DeprecationWarning, stacklevel=2)
+        return self.boundary.walls
+
+    @property
+    def plane_force(self) -> Floats:
+        """Return the forces of the walls, as before; with a warning."""
+        warnings.warn("HeldPacking: take boundary.walls.force", DeprecationWarning, stacklevel=2)
+        walls = self.boundary.walls
+        return np.zeros((0, 2)) if walls is None or walls.force is None else walls.force
 
     def __str__(self) -> str:
         before, after = (np.diag(s) for s in (self.stress_before, self.stress))
@@ -148,6 +159,7 @@ class _Run(NamedTuple):
     steps: int
 
 
+@former_boundary
 def hold(
     graph: GrainGraph,
     law: ContactLaw,
@@ -155,9 +167,7 @@ def hold(
     control: HoldControl = "strain",
     unbalanced: float = 1e-6,
     damping: tuple[float, float] = (0.2, 0.4),
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
-    volume: float | None = None,
+    boundary: Boundary | None = None,
     mass: ArrayLike | None = None,
     inertia: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
@@ -187,15 +197,11 @@ def hold(
     damping : (float, float)
         Cundall's damping of the two runs, each between 0 and 1. The first one is the answer, or
         the second where it alone comes to rest.
-    planes : PlaneContacts, optional
-        Contacts with the walls, one at least for each wall. Grains that touch a wall later have
-        its mean stiffness over the radius, or its mean stiffness where that varies less. A contact
-        with a wall that has a shear stiffness does not slide.
-    plane_force : (W, 2) array, optional
-        Force of the wall on the grain at each of them (force); of rough walls, whose shear forces
-        are no function of the positions.
-    volume : float, optional
-        Area that the stress refers to (length squared); needed between walls.
+    boundary : Boundary, optional
+        Contacts with the walls in any direction, one at least for each wall, and the volume between
+        them (`boundary_of`); forces of rough walls are no function of the positions. Grains that
+        touch a wall later have its mean stiffness over the radius, or its mean stiffness where that
+        varies less. A contact with a wall without `mu` does not slide.
     mass, inertia, velocity, spin
         As in `replay`.
     most_steps : int
@@ -226,14 +232,15 @@ def hold(
     if not all(0.0 < share < 1.0 for share in damping):
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
     checked = require_movable(graph, law)
-    walled = planes is not None and graph.cell is None
-    if walled and (control == "stress" or volume is None):
+    around = boundary_of(graph) if boundary is None else boundary
+    walled = around.kind == "walls"
+    if walled and (control == "stress" or around.volume is None):
         received = "control='stress'" if control == "stress" else "no volume"
         expected = "control='strain' and a volume between walls"
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     masses, inertias = masses_of(graph.radii, mass, inertia)
-    start = start_state(graph, planes, plane_force, volume)
-    pairs = contact_pairs(start, checked, planes)
+    start = start_state(graph, around, still=True)
+    pairs = contact_pairs(start, checked, around)
     by_radii = checked.shear_increment == "radii"
     dt = step_of(masses, inertias, pairs, start, by_radii)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
@@ -269,12 +276,16 @@ def hold(
     touching = end.closed & end.at_wall
     kn, kt = (k[touching] for k in tangents(moving.pairs, overlaps(end, moving.pairs)))
     grain, mu = moving.pairs.grains[touching, 0], moving.pairs.mu[touching]
-    walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu)
+    walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu, -end.forces[touching])
+    at_rest = end.graph()
     return HeldPacking(
-        graph=end.graph(),
+        graph=at_rest,
         law=law_of(checked, moving.pairs, last, end),
-        planes=walls if walled else None,
-        plane_force=-end.forces[touching],
+        boundary=boundary_of(
+            at_rest,
+            walls=walls if walled else None,
+            volume=around.volume if walled else None,
+        ),
         status=found.status,
         other_status=other.status,
         damping=found.damping,
@@ -295,16 +306,10 @@ def hold(
     )
 
 
-def unbalanced_force(
-    graph: GrainGraph,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
-) -> float:
-    """Mean resultant on a grain over the mean contact force, of forces as they stand.
-
-    `plane_force` (W, 2) of the contacts with walls; without it each pushes by its overlap.
-    """
-    return start_state(graph, planes, plane_force, volume=1.0).unbalanced
+def unbalanced_force(graph: GrainGraph, boundary: Boundary | None = None) -> float:
+    """Return the mean resultant on a grain over the mean contact force, forces as they stand."""
+    around = boundary_of(graph) if boundary is None else boundary
+    return start_state(graph, replace(around, volume=1.0), still=True).unbalanced
 
 
 def _stress(state: PackingState) -> Floats:

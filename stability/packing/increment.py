@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
+from loops.boundary import Boundary, former_boundary
 from loops.graph import GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_rates
-from loops.packing import PlaneContacts, balancing_forces, relative_motion
+from loops.packing import balancing_forces, relative_motion
 from stability.packing.complementarity import RaisedLoad, positive_definite, raise_load
 from stability.packing.response import (
     CONDENSED,
@@ -47,7 +48,7 @@ class PackingIncrements:
     """The increments of one state, prepared for any number of them."""
 
     def __init__(self, yielding: YieldResponse) -> None:
-        self.rates = PackingRates(nearest_candidates(yielding), refinements=1)
+        self.rates = PackingRates(nearest_candidates(yielding), refine=1)
         self.yielding = self.rates.yielding
 
     def response(self, strain: ArrayLike, stress: ArrayLike | None = None) -> PackingResponse:
@@ -151,6 +152,7 @@ def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
     return replace(yielding, **arrays)
 
 
+@former_boundary
 def packing_increment(
     graph: GrainGraph,
     law: ContactLaw,
@@ -159,9 +161,7 @@ def packing_increment(
     stress: ArrayLike | None = None,
     candidates: float = CANDIDATES,
     regime: ArrayLike | None = None,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
-    volume: float | None = None,
+    boundary: Boundary | None = None,
 ) -> PackingResponse:
     """Motion of all grains and contacts of a packing over an increment of strain, in one solve.
 
@@ -170,7 +170,7 @@ def packing_increment(
 
     Parameters
     ----------
-    graph, law, regime, planes, held, volume
+    graph, law, regime, boundary
         As in `packing_response`.
     strain : (2, 2) array
         Increment of `H`, compression positive; not a number where the stress is controlled instead.
@@ -206,7 +206,5 @@ def packing_increment(
     """
     control = component_control(strain, stress)
     checked_band(candidates, "candidates", CANDIDATES)
-    yielding = yield_response(
-        graph, law, yield_band=candidates, regime=regime, planes=planes, held=held, volume=volume
-    )
+    yielding = yield_response(graph, law, yield_band=candidates, regime=regime, boundary=boundary)
     return PackingIncrements(yielding).solved(control)

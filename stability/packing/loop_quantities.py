@@ -8,7 +8,7 @@ enough.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +18,14 @@ from scipy.spatial import Delaunay
 
 from loops.arrays import Flags, Floats, available_cores
 from loops.assembly import contact_tangent
+from loops.boundary import Boundary, boundary_of, former_boundary
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime
 from loops.loop_batches import LoopBatch, loop_batches
-from loops.packing import PackingSystem, PlaneContacts, packing_system, stiffness_matrix
+from loops.packing import System, packing_system, stiffness_matrix
 from loops.packing.in_place import inverse_at_contacts
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
@@ -238,14 +239,14 @@ def _first_closing(x: Floats, radii: Floats, v: Floats) -> Floats:
     return first
 
 
+@former_boundary
 def indicators(
     graph: GrainGraph,
     law: ContactLaw,
     faces: Faces,
     *,
     regime: ArrayLike | None = None,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
+    boundary: Boundary | None = None,
     nonaffinity: ArrayLike | None = None,
 ) -> dict[str, Floats]:
     """Structural indicators of every loop, from one snapshot and one linear system.
@@ -261,7 +262,7 @@ def indicators(
         Contact law.
     faces : Faces
         Its faces.
-    regime, planes, held
+    regime, boundary
         As in `packing_response`.
     nonaffinity : (G,) array, optional
         D2min of every grain over the interval before the snapshot, over the squared mean radius;
@@ -307,13 +308,15 @@ def indicators(
     >>> (found["density"] - np.pi / 4).round(9).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
-    volume = None if graph.cell is not None else 1.0
-    system = packing_system(graph, law, regime=regime, planes=planes, held=held, volume=volume)
+    # No stress is asked for.
+    whole = replace(boundary_of(graph) if boundary is None else boundary, volume=1.0)
+    system = packing_system(graph, law, regime=regime, boundary=whole)
     state, closed = contact_state(graph), np.zeros(graph.contact_count, dtype=bool)
     closed[system.contacts] = True
     coordination = np.bincount(graph.contacts[closed].ravel(), minlength=graph.grain_count)
-    if planes is not None:
-        coordination = coordination + np.bincount(planes.grain, minlength=graph.grain_count)
+    if whole.walls is not None:
+        at_walls = np.bincount(whole.walls.grain, minlength=graph.grain_count)
+        coordination = coordination + at_walls
     strength = law.strength(state)
     mobilised = np.divide(
         np.abs(state.shear_force), strength, out=np.zeros(len(strength)), where=strength > 0
@@ -362,7 +365,7 @@ def _mean(values: Floats) -> Floats:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _compliances(system: PackingSystem) -> tuple[Floats, Floats, Floats, Floats]:
+def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
     """Vibrality of centres and spins (G,), `det K'/det K` as a contact slips and opens (C,)."""
     graph, inner = system.graph, len(system.contacts)
     Z = inverse_at_contacts(system, available_cores())
@@ -388,7 +391,7 @@ def _compliances(system: PackingSystem) -> tuple[Floats, Floats, Floats, Floats]
     return motion, spin, slip, opening
 
 
-def soft_participation(system: PackingSystem, count: int = SOFTEST) -> Floats:
+def soft_participation(system: System, count: int = SOFTEST) -> Floats:
     """(G,) share of each grain's centre in the softest modes, over its share in all modes.
 
     Modes of the symmetric part of `K` from the smallest eigenvalue on, without translations; spins

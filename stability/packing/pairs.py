@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from loops.arrays import Flags, Floats, Integers
+from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
-from loops.packing import PlaneContacts
 from stability.packing.state import PackingState
 
 # A pair at one geometry, as the kernels take it; all lengths but `d` are over the mean radius.
@@ -258,16 +258,14 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
     return law
 
 
-def contact_pairs(
-    start: PackingState, law: MovableLaw, planes: PlaneContacts | None = None
-) -> Pairs:
+def contact_pairs(start: PackingState, law: MovableLaw, boundary: Boundary | None = None) -> Pairs:
     """The contacts of the start as pairs, those with walls last; `require_movable` gives the law.
 
     Under Hertz's law walls have the stiffness over the root of the overlap that their forces tell,
     and the ratio of their `kt` to `kn`. Walls have no springs for rolling.
     """
     if isinstance(law, RollingResistance):
-        free = contact_pairs(start, cast(FrictionalLaw, law.law), planes)
+        free = contact_pairs(start, cast(FrictionalLaw, law.law), boundary)
         grains = int(np.count_nonzero(~start.at_wall))
         numbers = [np.broadcast_to(k, grains).astype(float) for k in (law.k_r, law.mu_r)]
         k_r, mu_r = (np.append(k, np.zeros(len(free) - grains)) for k in numbers)
@@ -283,6 +281,7 @@ def contact_pairs(
     else:
         own = OwnLaw(law, np.arange(count), radii.T)
     numbers = [np.broadcast_to(k, count).astype(float) for k in (kn, kt, law.mu)]
+    planes = None if boundary is None else boundary.walls
     if len(start.walls) and planes is not None:
         mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
         kn, kt = planes.kn, planes.kt

@@ -10,21 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
+from loops.boundary import Boundary
 from loops.errors import check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import require_upright, stored_energy
-from stability.packing.incremental_packing import (
-    ELASTIC,
-    OPEN,
-    SLIDING,
-    IncrementalPacking,
-)
 from stability.packing.pairs import (
     AT_YIELD,
     Pairs,
@@ -40,6 +33,12 @@ from stability.packing.pairs import (
 from stability.packing.past import PassBy, Passed, Standing, past_of, viscous
 from stability.packing.past import stop as end_there
 from stability.packing.rattlers import free_rattlers
+from stability.packing.regime_factor import (
+    ELASTIC,
+    OPEN,
+    SLIDING,
+    RegimeFactor,
+)
 from stability.packing.state import PackingState, jumped, start_state
 from stability.packing.strain_increment import (
     RELEASED,
@@ -155,8 +154,7 @@ class PackingPathOptions:
     past: Past | PassBy = "viscous"
     load_kept: float = 1.0
     progress: Callable[[float], None] | None = None
-    planes: PlaneContacts | None = None
-    plane_force: ArrayLike | None = None
+    boundary: Boundary | None = None
 
     def __post_init__(self) -> None:
         number("interval", self.interval, 0.0, open_low=True)
@@ -178,9 +176,7 @@ def follow_packing(
 ) -> PackingPath:
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
-    solver = PackingPathSolver(
-        graph, law, stages, o.interval, o.past, o.planes, o.plane_force, o.load_kept
-    )
+    solver = PackingPathSolver(graph, law, stages, o.interval, o.past, o.boundary, o.load_kept)
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), o.instabilities, max_steps, o.progress
@@ -237,12 +233,11 @@ class PackingPathSolver:
         stages: Sequence[Stage],
         interval: float,
         past: Past | PassBy,
-        planes: PlaneContacts | None,
-        plane_force: ArrayLike | None,
+        boundary: Boundary | None,
         load_kept: float = 1.0,
     ) -> None:
         checked = require_movable(graph, law)
-        start = start_state(graph, planes, plane_force)
+        start = start_state(graph, boundary)
         for stage in stages:
             require_upright(start, *stage.programme.equations(np.zeros(4)))
         self.by_radii = checked.shear_increment == "radii"
@@ -255,8 +250,8 @@ class PackingPathSolver:
         self.targets: deque[float] = deque()
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         # Memory and order of elimination of the increment before.
-        self.packing: IncrementalPacking | None = None
-        self.pairs = contact_pairs(start, checked, planes)
+        self.packing: RegimeFactor | None = None
+        self.pairs = contact_pairs(start, checked, boundary)
         self.state = _with_forces_of_geometry(start, self.pairs)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
@@ -434,7 +429,7 @@ class PackingPathSolver:
 
     def _interval(self, stage: Stage, events: list[Event]) -> tuple[InstabilityError | None, float]:
         """Strain by an increment: the instability that ends it, and the duration asked for."""
-        packing = IncrementalPacking(
+        packing = RegimeFactor(
             self.state,
             self.pairs,
             self.regime,

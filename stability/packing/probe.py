@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
+from loops.boundary import Boundary, former_boundary
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw
-from loops.packing import PackingSystem, PlaneContacts
+from loops.packing import System
 from loops.shown import Shown
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
@@ -151,7 +152,7 @@ class Probe(Shown):
     candidates, settled : int
         Contacts that might slide; those of grains with two contacts that are within the yield band
         and inside the cone: they stick.
-    system : PackingSystem
+    system : System
         The carrying part.
     """
 
@@ -185,7 +186,7 @@ class Probe(Shown):
     solutions: Solutions
     candidates: int
     settled: int
-    system: PackingSystem
+    system: System
 
     @property
     def theta(self) -> Floats:
@@ -225,6 +226,7 @@ class Probe(Shown):
         )
 
 
+@former_boundary
 def probe(
     graph: GrainGraph,
     law: ContactLaw,
@@ -234,9 +236,7 @@ def probe(
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
     regime: ArrayLike | None = None,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
-    volume: float | None = None,
+    boundary: Boundary | None = None,
     faces: Faces | None = None,
     starts: int = STARTS,
 ) -> Probe:
@@ -247,7 +247,7 @@ def probe(
 
     Parameters
     ----------
-    graph, law, regime, planes, held, volume, starts
+    graph, law, regime, boundary, starts
         As in `packing_response`.
     directions : int or (D, m) array_like
         Number of directions, evenly around the circle from axis 11 on (`diagonal`) or on a spiral
@@ -289,9 +289,7 @@ def probe(
         law,
         yield_band=yield_band,
         regime=regime,
-        planes=planes,
-        held=held,
-        volume=volume,
+        boundary=boundary,
     )
     return probe_edge(yielding, directions, control, subspace, faces, starts)
 
@@ -457,8 +455,7 @@ def probe_to(
     faces: Faces,
     amplitude: float,
     follow: FollowStages | None = None,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
+    boundary: Boundary | None = None,
 ) -> Probe:
     """The probe with each direction followed by events until what is driven has grown so much.
 
@@ -473,8 +470,8 @@ def probe_to(
     follow : callable, optional
         Function that follows the stages, one a direction, and returns their paths in order; by
         default `stability.follow`, one after the other.
-    planes, plane_force
-        Contacts with walls, as in `stability.follow`.
+    boundary
+        As in `stability.follow`.
 
     Returns
     -------
@@ -491,8 +488,8 @@ def probe_to(
     """
     checked = require_movable(graph, law)
     number("amplitude", amplitude, 0.0, open_low=True)
-    at_start = start_state(graph, planes, plane_force)
-    pairs = contact_pairs(at_start, checked, planes)
+    at_start = start_state(graph, boundary)
+    pairs = contact_pairs(at_start, checked, boundary)
     stages = [
         stage_along(direction, found.subspace, found.control, amplitude)
         for direction in found.directions
@@ -500,7 +497,7 @@ def probe_to(
     for stage in stages:
         require_upright(at_start, *stage.programme.equations(np.zeros(4)))
     if follow is None:
-        options = PackingPathOptions(planes=planes, plane_force=plane_force)
+        options = PackingPathOptions(boundary=boundary)
         paths: Sequence[PackingPath] = [
             follow_packing(graph, law, [stage], options) for stage in stages
         ]

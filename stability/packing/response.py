@@ -16,20 +16,20 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
+from loops.boundary import Boundary, boundary_of, former_boundary, plane_stiffness
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
 from loops.packing import (
+    REFINEMENTS,
+    Changed,
     Factor,
-    PackingSystem,
-    PlaneContacts,
-    UpdatedFactors,
+    System,
     balancing_forces,
     factorised,
     in_freedoms,
     packing_stress_rate,
     packing_system,
-    plane_stiffness,
     relative_motion,
     stiffness_matrix,
 )
@@ -91,7 +91,7 @@ class YieldResponse:
     `settled` in number, are inside the cone and stick.
     """
 
-    system: PackingSystem
+    system: System
     rows: Integers
     gauge: Floats
     push: Floats
@@ -109,7 +109,7 @@ class LinearAnswer:
     balances.
     """
 
-    factor: Factor
+    factor: Factor | Changed
     loads: Floats
     unbalanced: Floats
     motion: Floats
@@ -124,9 +124,7 @@ def yield_response(
     *,
     yield_band: float,
     regime: ArrayLike | None = None,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
-    volume: float | None = None,
+    boundary: Boundary | None = None,
 ) -> YieldResponse:
     """Find the contacts within the yield band, and those that `regime` marks as sliding."""
     require_law(law)
@@ -136,6 +134,8 @@ def yield_response(
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
     near = [_near_yield(law, state, regimes, yield_band)]
     base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
+    boundary = boundary_of(graph) if boundary is None else boundary
+    planes = boundary.walls
     if planes is not None:
         walls = planes.law(law), planes.state(graph.radii)
         near.append(_near_yield(*walls, planes.regime, yield_band))
@@ -143,7 +143,8 @@ def yield_response(
         near[1] = near[1]._replace(may_slide=may_slide)
         slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
         planes = replace(planes, sliding=slides)
-    system = packing_system(graph, law, regime=base, planes=planes, held=held, volume=volume)
+        boundary = replace(boundary, walls=planes)
+    system = packing_system(graph, law, regime=base, boundary=boundary)
     grains, picked = [graph.contacts], [system.contacts]
     if planes is not None:
         grains.append(planes.grain[:, None])
@@ -246,7 +247,7 @@ def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
 
 
 def linear_answer(
-    yielding: YieldResponse, active: Flags, factor: Factor | None = None
+    yielding: YieldResponse, active: Flags, factor: Factor | Changed | None = None
 ) -> LinearAnswer:
     """Solve for the four unit strains with the active candidates sliding."""
     system, blocks = yielding.system, stiffness_of(yielding, active)
@@ -263,26 +264,26 @@ def linear_answer(
 
 
 def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refinements: int = 8
+    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refine: int = REFINEMENTS
 ) -> tuple[Floats, Floats]:
     """(size, k) motion per unit of slip `z` of each chosen candidate.
 
     Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
     loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads, refinements=refinements)
+    motion = answer.factor.solve(loads, refine=refine)
     left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
     return motion, left / np.linalg.norm(loads, axis=0)
 
 
 def updated_factor(
-    yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats, matrix: Floats
-) -> Factor:
+    yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats
+) -> Changed:
     """Factors with the active candidates sliding, as an update of those with all sticking."""
     gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
-    small = np.linalg.inv(matrix[np.ix_(active, active)])
-    lu = UpdatedFactors(elastic.factor.lu, -slips[:, active], small @ gauge)
-    return Factor(stiffness_matrix(yielding.system, stiffness_of(yielding, active)), lu)
+    matrix = stiffness_matrix(yielding.system, stiffness_of(yielding, active))
+    assert isinstance(elastic.factor, Factor)
+    return elastic.factor.changed(matrix, -slips[:, active], gauge)
 
 
 def condensed(
@@ -372,7 +373,7 @@ class PackingResponse(Shown):
         within the yield band and inside the cone, or kept from sliding (see `proof`).
     solutions : int
         Distinct solutions found; of a continuum some.
-    system : PackingSystem
+    system : System
         The carrying part; `system.carrying` counts rattlers and floating clusters.
     reached : float
         Of an increment (`packing_increment`) the share at which the first contact softened and was
@@ -396,7 +397,7 @@ class PackingResponse(Shown):
     candidates: int
     settled: int
     solutions: int
-    system: PackingSystem
+    system: System
     reached: float = 1.0
     beyond: int = 0
 
@@ -431,17 +432,17 @@ class Solved(NamedTuple):
 class PackingRates:
     """The rate problem of one state, prepared for any number of strain rates.
 
-    `refinements` of the motions under slip: one leaves some 1e-9 of them.
+    `refine`: refinements of the motions under slip; one leaves some 1e-9 of them.
     """
 
-    def __init__(self, yielding: YieldResponse, refinements: int = 8) -> None:
+    def __init__(self, yielding: YieldResponse, refine: int = REFINEMENTS) -> None:
         self.yielding = yielding
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
         self.elastic = linear_answer(yielding, self.none)
         self.slips_left = 0.0
         if self.small:
-            self.slips, left = slip_motion(yielding, self.elastic, self.every, refinements)
+            self.slips, left = slip_motion(yielding, self.elastic, self.every, refine)
             self.slips_left = float(left.max(initial=0.0))
             self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
         self.last = (self.none, self.elastic)
@@ -528,9 +529,7 @@ class PackingRates:
         if not np.array_equal(active, self.last[0]):
             factor = None
             if regular_factors(self.whole[0][np.ix_(active, active)]) is not None:
-                factor = updated_factor(
-                    self.yielding, self.elastic, active, self.slips, self.whole[0]
-                )
+                factor = updated_factor(self.yielding, self.elastic, active, self.slips)
             self.last = (active, linear_answer(self.yielding, active, factor=factor))
         return self.last[1]
 
@@ -652,6 +651,7 @@ def controlled(
     return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
 
 
+@former_boundary
 def packing_response(
     graph: GrainGraph,
     law: ContactLaw,
@@ -660,9 +660,7 @@ def packing_response(
     stress_rate: ArrayLike | None = None,
     yield_band: float = 0.99,
     regime: ArrayLike | None = None,
-    planes: PlaneContacts | None = None,
-    held: ArrayLike | None = None,
-    volume: float | None = None,
+    boundary: Boundary | None = None,
     starts: int = STARTS,
 ) -> PackingResponse:
     """Rates of all grains and contacts of a packing, spins free, under a strain rate.
@@ -686,12 +684,8 @@ def packing_response(
     regime : (C,) array of Regime, optional
         Flags of a DEM code: contacts flagged sliding may slide as well, open ones are left out.
         The graph's own if left out.
-    planes : PlaneContacts, optional
-        Contacts with walls.
-    held : (G,) array of bool, optional
-        Grains whose centres follow the affine motion, as the outline where walls aren't known.
-    volume : float, optional
-        Area that stresses refer to; that of the cell if left out.
+    boundary : Boundary, optional
+        What the packing ends at: its cell if left out, else walls or held grains (`boundary_of`).
     starts : int
         Starts of the search for solutions beyond 12 contacts at yield.
 
@@ -702,7 +696,8 @@ def packing_response(
     Raises
     ------
     InputError
-        If the packing floats, a control is not a number or given twice, or `volume` is missing.
+        If the packing floats, a control is not a number or given twice, or the boundary has no
+        volume.
 
     Examples
     --------
@@ -724,9 +719,7 @@ def packing_response(
         law,
         yield_band=yield_band,
         regime=regime,
-        planes=planes,
-        held=held,
-        volume=volume,
+        boundary=boundary,
     )
     return PackingRates(yielding).response(strain_rate, stress_rate, starts)
 

@@ -6,18 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
+from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import GrainGraph, branches_between
-from loops.packing import PlaneContacts
 from loops.shown import Shown
 
-# Feet on one plane: their normals and offsets agree to this share.
-SAME_PLANE = 1e-6
-# Walls along the axes lean by less than this sine.
-UPRIGHT = 1e-6
 # Largest change in an interval: of the stress, over itself; of a centre, over the mean diameter.
 JUMP, LEAP = 0.5, 0.02
 
@@ -162,15 +157,11 @@ class PackingState(Shown):
 
 
 def start_state(
-    graph: GrainGraph,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
-    volume: float | None = None,
+    graph: GrainGraph, boundary: Boundary | None = None, *, still: bool = False
 ) -> PackingState:
-    """The state of a graph with its own forces, in its cell or between the walls that it touches.
+    """Return the state of a graph with its own forces, in its cell or between walls.
 
-    `plane_force` (W, 2) are the forces of the walls on the grains, of the overlaps if left out.
-    The cell is the box of four walls along the axes, or any of a given `volume`.
+    The box is that of four walls along the axes, or of walls that stand `still` in any direction.
     """
     x, radii, angle = graph.x, graph.radii, np.zeros(graph.grain_count)
     N, T, M = graph.normal_force, graph.shear_force, np.zeros(graph.contact_count)
@@ -180,11 +171,12 @@ def start_state(
         assert graph.images is not None
         cell, normals = graph.cell, np.zeros((0, 2))
         contacts, images = graph.contacts, graph.images
-    elif planes is None or not len(planes.grain):
+    elif boundary is None or boundary.walls is None or boundary.kind != "walls":
         remedy = "Give the cell, or the contacts with the walls."
         raise InputError("packing", "no cell and no walls", "either of them", remedy)
     else:
-        normals, points, wall, cell = _walls(graph, planes, volume)
+        planes = boundary.walls
+        normals, points, wall, cell = boundary.standing(graph) if still else boundary.box(graph)
         count, n = graph.grain_count, normals[wall]
         x, none = np.concatenate([x, points]), np.zeros(len(points))
         radii, angle = np.append(radii, none), np.append(angle, none)
@@ -192,7 +184,7 @@ def start_state(
         images = np.zeros_like(contacts)
         distance = np.linalg.norm(planes.branch, axis=1)
         push = planes.kn * np.maximum(graph.radii[planes.grain] - distance, 0.0)
-        force = push[:, None] * n if plane_force is None else np.asarray(plane_force, dtype=float)
+        force = push[:, None] * n if planes.force is None else planes.force
         # The normal of a contact points from the grain to the wall.
         frame = n, np.column_stack([-n[:, 1], n[:, 0]])
         N, T = (
@@ -213,38 +205,6 @@ def start_state(
         walls=normals,
         cell0=cell,
     )
-
-
-def _walls(
-    graph: GrainGraph, planes: PlaneContacts, volume: float | None
-) -> tuple[Floats, Floats, Integers, Floats]:
-    """Normals (W, 2) into the sample and a point (W, 2) of each wall, wall of each contact, cell.
-
-    The left and the lower wall have the lower left corner, the others the end of its sides.
-    """
-    distance = np.linalg.norm(planes.branch, axis=1)
-    normal = -planes.branch / distance[:, None]
-    offset = np.sum(normal * graph.x[planes.grain], axis=1) - distance
-    size = float(np.abs(graph.x).max() + graph.radii.max())
-    key = np.round(np.column_stack([normal, offset / size]) / SAME_PLANE).astype(np.int64)
-    _, first, wall = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    normals, offsets, wall = normal[first], offset[first], wall.ravel()
-    if volume is not None:
-        side = float(np.ptp(graph.x, axis=0)[0]) or np.sqrt(volume)
-        return normals, offsets[:, None] * normals, wall, np.diag([side, volume / side])
-    axis = np.argmax(np.abs(normals), axis=1)
-    sides = {(int(a), bool(n[a] < 0)): o for a, n, o in zip(axis, normals, offsets, strict=True)}
-    upright = np.abs(normals[np.arange(len(axis)), 1 - axis]) < UPRIGHT
-    if len(sides) != 4 or len(normals) != 4 or not upright.all():
-        listed = ", ".join(f"({n[0]:.3g}, {n[1]:.3g})" for n in normals)
-        expected = "one wall on each side of a box along the axes: such walls keep their direction"
-        remedy = "Other walls can be held, not moved; give a contact with each wall."
-        raise InputError("walls", f"{len(normals)} with normals {listed}", expected, remedy)
-    corner = np.array([sides[0, False], sides[1, False]])
-    end = -np.array([sides[0, True], sides[1, True]])
-    upper = normals[np.arange(4), axis] < 0
-    points = np.where(upper[:, None] & (axis[:, None] == [0, 1]), end, corner)
-    return normals, points, wall, np.diag(end - corner)
 
 
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:

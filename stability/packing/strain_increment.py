@@ -12,15 +12,6 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from stability.packing.complementarity import solve_complementarity
-from stability.packing.incremental_packing import (
-    ELASTIC,
-    OPEN,
-    RANK,
-    ROOM,
-    SLIDING,
-    Combination,
-    IncrementalPacking,
-)
 from stability.packing.pairs import (
     AT_YIELD,
     Pairs,
@@ -33,6 +24,15 @@ from stability.packing.pairs import (
     touching_distances,
 )
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
+from stability.packing.regime_factor import (
+    ELASTIC,
+    OPEN,
+    RANK,
+    ROOM,
+    SLIDING,
+    Combination,
+    RegimeFactor,
+)
 from stability.packing.state import PackingState
 from stability.path import Event, EventKind, Spring, reason
 
@@ -128,7 +128,7 @@ class StrainIncrement:
 
     def __init__(
         self,
-        packing: IncrementalPacking,
+        packing: RegimeFactor,
         state: PackingState,
         pairs: Pairs,
         control: MixedControl,
@@ -457,7 +457,7 @@ class StrainIncrement:
 
 
 def pivot(
-    packing: IncrementalPacking,
+    packing: RegimeFactor,
     control: MixedControl,
     c: int,
     critical: Integers,
@@ -526,7 +526,7 @@ def pivot(
 
 
 def slip_problem(
-    packing: IncrementalPacking, control: MixedControl, contacts: Integers
+    packing: RegimeFactor, control: MixedControl, contacts: Integers
 ) -> tuple[Floats, Floats]:
     """`q` (m,), `M` (m, m) of `w = q + M z`, of contacts at yield on their sides of slip.
 
@@ -548,7 +548,7 @@ def slip_problem(
 
 
 def disagreeing(
-    packing: IncrementalPacking, rates: Combination, critical: Integers, rounding: float
+    packing: RegimeFactor, rates: Combination, critical: Integers, rounding: float
 ) -> Integers:
     """Pairs at yield whose regime disagrees with their rates, the worst first."""
     sticks = np.where(packing.regime[critical] == ELASTIC, 1.0, -1.0)

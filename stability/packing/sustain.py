@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, Integers
+from loops.boundary import Boundary, former_boundary
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces, find_faces
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from loops.packing import PlaneContacts
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
@@ -291,6 +291,7 @@ class Loading(NamedTuple):
     damping: float = 0.3
 
 
+@former_boundary
 def sustain(
     graph: GrainGraph,
     law: ContactLaw,
@@ -304,8 +305,7 @@ def sustain(
     spread: bool = True,
     faces: Faces | None = None,
     follow: Follow | None = None,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
+    boundary: Boundary | None = None,
     damping: float = 0.3,
 ) -> Sustained:
     """Load a packing along directions of stress until its first large motion.
@@ -345,8 +345,8 @@ def sustain(
         Faces of the graph, if known.
     follow : callable, optional
         Follows the directions (D, m), given a `Loading`, by default one after the other.
-    planes, plane_force
-        Contacts with walls, as in `stability.follow`; between walls the subspace is diagonal.
+    boundary
+        As in `stability.follow`; between walls the subspace is diagonal.
     damping : float
         Cundall's damping of the motions.
 
@@ -381,16 +381,15 @@ def sustain(
     if not 0.0 < damping < 1.0:
         raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
     unit = probe_directions(directions, subspace)
-    stress = start_state(graph, planes, plane_force).stress
+    stress = start_state(graph, boundary).stress
     if largest is None:
         largest = DEFAULT_LARGEST * 0.5 * float(np.trace(stress))
     number("largest", largest, 0.0, open_low=True)
     loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
     found = find_faces(graph) if faces is None else faces
     if follow is None:
-        walls = planes, plane_force
         paths: Sequence[LoadPath] = [
-            load_path(graph, checked, direction, loading, found, *walls) for direction in unit
+            load_path(graph, checked, direction, loading, found, boundary) for direction in unit
         ]
     else:
         paths = follow(unit, loading)
@@ -403,18 +402,17 @@ def load_path(
     direction: Floats,
     loading: Loading,
     faces: Faces,
-    planes: PlaneContacts | None = None,
-    plane_force: ArrayLike | None = None,
+    boundary: Boundary | None = None,
 ) -> LoadPath:
     """One direction of `sustain`, with its spread."""
-    path = _loaded(graph, law, direction, loading, faces, planes, plane_force)
+    path = _loaded(graph, law, direction, loading, faces, boundary)
     if not (loading.spread and path.status.startswith("large")):
         return path
     less = loading._replace(damping=loading.damping * LESS_DAMPING)
-    others = [_loaded(graph, law, direction, less, faces, planes, plane_force)]
+    others = [_loaded(graph, law, direction, less, faces, boundary)]
     for seed in NUMBERINGS:
-        again = renumbered(graph, law, planes, seed)
-        others.append(_loaded(*again[:2], direction, loading, None, again[2], plane_force))
+        again = renumbered(graph, law, boundary, seed)
+        others.append(_loaded(*again[:2], direction, loading, None, again[2]))
     limits = [abs(other.limit / path.limit - 1.0) for other in others[1:]]
     loads = [other.first_large_load for other in others]
     reached = np.where(np.isnan(loads), loading.largest, loads)
@@ -426,8 +424,8 @@ def load_path(
 
 
 def renumbered(
-    graph: GrainGraph, law: ContactLaw, planes: PlaneContacts | None, seed: int
-) -> tuple[GrainGraph, ContactLaw, PlaneContacts | None]:
+    graph: GrainGraph, law: ContactLaw, boundary: Boundary | None, seed: int
+) -> tuple[GrainGraph, ContactLaw, Boundary | None]:
     """The packing with its grains and contacts in another order."""
     rng = np.random.default_rng(seed)
     grains, rows = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
@@ -444,8 +442,10 @@ def renumbered(
         shear_force=graph.shear_force[rows],
         rolling_moment=None if moment is None else moment[rows],
     )
-    walls = None if planes is None else replace(planes, grain=place[planes.grain])
-    return other, law.take(rows), walls
+    if boundary is not None and boundary.walls is not None:
+        walls = replace(boundary.walls, grain=place[boundary.walls.grain])
+        boundary = replace(boundary, walls=walls)
+    return other, law.take(rows), boundary
 
 
 def _loaded(
@@ -454,12 +454,11 @@ def _loaded(
     direction: Floats,
     loading: Loading,
     faces: Faces | None,
-    planes: PlaneContacts | None,
-    plane_force: ArrayLike | None,
+    boundary: Boundary | None,
 ) -> LoadPath:
     """One direction, loaded until its first large motion; modes of the loops of these faces."""
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    solver = PackingPathSolver(graph, law, [stage], loading.interval, "stop", planes, plane_force)
+    solver = PackingPathSolver(graph, law, [stage], loading.interval, "stop", boundary)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
     limit = spread = math.nan

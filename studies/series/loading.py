@@ -22,7 +22,7 @@ from stability import COMPONENTS, Programme, Stage
 from stability.packing.state import start_state
 from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain
-from studies.snapshot.in_packing import followed_walls
+from studies.snapshot.in_packing import sample_boundary
 
 WAYS = ("straight", "1-first", "2-first", "mixed-1", "mixed-2")
 # Strains of a table and of the snapshots differ by at most this share of the largest on the way:
@@ -178,7 +178,7 @@ def strain_stages(ends: Floats) -> list[Stage]:
 
 def stress_of(snapshot: Snapshot) -> Floats:
     """(2, 2) stress of a snapshot, walls included."""
-    return start_state(snapshot.graph, *followed_walls(snapshot)).stress
+    return start_state(snapshot.graph, sample_boundary(snapshot)[0]).stress
 
 
 def nominal(stress: Floats, H: Floats) -> Floats:

@@ -47,7 +47,6 @@ from studies.snapshot.in_packing import (
     balance_notes,
     box_corners,
     fixed_point,
-    followed_walls,
     sample_boundary,
     sample_edge,
 )
@@ -137,9 +136,9 @@ def interval_rate(
     if not end > start:
         return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
     law = require_movable(before.graph, before.mechanics()[0])
-    planes, force = followed_walls(before)
-    state = start_state(before.graph, planes, force)
-    pairs, by_radii = contact_pairs(state, law, planes), law.shear_increment == "radii"
+    boundary, _ = sample_boundary(before)
+    state = start_state(before.graph, boundary)
+    pairs, by_radii = contact_pairs(state, law, boundary), law.shear_increment == "radii"
     step = step_of(*masses_of(before.graph.radii, masses), pairs, state, by_radii)
     longest = MOST_STEPS * step
     duration = min(end - start, longest)
@@ -235,12 +234,12 @@ def packing_predictions(
             response, branch_rate=rate, force_rate=forces_of_motion(increments.yielding, rate, spin)
         )
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
-    planes, held, notes = sample_boundary(before)
+    boundary, notes = sample_boundary(before)
     by_events: dict[str, Any] = {}
     if following is not None:
         found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
-    place = loops_in_place(graph, law, before.faces, planes=planes, held=held)
+    place = loops_in_place(graph, law, before.faces, boundary=boundary)
     columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
     row = {
         "packing_status": response.status,
@@ -271,10 +270,10 @@ def _by_events(
         rate = interval_rate(before, after, H, times, following, loading)
         row |= {"replay_inertial_number": rate.inertial_number, "replay_rate_from": rate.source}
         notes += balance_notes(before)
-        planes, force = followed_walls(before)
+        boundary, _ = sample_boundary(before)
         path = follow(
             graph, law, loading.stages, closure="packing", instabilities=PASSED,
-            past=following.past, planes=planes, plane_force=force,
+            past=following.past, boundary=boundary,
         )  # fmt: skip
         work = path.work[-1]
         row |= {
@@ -287,7 +286,7 @@ def _by_events(
         else:
             notes.append(f"path by events {path.status}: {path.message}")
         ends["replay"] = replay(
-            graph, law, loading.strain, planes=planes, plane_force=force, shares=loading.shares,
+            graph, law, loading.strain, boundary=boundary, shares=loading.shares,
             damping=following.damping, **rate.options,
         ).state  # fmt: skip
         row["replay_stress_error"] = stress_error(ends["replay"], after)
@@ -347,7 +346,7 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
     packing that floats, there are no numbers.
     """
     graph, (law, regime) = before.graph, before.mechanics()
-    planes, held, _ = sample_boundary(before)
+    boundary, _ = sample_boundary(before)
     nonaffinity = np.full(graph.grain_count, np.nan)
     if previous is not None:
         strain, _ = sample_strain(previous, before)
@@ -355,9 +354,9 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
         ids = before.ids, previous.ids
         _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
         nonaffinity[here] = moved[there]
-    boundary: Any = {"regime": regime, "planes": planes, "held": held}
+    given: Any = {"regime": regime, "boundary": boundary}
     try:
-        found = indicators(graph, law, before.faces, nonaffinity=nonaffinity, **boundary)
+        found = indicators(graph, law, before.faces, nonaffinity=nonaffinity, **given)
     except InputError:
         found = {name: np.full(len(before.faces.loops), np.nan) for name in EXPECTED}
     return {f"indicator_{name}": values for name, values in found.items()}

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from loops import HertzMindlin, InputError, Regime, contact_state, outline_area
-from loops.arrays import Flags, Floats
+from loops.arrays import Floats
+from loops.boundary import (
+    Boundary,
+    PlaneContacts,
+    boundary_of,
+    outline_grains,
+    plane_contacts,
+)
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.checks import SLIDING_SHARE
 from stability.verdict import loop_spectra, loop_stability
@@ -16,7 +23,7 @@ from studies.output import Columns
 from studies.snapshot.table import EIGENVALUES
 
 if TYPE_CHECKING:
-    from loops.packing import LoopsInPlace, Method, PlaneContacts
+    from loops.packing import LoopsInPlace, Method
     from stability.packing.hold import HoldControl
     from stability.packing.response import YieldResponse
 
@@ -28,15 +35,33 @@ UNBALANCED, FLOWS = 1e-3, 0.1
 UPRIGHT = 1e-6
 
 
-def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | None, list[str]]:
-    """Walls as planes, grains held at the outline (None where there are none), and notes.
+def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
+    """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held.
 
-    The outline is held only in a sample that has neither a periodic cell nor walls.
+    Stresses refer to the box of upright walls, else to the area within the outline.
     """
-    from loops.packing import PlaneContacts, outline_grains, plane_contacts
+    graph, walls = snapshot.graph, snapshot.walls
+    if walls is None and graph.cell is not None:
+        return boundary_of(graph), []
+    area = None
+    if graph.cell is None:
+        area = None if walls is None else box_area(graph.x, walls)
+        area = area or outline_area(graph, snapshot.faces)
+    if walls is None:
+        held = outline_grains(graph, snapshot.faces)
+        note = (
+            f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
+            "motion; their own loops are not judged in the packing, loops beside them are judged "
+            "too stiff"
+        )
+        return boundary_of(graph, held=held, volume=area), [note]
+    planes, notes = _plates(snapshot, walls)
+    return boundary_of(graph, walls=planes, volume=area), notes
 
-    walls = snapshot.walls
-    if walls is not None and walls.kn is not None and walls.kt is not None:
+
+def _plates(snapshot: Snapshot, walls: WallContacts) -> tuple[PlaneContacts, list[str]]:
+    """Return the contacts of a sample with its walls, which strain as plates, and notes."""
+    if walls.kn is not None and walls.kt is not None:
         sliding, notes = walls.sliding, []
         if walls.mu is not None and sliding is None:
             n = walls.branch / np.linalg.norm(walls.branch, axis=1, keepdims=True)
@@ -46,37 +71,12 @@ def sample_boundary(snapshot: Snapshot) -> tuple[PlaneContacts | None, Flags | N
         if walls.mu is None and walls.kt.any():
             notes = ["walls: no friction known, contacts with a shear stiffness stick"]
         given = walls.kn, walls.kt, walls.mu, walls.force, sliding
-        return PlaneContacts(walls.grain, -walls.branch, *given), None, notes
-    if walls is not None:
-        planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
-        if isinstance(snapshot.law, HertzMindlin):
-            # A tangent is 3/2 of the force over the overlap.
-            planes = replace(planes, kn=1.5 * planes.kn)
-        note = "walls: frictionless, with the stiffness that their forces and overlaps give"
-        return planes, None, [note]
-    if snapshot.graph.cell is not None:
-        return None, None, []
-    held = outline_grains(snapshot.graph, snapshot.faces)
-    note = (
-        f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
-        "motion; their own loops are not judged in the packing, loops beside them are judged too "
-        "stiff"
-    )
-    return None, held, [note]
-
-
-def followed_walls(snapshot: Snapshot) -> tuple[PlaneContacts | None, Floats | None]:
-    """Contacts with the walls that paths and replays move, and the forces of the walls there."""
-    walls = snapshot.walls
-    if walls is None:
-        return None, None
-    planes = sample_boundary(snapshot)[0]
-    assert planes is not None
-    if walls.kn is not None and walls.kt is not None:
-        return planes, walls.force
-    # Contacts without a force have no stiffness, and are left out.
-    pushes = np.sum(walls.force * walls.branch, axis=1) > 0
-    return planes, walls.force[pushes]
+        return PlaneContacts(walls.grain, -walls.branch, *given), notes
+    planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
+    if isinstance(snapshot.law, HertzMindlin):
+        # A tangent is 3/2 of the force over the overlap.
+        planes = replace(planes, kn=1.5 * planes.kn)
+    return planes, ["walls: frictionless, with the stiffness that their forces and overlaps give"]
 
 
 def box_area(x: Floats, walls: WallContacts) -> float | None:
@@ -136,16 +136,10 @@ def sample_edge(
     from stability.packing.response import yield_response
 
     graph, (law, regime) = snapshot.graph, snapshot.mechanics()
-    planes, held, _ = sample_boundary(snapshot)
-    if planes is not None:
-        planes = replace(planes, fixed=fixed)
-    volume = None
-    if graph.cell is None:
-        box = None if snapshot.walls is None else box_area(graph.x, snapshot.walls)
-        volume = box or outline_area(graph, snapshot.faces)
-    return yield_response(
-        graph, law, yield_band=yield_band, regime=regime, planes=planes, held=held, volume=volume
-    )
+    boundary, _ = sample_boundary(snapshot)
+    if boundary.walls is not None:
+        boundary = replace(boundary, walls=replace(boundary.walls, fixed=fixed))
+    return yield_response(graph, law, yield_band=yield_band, regime=regime, boundary=boundary)
 
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
@@ -154,9 +148,9 @@ def balance_notes(snapshot: Snapshot) -> list[str]:
     from stability.packing.state import start_state
 
     graph, law = snapshot.graph, require_movable(snapshot.graph, snapshot.mechanics()[0])
-    planes, force = followed_walls(snapshot)
-    state = start_state(graph, planes, force)
-    pairs = contact_pairs(state, law, planes)
+    boundary, _ = sample_boundary(snapshot)
+    state = start_state(graph, boundary)
+    pairs = contact_pairs(state, law, boundary)
     # Paths begin with the normal forces of the overlaps.
     share = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs))).unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
@@ -175,10 +169,8 @@ def add_in_packing(
     from loops.packing import loops_in_place
 
     law, _ = snapshot.mechanics()
-    planes, held, notes = sample_boundary(snapshot)
-    place = loops_in_place(
-        snapshot.graph, law, snapshot.faces, method=method, planes=planes, held=held
-    )
+    boundary, notes = sample_boundary(snapshot)
+    place = loops_in_place(snapshot.graph, law, snapshot.faces, method=method, boundary=boundary)
     for name, values in place_columns(place, snapshot.mean_kn).items():
         table[name] = values
     if not np.isfinite(place.matrix).any():
@@ -233,12 +225,13 @@ def held_snapshot(
     from stability.packing.hold import hold, unbalanced_force
 
     law, _ = snapshot.mechanics()
-    _, outline, _ = sample_boundary(snapshot)
+    boundary, _ = sample_boundary(snapshot)
+    outline = boundary.kind == "outline"
     walls = snapshot.walls
     if control is None:
-        if outline is not None:
+        if outline:
             return snapshot, None
-        before = unbalanced_force(snapshot.graph, *followed_walls(snapshot))
+        before = unbalanced_force(snapshot.graph, boundary)
         if not before > MOVING:
             return snapshot, None
         note = (
@@ -250,16 +243,16 @@ def held_snapshot(
             # A copy would look for its loops again.
             vars(noted)["faces"] = snapshot.faces
         return noted, None
-    if outline is not None:
+    if outline:
         expected = "a periodic cell or known walls, no free surface"
         remedy = (
             "Give --cell, or the wall contacts. A sample that rests under its weight cannot be "
             "held: probe it as it is, its outline follows the strain."
         )
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
-    area = None if walls is None else box_area(snapshot.graph.x, walls)
-    planes, force = followed_walls(snapshot)
-    held = hold(snapshot.graph, law, control=control, planes=planes, plane_force=force, volume=area)
+    if walls is not None and snapshot.graph.cell is None:
+        boundary = replace(boundary, volume=box_area(snapshot.graph.x, walls))
+    held = hold(snapshot.graph, law, control=control, boundary=boundary)
     if held.status != "at rest":
         expected = "a sample that comes to rest"
         raise InputError("--hold", str(held), expected, "Take another state of the series.")
@@ -273,15 +266,10 @@ def held_snapshot(
     graph = held.graph
     limit = SLIDING_SHARE * held.law.strength(contact_state(graph))
     regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)
-    if held.planes is not None:
-        walls = WallContacts(
-            held.planes.grain,
-            held.plane_force,
-            -held.planes.branch,
-            held.planes.kn,
-            held.planes.kt,
-            held.planes.mu,
-        )
+    planes = held.boundary.walls
+    if planes is not None:
+        force, springs = np.asarray(planes.force), (planes.kn, planes.kt, planes.mu)
+        walls = WallContacts(planes.grain, force, -planes.branch, *springs)
     at_rest = Snapshot(
         graph=graph.replace(regime=regime.astype(np.int8)),
         law=held.law,
@@ -295,6 +283,6 @@ def held_snapshot(
         mass=snapshot.mass,
         time=snapshot.time,
     )
-    arrays = ("graph", "law", "planes", "plane_force")
+    arrays = ("graph", "law", "boundary")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
     return planar(at_rest, "the held sample"), changes

@@ -15,7 +15,7 @@ from stability.packing import hold, replay
 from stability.packing.probe import probe_edge, probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
-from studies.snapshot.in_packing import box_area, followed_walls, sample_boundary, sample_edge
+from studies.snapshot.in_packing import sample_boundary, sample_edge
 from tests.docs.pages import page
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import jammed_in_box
@@ -83,33 +83,31 @@ def sample(boundary, law):
 
 
 def in_place(one):
-    planes, held, _ = sample_boundary(one)
-    return loops_in_place(one.graph, one.law, one.faces, planes=planes, held=held).matrix
+    boundary, _ = sample_boundary(one)
+    return loops_in_place(one.graph, one.law, one.faces, boundary=boundary).matrix
 
 
 def amplitude(one):
     found = probe_edge(sample_edge(one, BAND), 2, faces=one.faces)
-    walls = followed_walls(one)
-    return probe_to(found, one.graph, one.law, one.faces, 1e-6, None, *walls).strain_rate
+    boundary, _ = sample_boundary(one)
+    return probe_to(found, one.graph, one.law, one.faces, 1e-6, None, boundary).strain_rate
 
 
 def at_rest(one):
-    planes, force = followed_walls(one)
-    volume = None if one.walls is None else box_area(one.graph.x, one.walls)
-    how = {"planes": planes, "plane_force": force, "volume": volume}
-    return hold(one.graph, one.law, **how).stress
+    boundary, _ = sample_boundary(one)
+    return hold(one.graph, one.law, boundary=boundary).stress
 
 
 def packing_path(one):
-    planes, force = followed_walls(one)
+    boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
-    how = {"closure": "packing", "planes": planes, "plane_force": force}
+    how = {"closure": "packing", "boundary": boundary}
     return follow(one.graph, one.law, stage, **how).P
 
 
 def motion(one):
-    planes, force = followed_walls(one)
-    how = {"planes": planes, "plane_force": force, "inertial_number": 1e-4}
+    boundary, _ = sample_boundary(one)
+    how = {"boundary": boundary, "inertial_number": 1e-4}
     return replay(one.graph, one.law, 1e-5 * np.diag([1.0, -0.5]), **how).state.stress
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from loops.boundary import boundary_of
 from loops.packing import loops_in_place, outline_grains
 from loops.packing.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE
 from patterns import read_snapshot, sample_path
@@ -60,10 +61,12 @@ def test_an_outline_against_walls():
     """Errors of loops whose sample is held at its outline, in per cent."""
     box = read_snapshot(sample_path())
     faces = box.faces
-    planes, _, _ = sample_boundary(box)
-    between = loops_in_place(box.graph, box.law, faces, planes=planes).matrix
+    boundary, _ = sample_boundary(box)
+    between = loops_in_place(box.graph, box.law, faces, boundary=boundary).matrix
     held = outline_grains(box.graph, faces)
-    found = loops_in_place(box.graph, box.law, faces, held=held).matrix
+    found = loops_in_place(
+        box.graph, box.law, faces, boundary=boundary_of(box.graph, held=held)
+    ).matrix
     error = np.linalg.norm(found - between, axis=(1, 2)) / np.linalg.norm(between, axis=(1, 2))
     ends = [slice(*faces.offsets[face : face + 2]) for face in faces.loops]
     centre = np.array([box.graph.x[faces.grains[one]].mean(axis=0) for one in ends])

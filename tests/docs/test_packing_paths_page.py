@@ -7,10 +7,10 @@ import pytest
 from stability import follow
 from stability.packing import (
     equations_of_motion,
-    incremental_packing,
     loop_changes,
     path,
     rattlers,
+    regime_factor,
     replay,
     state,
     strain_increment,
@@ -175,8 +175,8 @@ def test_settings():
     assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual.instabilities} unstable contacts" in PAGE
     assert f"gap below {path.MAY_CLOSE_GAP} mean diameters" in PAGE
-    assert f"Beyond {incremental_packing.RANK} columns" in PAGE
-    assert incremental_packing.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
+    assert f"Beyond {regime_factor.RANK} columns" in PAGE
+    assert regime_factor.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
     shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
     assert shares == (1e-4, 1e-5, 1e-2)
     assert "no force above 1e-4 of the mean" in PAGE and "until 1e-5 of the mean force" in PAGE

@@ -11,8 +11,8 @@ from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.state import start_state
 from studies.cli import main
-from studies.snapshot.in_packing import followed_walls
-from tests.stability.packing.walled_packings import JAMMED, SMOOTH, jammed_in_box, split
+from studies.snapshot.in_packing import sample_boundary
+from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split
 
 LAW = HertzMindlin(20.0, 0.2, 0.5, "radii")
 READ = ("--law", "hertz", "--young", 20, "--poisson", 0.2, "--mu", 0.5,
@@ -33,12 +33,12 @@ def files(tmp_path_factory):
     """Twenty-four grains at rest under the law, and strained a little."""
     folder = tmp_path_factory.mktemp("spheres")
     graph, planes, force = jammed_in_box(*JAMMED[1])
-    volume = float(np.linalg.det(start_state(graph, planes, force).cell))
-    walls = {"planes": planes, "plane_force": force}
-    held = hold(graph, LAW, volume=volume, unbalanced=1e-9, **walls)
-    first = written(folder / "grains_0.parquet", held.graph, held.planes, held.plane_force)
-    walls = {"planes": held.planes, "plane_force": held.plane_force}
-    end = replay(held.graph, LAW, STRAIN, inertial_number=2e-7, **walls).state
+    volume = float(np.linalg.det(start_state(graph, between(planes, force)).cell))
+    boundary = between(planes, force, volume=volume)
+    held = hold(graph, LAW, boundary=boundary, unbalanced=1e-9)
+    walls = held.boundary.walls
+    first = written(folder / "grains_0.parquet", held.graph, walls, walls.force)
+    end = replay(held.graph, LAW, STRAIN, inertial_number=2e-7, boundary=held.boundary).state
     return first, written(folder / "grains_1.parquet", *split(end, SMOOTH))
 
 
@@ -77,10 +77,10 @@ def test_a_path_is_that_of_the_law(monkeypatch, tmp_path, files):
     ways = ("--to", 2e-3, "--rows", 2, "--interval", 2e-5)
     assert run(monkeypatch, "evolve", files[0], *ways, "--out", tmp_path) == 0
     one, table = read(files[0]), pd.read_parquet(tmp_path / "path.parquet")
-    planes, force = followed_walls(one)
+    boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 2e-3)
     path = follow(one.graph, LAW, stage, closure="packing", rows=2, interval=2e-5,
-                  planes=planes, plane_force=force)  # fmt: skip
+                  boundary=boundary)  # fmt: skip
     assert len(path.events) > 1
     np.testing.assert_allclose(table[["H11", "H22", "P11", "P22"]].iloc[-1],
                                [*path.H[-1][[0, 3]], *path.P[-1][[0, 3]]], rtol=1e-7)  # fmt: skip

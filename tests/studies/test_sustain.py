@@ -18,7 +18,7 @@ from studies.commands.packing import _sustain_lines
 from studies.sustain import run_sustain
 from tests.docs.test_columns_page import files_say
 from tests.packings import LAW, jammed
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
@@ -171,7 +171,7 @@ def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
     walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt, planes.mu)
     path = tmp_path / "grains.parquet"
     write_snapshot(path, Snapshot(graph, law, regime, np.arange(grains), len(force), (), walls))
-    start = start_state(graph, planes, force)
+    start = start_state(graph, between(planes, force))
     how = {"largest": 0.25 * np.trace(start.stress), "interval": 4e-5}
     run_sustain(
         path, tmp_path / "out", directions=2, workers=1, figures=False, shear_increment="radii",
@@ -180,10 +180,10 @@ def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
     table = pd.read_parquet(tmp_path / "out" / "sustain.parquet")
     limits = []
     for mu in (planes.mu, 0.5 * planes.mu):
-        of_walls = {"planes": replace(planes, mu=mu), "plane_force": force}
-        held = gl.hold(graph, law, volume=np.linalg.det(start.cell), **of_walls)
-        at_walls = {"planes": held.planes, "plane_force": held.plane_force}
-        limits.append(sustain_packing(held.graph, law, 2, **how, **at_walls))
+        rough = replace(planes, mu=mu)
+        boundary = between(rough, force, volume=np.linalg.det(start.cell))
+        held = gl.hold(graph, law, boundary=boundary)
+        limits.append(sustain_packing(held.graph, law, 2, **how, boundary=held.boundary))
     found, other = limits
     assert table["status"].tolist() == found.status.tolist() == ["failed", "failed"]
     # Held by another call, whose box is rounded otherwise: motions raise that to 3e-7 of a limit.

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import loops
+from stability.packing import regime_factor
 from tests.tools.knobs import __main__ as knobs
 from tests.tools.knobs.compare import moved
 from tests.tools.knobs.numbers import ROOT, change, changed, code_called, edited, frozen, numbers_of
@@ -90,13 +91,13 @@ def test_an_answer_that_fails_is_an_effect(planted, monkeypatch):
 def test_numbers_are_changed_where_they_are_imported():
     """`RANK` is read in another module too, `STARTS` is a default and frozen."""
     numbers = {one.name: one for one in numbers_of(ROOT, ["stability/packing"])}
-    from stability.packing import incremental_packing, strain_increment
+    from stability.packing import strain_increment
 
     assert "PIVOT_STEPS" in numbers and "OPEN" not in numbers and not frozen(numbers["RANK"])
     assert frozen(numbers["STARTS"]) and frozen(numbers_of(ROOT, ["loops/compiled/network.py"])[0])
     old = numbers["RANK"].value
     change(numbers["RANK"], 11)
-    assert strain_increment.RANK == incremental_packing.RANK == 11
+    assert strain_increment.RANK == regime_factor.RANK == 11
     change(numbers["RANK"], old)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, assemble_tangent, find_faces
 from loops.arrays import frobenius
+from loops.boundary import Boundary
 from loops.packing import in_place, loops_in_place, packing_system
 from loops.packing.in_place import (
     _edges,
@@ -96,7 +97,7 @@ def test_blocks_between_walls(unit):
     graph = in_units(cut_open(sheared()), unit)
     held = np.zeros(graph.grain_count, dtype=bool)
     held[np.argsort(graph.x[:, 1])[:6]] = True
-    system = packing_system(graph, LAW, held=held, volume=1.0)
+    system = packing_system(graph, LAW, boundary=Boundary(held=held, volume=1.0))
     polygons = polygons_of(graph, find_faces(graph))
     carries = system.carrying.grains
     low = (graph.x - graph.radii[:, None]).min(axis=0)

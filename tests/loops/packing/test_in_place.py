@@ -19,6 +19,7 @@ from loops import (
     traction_tangent,
 )
 from loops.arrays import frobenius
+from loops.boundary import boundary_of
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import in_place, loops_in_place, multifrontal, packing_system
 from loops.packing.gears import NEARLY, UNKNOWN, spin_modes
@@ -142,7 +143,7 @@ def test_no_loop_is_judged_where_every_grain_is_held(method, case):
         law,
         find_faces(graph),
         regime=regime,
-        held=np.ones(graph.grain_count, bool),
+        boundary=boundary_of(graph, held=np.ones(graph.grain_count, bool)),
         method=method,
     )
     assert np.isnan(found.matrix).all() and np.isnan(found.error).all()

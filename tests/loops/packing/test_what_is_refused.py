@@ -1,11 +1,15 @@
 """Packings that are refused, with the whole text of each error; small solves by hand."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops.boundary import Boundary
 from loops.packing import (
     PlaneContacts,
     factorised,
@@ -15,7 +19,7 @@ from loops.packing import (
     plane_contacts,
 )
 from loops.packing.multifrontal import Front, _tasks, frontal_lu
-from loops.packing.system import UpdatedFactors, carrying_grains
+from loops.system import Factor, carrying_grains
 from tests.loops.packing.whole_operators import CASES
 from tests.packings import packing
 
@@ -78,10 +82,11 @@ def test_a_system_needs_an_area():
     graph = triangles(1)
     held = np.array([True, False, False])
     for volume in (None, 0.0, -1.0, np.inf):
-        assert refusal(lambda: packing_system(graph, LAW, held=held, volume=volume)) == (  # noqa: B023
+        boundary = Boundary(held=held, volume=volume)
+        assert refusal(partial(packing_system, graph, LAW, boundary=boundary)) == (
             f"volume: got {volume!r}, expected a positive area. Give the sample's area."
         )
-    assert packing_system(graph, LAW, held=held, volume=2.0).volume == 2.0
+    assert packing_system(graph, LAW, boundary=replace(boundary, volume=2.0)).volume == 2.0
     # The cell's area, of a cell whose vectors turn either way.
     skewed = packing(16)
     assert packing_system(skewed, LAW).volume == pytest.approx(4.0 * 3.7 + 0.3 * 0.2)
@@ -100,7 +105,7 @@ def test_the_boundary_names_all_that_drives():
     graph, law, options = CASES["rough walls"]
     held = np.zeros(graph.grain_count, bool)
     held[4] = True
-    system = packing_system(graph, law, held=held, **options)
+    system = packing_system(graph, law, boundary=replace(options["boundary"], held=held))
     assert system.boundary == "14 wall contacts, 1 grains held to the affine motion"
 
 
@@ -116,18 +121,18 @@ def test_the_outline_is_the_outer_cycle_of_the_largest_cluster():
     assert 0.1 < held.mean() < 0.6
 
 
-def test_updated_factors_are_those_of_the_changed_matrix():
+def test_changed_factors_are_those_of_the_changed_matrix():
     system = packing_system(packing(16), LAW)
     factor = factorised(system)
     rng = np.random.default_rng(0)
     K = np.diag(2.0 + np.arange(6.0)) + rng.normal(size=(6, 6)) * 0.1
     P, G = rng.normal(size=(6, 2)), rng.normal(size=(2, 6))
-    plain = splu(sparse.csc_array(K))
-    change = np.linalg.solve(K, P)
-    updated = UpdatedFactors(plain, change, np.linalg.solve(np.eye(2) - G @ change, G))
-    b = rng.normal(size=6)
-    assert np.allclose((K - P @ G) @ updated.solve(b), b, atol=1e-13)
-    # Columns are solved a few at a time.
+    plain = Factor(sparse.csc_array(K), splu(sparse.csc_array(K)))
+    changed = plain.changed(sparse.csc_array(K - P @ G), np.linalg.solve(K, P), sparse.csr_array(G))
+    for b in (rng.normal(size=6), rng.normal(size=(6, 11))):
+        assert np.allclose((K - P @ G) @ changed.once(b[..., :8]), b[..., :8], atol=1e-13)
+        assert np.allclose((K - P @ G) @ changed.solve(b), b, atol=1e-13)
+    # Columns are solved eight at a time, and not refined where that is not asked for.
     loads = factor.matrix @ rng.normal(size=(system.size, 11))
     each = np.column_stack([factor.solve(one) for one in loads.T])
     assert np.allclose(factor.matrix @ factor.solve(loads), loads, atol=1e-12)

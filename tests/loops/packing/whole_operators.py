@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from loops import GrainGraph, LinearFrictional, Regime, find_faces
+from loops.boundary import Boundary, boundary_of
 from loops.packing import (
     PlaneContacts,
     factorised,
@@ -22,7 +23,7 @@ from loops.packing import (
 )
 from loops.packing.gears import spin_modes
 from loops.packing.in_place import inverse_at_contacts
-from loops.packing.system import (
+from loops.system import (
     balancing_forces,
     in_freedoms,
     packing_stress_rate,
@@ -86,7 +87,6 @@ def _cases():
     slides = packing(24, seed=2, sliding=0.15)
     given = np.where(np.arange(slides.contact_count) % 7, Regime.ELASTIC, Regime.SLIDING)
     given[5] = Regime.OPEN
-    free = {"volume": 9.0}
     return {
         "periodic": (packing(16), LAW, {}),
         "sliding": (slides, LAW, {}),
@@ -95,10 +95,18 @@ def _cases():
         "loose": (loose, LAW, {}),
         "gears": (gears(), plain, {}),
         "two gears": (ladders(), plain, {}),
-        "gears held": (ladders(), plain, {"held": np.arange(16) % 9 == 0}),
-        "smooth walls": (walled, plain, {"planes": smooth, **free}),
-        "rough walls": (walled, plain, {"planes": rough, **free}),
-        "held": (some, plain, {"held": outline_grains(some, find_faces(some)), **free}),
+        "gears held": (
+            ladders(),
+            plain,
+            {"boundary": boundary_of(ladders(), held=np.arange(16) % 9 == 0)},
+        ),
+        "smooth walls": (walled, plain, {"boundary": Boundary(walls=smooth, volume=9.0)}),
+        "rough walls": (walled, plain, {"boundary": Boundary(walls=rough, volume=9.0)}),
+        "held": (
+            some,
+            plain,
+            {"boundary": Boundary(held=outline_grains(some, find_faces(some)), volume=9.0)},
+        ),
         "several fronts": (more, LAW, {}),
     }
 
@@ -114,7 +122,6 @@ BLOCKS = {
 def in_place(case, **how):
     """Operators of the loops of a packing."""
     graph, law, options = CASES[case]
-    options = {key: value for key, value in options.items() if key != "volume"}
     found = loops_in_place(graph, law, find_faces(graph), threads=1, **options, **how)
     return {"boundary": found.system.boundary}, {
         "matrix": found.matrix,

@@ -12,7 +12,7 @@ from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables
 from patterns.snapshots.checked import HERTZ
 from patterns.snapshots.checks import SLIDING_SHARE
 from stability import follow
-from studies.snapshot.in_packing import followed_walls, sample_boundary
+from studies.snapshot.in_packing import sample_boundary
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import jammed_in_box
 
@@ -217,14 +217,13 @@ def test_friction_of_walls_decides_what_slides():
     snapshot, _ = boxed(
         fx=leaning[:, 0], fy=leaning[:, 1], ks=np.full(count, 1.5), mu=np.full(count, 0.3)
     )
-    rates, path = sample_boundary(snapshot)[0], followed_walls(snapshot)[0]
+    planes = sample_boundary(snapshot)[0].walls
     at_yield = share * 1.0000001 >= SLIDING_SHARE
     assert np.count_nonzero(at_yield) == 3
     slides = np.where(at_yield, Regime.SLIDING, Regime.ELASTIC)
-    np.testing.assert_array_equal(rates.regime, slides)
-    np.testing.assert_array_equal(rates.kt, 1.5)
-    np.testing.assert_array_equal(path.kt, 1.5)
-    np.testing.assert_array_equal(path.mu, 0.3)
+    np.testing.assert_array_equal(planes.regime, slides)
+    np.testing.assert_array_equal(planes.kt, 1.5)
+    np.testing.assert_array_equal(planes.mu, 0.3)
 
 
 def test_contacts_with_walls_without_a_force_are_left_out_of_paths_in_step():
@@ -235,9 +234,9 @@ def test_contacts_with_walls_without_a_force_are_left_out_of_paths_in_step():
         snapshot.graph, snapshot.law, snapshot.regime, snapshot.ids, len(none), (),
         WallContacts(walls.grain, none, walls.branch),
     )  # fmt: skip
-    planes, force = followed_walls(snapshot)
+    planes = sample_boundary(snapshot)[0].walls
     np.testing.assert_array_equal(planes.grain, walls.grain[1:])
-    np.testing.assert_array_equal(force, none[1:])
+    np.testing.assert_array_equal(planes.force, none[1:])
 
 
 RUN = Path(__file__).parent / "samples" / "liggghts-hertz"

@@ -14,8 +14,10 @@ from unittest.mock import patch
 import numpy as np
 
 from loops import LinearFrictional, find_faces
+from loops.boundary import boundary_of
 from stability import Stage, follow, programmes
 from stability.packing import (
+    HeldPacking,
     PackingResponse,
     Probe,
     complementarity,
@@ -38,7 +40,7 @@ from stability.path import Event, describe
 from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 sustain_module = sys.modules[sustain.__module__]
 STORED = Path(__file__).with_suffix(".json")
@@ -61,6 +63,13 @@ def plain(value):
     if isinstance(value, Event):
         told = {name: plain(getattr(value, name)) for name in OF_EVENTS}
         return told | {"detail": describe(value)}
+    if isinstance(value, HeldPacking):
+        # Stored as the contacts with walls, and their forces.
+        walls = value.boundary.walls
+        return {name: one for name, one in named(value).items() if name != "boundary"} | {
+            "planes": plain(None if walls is None else replace(walls, force=None)),
+            "plane_force": plain(np.zeros((0, 2)) if walls is None else walls.force),
+        }
     if is_dataclass(value) and not isinstance(value, type):
         return named(value)
     if hasattr(value, "_asdict"):
@@ -104,7 +113,7 @@ def _energy(text):
 def small_box(k=0):
     grains, seed, law, wall = JAMMED[k]
     graph, planes, force = jammed_in_box(grains, seed, law, wall)
-    return graph, law, {"planes": planes, "plane_force": force}
+    return graph, law, {"boundary": between(planes, force)}
 
 
 def moved(graph, size, seed=1):
@@ -291,9 +300,10 @@ def rests():
     ]
     for k in (0, 3):
         graph, law, walls = small_box(k)
+        walls = {"boundary": replace(walls["boundary"], volume=12.0)}
         kick = 1e-3 * rng.standard_normal((graph.grain_count, 2))
         graph = moved(graph, 1e-4)
-        found.append(hold(graph, law, velocity=kick, volume=12.0, **walls, **loose))
+        found.append(hold(graph, law, velocity=kick, **walls, **loose))
     for one in found:
         yield plain(one) | {"text": str(one)}
 
@@ -324,16 +334,20 @@ def rates():
 @case
 def rates_of_held_and_walled_packings():
     graph, law, walls = small_box(3)
+    plates = replace(walls["boundary"].walls, force=None)
+    boundary = boundary_of(graph, walls=plates, volume=12.0)
     for band in (0.5, 0.99):
         answer = packing_response(
-            graph, law, np.diag([1.0, -0.5]), planes=walls["planes"], volume=12.0, yield_band=band
+            graph, law, np.diag([1.0, -0.5]), boundary=boundary, yield_band=band
         )
         yield plain(answer) | {"loops": plain(loop_rates(answer, find_faces(graph)))}
     graph = packing(16, 3, 0.9, 0.3)
     flags = np.where(np.arange(graph.contact_count) % 5 == 0, 2, 1)
-    yield plain(packing_response(graph, LAW, PURE, held=np.arange(16) < 3))
+    yield plain(
+        packing_response(graph, LAW, PURE, boundary=boundary_of(graph, held=np.arange(16) < 3))
+    )
     yield plain(packing_response(graph, LAW, PURE, regime=flags))
-    yield plain(packing_response(graph, LAW, PURE, volume=1.0))
+    yield plain(packing_response(graph, LAW, PURE, boundary=boundary_of(graph, volume=1.0)))
 
 
 @case
@@ -399,7 +413,9 @@ def states_of_loops():
     for graph in (jammed(24, 3, LAW), packing(16, 3, 0.9, 0.3)):
         yield plain(indicators(graph, LAW, find_faces(graph)))
     graph, law, walls = small_box(3)
-    yield plain(indicators(graph, law, find_faces(graph), planes=walls["planes"]))
+    plates = replace(walls["boundary"].walls, force=None)
+    boundary = boundary_of(graph, walls=plates)
+    yield plain(indicators(graph, law, find_faces(graph), boundary=boundary))
     graph = packing(16, 1)
     later = np.random.default_rng(1).standard_normal((graph.contact_count, 2))
     later[::7] = np.nan

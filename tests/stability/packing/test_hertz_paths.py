@@ -9,7 +9,7 @@ from loops import GrainGraph, HertzMindlin, LinearFrictional, contact_state
 from stability import Stage, follow, programmes
 from stability.packing import packing_response, replay
 from tests.packings import jammed, strained
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
@@ -32,7 +32,7 @@ def walked(name, history, interval):
     which = PACKINGS[name]
     if "box" in name:
         graph, planes, force = jammed_in_box(*which)
-        stage, walls = DRAINED, {"planes": planes, "plane_force": force}
+        stage, walls = DRAINED, {"boundary": between(planes, force)}
     else:
         graph, stage, walls = jammed(*which), strained(H), {}
     law = hertz_of(graph, history)
@@ -82,8 +82,8 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path_in_a_cell(name, history):
 )
 def test_a_slow_replay_comes_to_the_forces_of_the_path_between_walls(which, history):
     graph, planes, force = jammed_in_box(*which)
-    law, walls = hertz_of(graph, history, which[2].shear_increment), {"planes": planes}
-    walls["plane_force"] = force
+    law, walls = hertz_of(graph, history, which[2].shear_increment), {}
+    walls["boundary"] = between(planes, force)
     stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
     path = follow(graph, law, stage, closure="packing", interval=2e-6, **walls).states[-1]
     moved = replay(graph, law, stage, inertial_number=2e-7, balanced=True, **walls).state
@@ -138,7 +138,7 @@ def test_a_lattice_replayed_under_isotropic_strain_in_closed_form(strain):
 def test_the_energy_closes_through_instabilities(history):
     """Between rough walls; with the force kept the path moves on through an instability."""
     graph, planes, force = jammed_in_box(*ROUGH)
-    how = {"planes": planes, "plane_force": force, "past": "dynamic", "interval": 4e-5}
+    how = {"boundary": between(planes, force), "past": "dynamic", "interval": 4e-5}
     stage = Stage(programmes.drained_biaxial(), "H11", 6e-3)
     path = follow(graph, hertz_of(graph, history), stage, closure="packing", **how)
     assert path.status == "finished"

@@ -1,5 +1,6 @@
 """Packings brought to rest: closed forms, balance by another sum, walls, held stress."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,10 @@ from patterns import read_snapshot, sample_path
 from stability.packing import equations_of_motion, hold
 from studies.snapshot.in_packing import box_area
 from tests.packings import jammed
+from tests.stability.packing.walled_packings import between
 
 
-def resultants(graph, planes=None, plane_force=None):
+def resultants(graph, planes=None):
     """(G, 3) forces and moments of all contacts, one by one."""
     total = np.zeros((graph.grain_count, 3))
     images = np.zeros((graph.contact_count, 2)) if graph.images is None else graph.images
@@ -38,14 +40,14 @@ def resultants(graph, planes=None, plane_force=None):
         total[i, 2] -= arm * T
         total[j, 2] -= (length - arm) * T
     if planes is not None:
-        for g, f, b in zip(planes.grain, plane_force, planes.branch, strict=True):
+        for g, f, b in zip(planes.grain, planes.force, planes.branch, strict=True):
             total[g, :2] += f
             total[g, 2] += b[0] * f[1] - b[1] * f[0]
     return total
 
 
 def unbalanced(held):
-    left = np.linalg.norm(resultants(held.graph, held.planes, held.plane_force)[:, :2], axis=1)
+    left = np.linalg.norm(resultants(held.graph, held.boundary.walls)[:, :2], axis=1)
     return left.mean() / np.hypot(held.graph.normal_force, held.graph.shear_force).mean()
 
 
@@ -54,7 +56,7 @@ def walled_sample():
     walls = snapshot.walls
     planes = PlaneContacts(walls.grain, -walls.branch, walls.kn, walls.kt)
     area = box_area(snapshot.graph.x, walls)
-    return snapshot, dict(planes=planes, plane_force=walls.force, volume=area)
+    return snapshot, between(planes, walls.force, volume=area)
 
 
 def moving_sample(number=10):
@@ -131,15 +133,15 @@ def test_the_strain_under_a_held_stress_says_what_it_hangs_on(monkeypatch):
 
 def test_a_sample_between_walls_comes_to_rest_with_its_walls():
     snapshot, walls = walled_sample()
-    held = hold(snapshot.graph, snapshot.law, **walls)
+    held = hold(snapshot.graph, snapshot.law, boundary=walls)
     assert held.status == "at rest"
     assert unbalanced(held) == pytest.approx(held.unbalanced, rel=1e-6)
     assert held.graph.cell is None and held.graph.images is None
-    total = love_weber_stress(held.graph, walls["volume"])
-    total = total - held.plane_force.T @ held.planes.branch / walls["volume"]
+    total, planes = love_weber_stress(held.graph, walls.volume), held.boundary.walls
+    total = total - planes.force.T @ planes.branch / walls.volume
     np.testing.assert_allclose(held.stress, total, rtol=1e-12)
     # The walls push against each other: opposite resultants are equal.
-    force, n = held.plane_force, -held.planes.branch
+    force, n = planes.force, -planes.branch
     for axis in (0, 1):
         along = np.abs(n[:, axis]) > 0.5 * np.linalg.norm(n, axis=1)
         pushes = force[along, axis]
@@ -157,7 +159,9 @@ def test_a_disc_between_four_walls_finds_its_place():
         [[-0.49, 0.0], [0.48, 0.0], [0.0, -0.5], [-0.49, 0.0], [0.48, 0.0], [0.0, 0.48]]
     )
     planes = PlaneContacts(grain, branch, np.array([2.0, 1.0, 1.0, 2.0, 1.0, 1.0]), np.zeros(6))
-    held = hold(graph, LinearFrictional(1.0, 0.5, 0.0), planes=planes, volume=0.97 * 1.97)
+    held = hold(
+        graph, LinearFrictional(1.0, 0.5, 0.0), boundary=between(planes, volume=0.97 * 1.97)
+    )
     assert held.status == "at rest"
     # 2 (.5 - x) = .5 - (.97 - x), and three springs of 1 in a row of length 1.97.
     np.testing.assert_allclose(held.graph.x[:, 0], 1.47 / 3.0, atol=1e-7)
@@ -179,9 +183,7 @@ def test_discs_between_rough_walls_turn_and_move_as_their_springs_say():
     force = -0.01 * branch / arm
     force[0, 0] = push
     planes = PlaneContacts(grain, branch, *stiffness)
-    held = hold(
-        graph, LinearFrictional(1.0, 0.5, 0.0), planes=planes, plane_force=force, volume=2.9
-    )
+    held = hold(graph, LinearFrictional(1.0, 0.5, 0.0), boundary=between(planes, force, volume=2.9))
     assert held.status == "at rest"
     # Floor: T = -push + kt (u + arm w), ceiling: T = -kt (u - arm w); force on the disc, moment.
     K = np.zeros((6, 6))
@@ -191,10 +193,11 @@ def test_discs_between_rough_walls_turn_and_move_as_their_springs_say():
     u, w = np.split(np.linalg.solve(K, [-push, 0, 0, -push, 0, 0]), 2)
     np.testing.assert_allclose(held.graph.x[:, 0] - graph.x[:, 0], u, atol=1e-3 * push)
     floor, ceiling = -push * np.array([1, 0, 0]) + kt * (u + arm * w), -kt * (u - arm * w)
-    along = held.plane_force[:, 0]
+    walls = held.boundary.walls
+    along = walls.force[:, 0]
     shear = {
         (int(g), bool(b[1] < 0)): f
-        for g, b, f in zip(held.planes.grain, held.planes.branch, along, strict=True)
+        for g, b, f in zip(walls.grain, walls.branch, along, strict=True)
         if b[1] != 0
     }
     np.testing.assert_allclose([shear[g, True] for g in range(3)], -floor, atol=1e-3 * push)
@@ -238,15 +241,16 @@ def test_where_one_damping_alone_comes_to_rest_its_state_is_the_answer():
         ({"damping": (0.0, 0.4)}, "damping"),
         ({"damping": (0.2, 1.5)}, "damping"),
         ({"mass": [-1.0] * 600}, "mass"),
-        ({"volume": None}, "no volume"),
+        ({"boundary": {"volume": None}}, "no volume"),
         ({"control": "stress"}, "stress"),
-        ({"planes": None}, "no cell"),
+        ({"boundary": {"walls": None}}, "no cell"),
     ],
 )
 def test_bad_input_is_one_clear_error(options, told):
     snapshot, walls = walled_sample()
+    boundary = replace(walls, **options.get("boundary", {}))
     with pytest.raises(InputError, match=told):
-        hold(snapshot.graph, snapshot.law, **(walls | options))
+        hold(snapshot.graph, snapshot.law, **(options | {"boundary": boundary}))
 
 
 def test_a_packing_without_contact_force_is_refused():

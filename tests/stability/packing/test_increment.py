@@ -15,7 +15,7 @@ from stability.packing.probe import probe_by_increment
 from stability.packing.response import component_control, forces_of_motion, yield_response
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain
-from tests.stability.packing.walled_packings import jammed_in_box
+from tests.stability.packing.walled_packings import between, jammed_in_box
 
 H = np.array([[1.0, 0.0], [0.0, -0.6]])
 SOME = [(12, 1), (16, 2), (24, 3), (36, 5)]
@@ -92,7 +92,7 @@ def test_a_grain_at_its_plates_sticks_then_slides():
     T = np.array([0.9 * limit, 0.1 * limit])
     graph, planes = one_grain(T)
     low, high = box(graph, planes)
-    how = {"planes": planes, "volume": float(np.prod(high - low)), "candidates": 0.8}
+    how = {"boundary": between(planes, volume=float(np.prod(high - low))), "candidates": 0.8}
     law = LinearFrictional(1.0, 0.5)
     # Sticking, both plates carry the same and there is no spin.
     slope = 2.0 * 0.98 / (4.0 + 2.0 * KT)
@@ -176,7 +176,7 @@ def test_frame_numbers_and_units_change_nothing(which):
     low, high = box(graph, planes)
     planes = replace(planes, force=force, fixed=low)
     volume = float(np.prod(high - low))
-    first = packing_increment(graph, which[2], 2e-3 * H, planes=planes, volume=volume)
+    first = packing_increment(graph, which[2], 2e-3 * H, boundary=between(planes, volume=volume))
     R = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     order = np.random.default_rng(1).permutation(graph.grain_count)
     back, rows = np.argsort(order), np.random.default_rng(2).permutation(graph.contact_count)
@@ -190,7 +190,9 @@ def test_frame_numbers_and_units_change_nothing(which):
         kt=0.02 * planes.kt, force=0.06 * force @ R.T, fixed=3.0 * R @ low,
     )  # fmt: skip
     law = LinearFrictional(0.02, 0.01, which[2].mu, which[2].shear_increment)
-    found = packing_increment(turned, law, 2e-3 * R @ H @ R.T, planes=plates, volume=9.0 * volume)
+    found = packing_increment(
+        turned, law, 2e-3 * R @ H @ R.T, boundary=between(plates, volume=9.0 * volume)
+    )
     assert (found.status, found.sliding) == (first.status, first.sliding)
     size = np.abs(first.stress_rate).max()
     stress = R.T @ found.stress_rate @ R / 0.02

@@ -13,9 +13,9 @@ from stability import Stage, follow
 from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
 from stability.packing.equations_of_motion import Snap, masses_of
-from stability.packing.incremental_packing import ELASTIC, SLIDING
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
+from stability.packing.regime_factor import ELASTIC, SLIDING
 from stability.packing.response import PackingRates, forces_of_motion, yield_response
 from stability.packing.state import start_state
 from stability.packing.strain_increment import (
@@ -168,7 +168,7 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     monkeypatch.setattr(past_module, "snap_through", at_once)
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
     stage = Stage(programme, quantity, share * duration * unit)
-    solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None, None)
+    solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None)
     solver.targets = deque([stage.target])
     met = InstabilityError(Event("instability", 0.4, contacts=(3,), cause="chatters"))
     assert solver._pass(met, duration, stage) is None
@@ -200,7 +200,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     monkeypatch.setattr(past_module, "snap_through", kept)
     rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
     stage = Stage(Programme("strain", np.zeros((4, 4)), np.eye(4), rate), "parameter", 1.0)
-    solver = PackingPathSolver(jammed(12, 1), LAW, [stage], 1e-4, "dynamic", None, None)
+    solver = PackingPathSolver(jammed(12, 1), LAW, [stage], 1e-4, "dynamic", None)
     # Ahead of the programme, and half an interval behind it.
     error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
     solver.F = np.eye(2) - error.reshape(2, 2)
@@ -214,7 +214,7 @@ def load_solver(graph, interval=1e-4):
     """A path of loads along (-1, 0), up to a tenth of the stress."""
     largest = 0.1 * start_state(graph).stress[0, 0]
     stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", largest)
-    solver = PackingPathSolver(graph, LAW, [stage], interval, "stop", None, None)
+    solver = PackingPathSolver(graph, LAW, [stage], interval, "stop", None)
     solver.start_stage(0, stage, 1)
     return solver, stage
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loops import find_faces
-from stability.packing import incremental_packing, rattlers, strain_increment, sustain
+from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.sustain import Loading, _DeadLoad, load_path, renumbered
@@ -77,7 +77,7 @@ KNOBS = (
 def test_numbers_of_the_method_move_no_limit(name, factor, monkeypatch):
     """Times and divided by three: within a thousandth."""
     wanted = known(FEW[0])
-    for module in (rattlers, strain_increment, incremental_packing):
+    for module in (rattlers, strain_increment, regime_factor):
         if (value := getattr(module, name, None)) is not None:
             monkeypatch.setattr(module, name, type(value)(factor * value))
     assert limit(FEW[0]) == pytest.approx(wanted, rel=1e-3)
@@ -114,7 +114,7 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
     strains = []
     for load in (0.985 * motion.lost, 1.015 * motion.lost):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
-        solver = PackingPathSolver(graph, law, [stage], 5e-6, "stop", None, None)
+        solver = PackingPathSolver(graph, law, [stage], 5e-6, "stop", None)
         solver.start_stage(0, stage, 1)
         moving = _DeadLoad(solver, stage, load, graph.contact_count, 0.3)
         status = moving.hold()

@@ -16,6 +16,7 @@ from stability import Stage, follow
 from stability.programmes import drained_biaxial
 from tests.oracles.lattices import lattice
 from tests.packings import diamonds, strained, touching_lattice
+from tests.stability.packing.walled_packings import between
 
 followed = partial(follow, closure="packing")
 LENGTH, ROOT = 0.99, np.sqrt(3)
@@ -197,7 +198,7 @@ def between_walls(law, stage, interval):
     push = 2.0 * graph.normal_force * np.abs(way @ half) / LENGTH
     overlap = push ** (2 / 3 if isinstance(law, HertzMindlin) else 1)
     planes = PlaneContacts(np.arange(4), (0.5 - overlap)[:, None] * way, np.ones(4), np.zeros(4))
-    walls = {"planes": planes, "plane_force": -push[:, None] * way}
+    walls = {"boundary": between(planes, -push[:, None] * way)}
     return graph, followed(graph, law, stage, interval=interval, **walls)
 
 

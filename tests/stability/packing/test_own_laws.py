@@ -11,7 +11,7 @@ from stability.packing import hold, replay
 from stability.packing.pairs import require_movable
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
@@ -71,16 +71,16 @@ def events(path):
     return [(event.kind, event.contacts) for event in path.events]
 
 
-def between(boundary):
+def scene(boundary):
     """Graph, stage and walls."""
     if boundary == "cell":
         return jammed(12, 1), strained(H), {}
     graph, planes, force = jammed_in_box(*ROUGH)
-    return graph, DRAINED, {"planes": planes, "plane_force": force}
+    return graph, DRAINED, {"boundary": between(planes, force)}
 
 
 def own_and_known(boundary, kind):
-    graph, stage, walls = between(boundary)
+    graph, stage, walls = scene(boundary)
     if kind == "linear":
         return graph, stage, walls, Springs(k=1.0, kt=0.5, mu=0.5), LAW
     known = hertz_of(graph, kind)

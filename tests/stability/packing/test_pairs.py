@@ -31,6 +31,7 @@ from stability.packing.pairs import (
 )
 from stability.packing.state import start_state
 from tests.stability.packing.test_own_laws import Stiffening
+from tests.stability.packing.walled_packings import between
 
 RADII = np.array([2.0, 3.0, 5.0])
 OVERLAP = np.array([0.1, 0.2, 0.05])
@@ -61,8 +62,8 @@ def triangle(law, shear=(0.03, -0.02, 0.01), walls=False):
         stiff = np.array([6.0, 8.0]), np.array([1.5, 1.0])
         planes = PlaneContacts(np.array([0, 1]), feet, *stiff, np.array([0.1, 0.6]))
         force = np.array([[0.01, 0.5], [-0.02, 0.9]])
-        state = start_state(graph, planes, force, volume=50.0)
-    pairs = contact_pairs(state, law, planes)
+        state = start_state(graph, between(planes, force, volume=50.0), still=True)
+    pairs = contact_pairs(state, law, between(planes))
     N = normal_forces(pairs, overlaps(state, pairs))
     return replace(state, normal_force=N), pairs
 
@@ -152,7 +153,7 @@ def test_springs_of_walls_have_the_forces_that_they_were_given(law):
     if law is LINEAR:
         # Without a friction a wall that resists shear never slides, another one always.
         planes = PlaneContacts(np.array([0, 1]), np.ones((2, 2)), np.ones(2), np.array([0.0, 1.0]))
-        assert contact_pairs(state, law, planes).mu[3:].tolist() == [0.0, np.inf]
+        assert contact_pairs(state, law, between(planes)).mu[3:].tolist() == [0.0, np.inf]
         assert pairs.kn[3:].tolist() == [6.0, 8.0] and pairs.kt[3:].tolist() == [1.5, 1.0]
         return
     np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-9)

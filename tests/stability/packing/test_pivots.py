@@ -8,9 +8,9 @@ from scipy import sparse
 
 from stability import follow
 from stability.compiled import packing_rates
-from stability.packing import incremental_packing, packing_response, strain_increment
-from stability.packing.incremental_packing import ELASTIC, IncrementalPacking
+from stability.packing import packing_response, regime_factor, strain_increment
 from stability.packing.pairs import contact_pairs
+from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from stability.packing.state import start_state
 from stability.packing.strain_increment import MixedControl, UnsolvedError, disagreeing, pivot
 from tests.packings import LAW, jammed, packing, strained
@@ -27,7 +27,7 @@ def stuck_packing(seed):
     regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
     side = np.sign(graph.shear_force)
     pairs = contact_pairs(start_state(graph), LAW)
-    frozen = IncrementalPacking(start_state(graph), pairs, regime, side, True, np.zeros(24))
+    frozen = RegimeFactor(start_state(graph), pairs, regime, side, True, np.zeros(24))
     return graph, frozen, np.flatnonzero(at_yield)
 
 
@@ -139,7 +139,7 @@ def test_a_path_finds_the_solution_that_pivots_miss():
 def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     """Proved to have none; three springs are tried before the mode stops."""
     searched, sought = [], strain_increment.solve_complementarity
-    springs, added = [], IncrementalPacking.add_ground_springs
+    springs, added = [], RegimeFactor.add_ground_springs
 
     def search(q, M):
         searched.append(sought(q, M))
@@ -150,7 +150,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
         added(packing, grains, spring)
 
     monkeypatch.setattr(strain_increment, "solve_complementarity", search)
-    monkeypatch.setattr(IncrementalPacking, "add_ground_springs", add)
+    monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
     path = follow(
         yielding(36, 5, 3), LAW, strained(1e-8 * STRAINS[2]), closure="packing", rows=1,
         interval=1e-8,
@@ -163,7 +163,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
 
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
     """Eight contacts at yield, columns for seven; a new factorisation from four on."""
-    for module in (incremental_packing, strain_increment):
+    for module in (regime_factor, strain_increment):
         monkeypatch.setattr(module, "ROOM", 7)
     monkeypatch.setattr(strain_increment, "RANK", 3)
     seen = held_to_the_rate_problem([(16, 2, 1)])

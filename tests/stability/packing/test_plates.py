@@ -10,7 +10,7 @@ from loops import GrainGraph, LinearFrictional
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
 from stability.packing import packing_response
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 ROUGH = [which for which in JAMMED if which[3][1] > 0]
 STRAINS = [np.diag([1.0, 0.0]), np.diag([-0.7, 1.0]), np.array([[0.2, 0.5], [-0.3, 0.1]])]
@@ -21,10 +21,10 @@ def box(graph, planes):
     return feet.min(axis=0), feet.max(axis=0)
 
 
-def response(graph, law, planes, H, **how):
+def response(graph, law, planes, H, volume=None, **how):
     low, high = box(graph, planes)
-    volume = float(np.prod(high - low))
-    return packing_response(graph, law, H, planes=planes, **{"volume": volume} | how)
+    boundary = between(planes, volume=volume or float(np.prod(high - low)))
+    return packing_response(graph, law, H, boundary=boundary, **how)
 
 
 # One disc between four plates, off the middle; left and right ones are smooth.
@@ -112,7 +112,7 @@ def test_rates_are_those_of_the_first_step_of_a_path(which, k):
     graph, planes, force = jammed_in_box(*which)
     programme = programmes.oedometric() if k == 0 else programmes.drained_biaxial()
     stage = Stage(programme, "H11", 1e-8)
-    path = follow(graph, which[2], stage, closure="packing", planes=planes, plane_force=force,
+    path = follow(graph, which[2], stage, closure="packing", boundary=between(planes, force),
                   past="stop")  # fmt: skip
     assert path.status == "finished"
     driven = [[1.0, 0.0], [0.0, 0.0 if k == 0 else np.nan]]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, affine_tangent, find_faces
+from loops.boundary import Boundary
 from loops.packing import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
@@ -356,4 +357,4 @@ def test_bad_input_is_one_clear_error():
             probe(graph, LAW, **how)
     floating = graph.replace(cell=None, cell0=None, images=None)
     with pytest.raises(InputError, match="float"):
-        probe(floating, LAW, volume=1.0)
+        probe(floating, LAW, boundary=Boundary(volume=1.0))

@@ -14,6 +14,7 @@ from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
 from stability.packing.state import start_state
 from tests.packings import jammed, strained
+from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5, 0.5)
 LARGE, FORCE = 0.505, 0.01
@@ -151,9 +152,9 @@ def test_a_grain_in_a_corner_of_two_walls(more):
     branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
     branch = np.vstack([branch, [[-0.5 - place[0], 0], [0, -0.5 - place[1]]]])
     planes = PlaneContacts(np.array(grain), branch, np.full(10, 2.0), np.zeros(10))
-    state = start_state(graph, planes)
+    state = start_state(graph, between(planes))
     before = np.arange(len(state.x)) == 4
-    pairs = contact_pairs(state, LAW, planes)
+    pairs = contact_pairs(state, LAW, between(planes))
     freed = free_rattlers(state, pairs, before)
     rows = np.flatnonzero((state.contacts == 4).any(axis=1))
     overlap = overlaps(freed.state, pairs)[rows]
@@ -249,7 +250,7 @@ def test_rows_leave_the_rattlers_where_they_are():
     ends = []
     for rows in (1, 50):
         stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-        solver = PackingPathSolver(graph, LAW, [stage], 2e-4, "viscous", None, None)
+        solver = PackingPathSolver(graph, LAW, [stage], 2e-4, "viscous", None)
         solver.follow(0, stage, rows, 1, 1000, None)
         ends.append(solver)
     np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)

@@ -17,7 +17,7 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from loops.packing import PlaneContacts
+from loops.boundary import Boundary, PlaneContacts, boundary_of
 from stability.packing import packing_response, response
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
@@ -223,7 +223,9 @@ def test_contacts_of_a_grain_with_two_are_candidates_from_their_full_strength_on
         assert (found.candidates, found.settled) == counts
     # A wall is a third contact.
     wall = PlaneContacts(np.array([grain]), np.array([[0.0, 0.4]]), np.ones(1), np.zeros(1))
-    found = packing_response(with_ratio(graph, of_two, 0.995), LAW, H, planes=wall)
+    found = packing_response(
+        with_ratio(graph, of_two, 0.995), LAW, H, boundary=boundary_of(graph, walls=wall)
+    )
     assert (found.candidates, found.settled) == (1, 0)
 
 
@@ -258,14 +260,15 @@ def test_what_floats_or_has_no_area_is_refused():
     graph = packing(24, seed=3)
     plane = GrainGraph(graph.x, graph.radii, graph.contacts[:0])
     with pytest.raises(InputError, match="grains that all float"):
-        packing_response(plane, LAW, H, volume=1.0)
+        packing_response(plane, LAW, H, boundary=Boundary(volume=1.0))
     triangle = GrainGraph([[0, 0], [1, 0], [0, 1]], [0.6] * 3, [[0, 1], [1, 2], [2, 0]])
     with pytest.raises(InputError, match="float"):
-        packing_response(triangle, LAW, H, volume=1.0)
-    held = [True, True, False]
+        packing_response(triangle, LAW, H, boundary=Boundary(volume=1.0))
+    held = np.array([True, True, False])
     with pytest.raises(InputError, match="volume"):
-        packing_response(triangle, LAW, H, held=held)
-    assert packing_response(triangle, LAW, H, held=held, volume=0.5).status == "unique"
+        packing_response(triangle, LAW, H, boundary=Boundary(held=held))
+    boundary = Boundary(held=held, volume=0.5)
+    assert packing_response(triangle, LAW, H, boundary=boundary).status == "unique"
     with pytest.raises(InputError, match=r"strain_rate: got \[1.0, 2.0\].* Give a number for each"):
         packing_response(graph, LAW, [1.0, 2.0])
     with pytest.raises(InputError, match=r"stress_rate: got .* Give zero to hold the stress"):

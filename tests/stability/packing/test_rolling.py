@@ -21,7 +21,7 @@ from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
 from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed
-from tests.stability.packing.walled_packings import jammed_in_box
+from tests.stability.packing.walled_packings import between, jammed_in_box
 
 KR, N, RADII = 0.03, 0.02, (0.5, 0.4)
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
@@ -165,7 +165,7 @@ def walk(name, inner, spring, interval):
     walls = {}
     if name == "box":
         graph, planes, force = jammed_in_box(*ROUGH)
-        walls = {"planes": planes, "plane_force": force}
+        walls = {"boundary": between(planes, force)}
     else:
         graph = jammed(*PACKINGS[name])
     strain = np.diag([2e-3, -1e-3]) if walls else H

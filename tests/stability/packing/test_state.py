@@ -10,6 +10,7 @@ from loops.packing import PlaneContacts
 from stability.packing.pairs import _as_known
 from stability.packing.state import jumped, start_state
 from tests.packings import jammed
+from tests.stability.packing.walled_packings import between
 
 STATE = start_state(jammed(16, 2))
 SIZE = float(np.linalg.norm(STATE.stress))
@@ -67,7 +68,7 @@ def walled(shift=0.0, angle=0.3):
 def test_contacts_with_walls_join_grains_to_planes(shift):
     """Two walls, near or far from the origin, where their places are known to 1e-7 alone."""
     graph, planes, overlap = walled(shift)
-    made = start_state(graph, planes, volume=2.0)
+    made = start_state(graph, between(planes, volume=2.0), still=True)
     assert len(made.walls) == 2 and made.count == 3
     own = made.contacts
     assert own[:, 0].tolist() == [0, 1, 2, 2] and own[0, 1] == own[1, 1] == own[2, 1] != own[3, 1]
@@ -85,7 +86,7 @@ def test_contacts_with_walls_join_grains_to_planes(shift):
 def test_given_forces_of_walls_are_resolved_along_and_across():
     graph, planes, _ = walled()
     force = np.random.default_rng(1).normal(size=(4, 2))
-    made = start_state(graph, planes, force, volume=2.0)
+    made = start_state(graph, between(planes, force, volume=2.0), still=True)
     for c in range(4):
         n = -planes.branch[c] / np.hypot(*planes.branch[c])
         assert made.normal_force[c] == pytest.approx(force[c] @ n)
@@ -98,7 +99,9 @@ def test_planes_closer_than_a_millionth_of_the_sample_are_one_wall(gap):
     x = [[0.0, 0.0], [3.0, 3.5 * gap]]
     graph = GrainGraph(x=x, radii=[0.5, 0.5], contacts=np.zeros((0, 2), int))
     planes = PlaneContacts(np.array([0, 1]), np.full((2, 2), [0.0, -0.49]), np.ones(2), np.ones(2))
-    assert len(start_state(graph, planes, volume=2.0).walls) == (1 if gap < 1e-6 else 2)
+    assert len(start_state(graph, between(planes, volume=2.0), still=True).walls) == (
+        1 if gap < 1e-6 else 2
+    )
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])

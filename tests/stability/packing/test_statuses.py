@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional
-from loops.packing.system import carrying_grains
+from loops.system import carrying_grains
 from patterns.synthetic import synthetic_network
 from stability.packing import complementarity, packing_response, probe, response
 from stability.packing.response import PackingRates, yield_response

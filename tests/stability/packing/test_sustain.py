@@ -22,7 +22,7 @@ from stability.packing.state import start_state
 from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 SQUARE = GrainGraph(
     x=[[0, 0], [1, 0], [0, 1], [1, 1]],
@@ -255,19 +255,21 @@ def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
     branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
     planes = PlaneContacts(np.array(grain), branch, np.full(8, 2.0), np.zeros(8))
     directions = [[-1, 0], [1, 0], [0, -1]]
-    found = sustain(graph, LAW, directions, largest=0.02, interval=1e-4, planes=planes)
+    found = sustain(graph, LAW, directions, largest=0.02, interval=1e-4, boundary=between(planes))
     assert found.status.tolist() == [NO_REST, "held", NO_REST]
     np.testing.assert_allclose(found.limit, [0.01, np.nan, 0.01], rtol=1e-9)
     assert found.paths[0].mode.displacement.shape == (4, 2)
     with pytest.raises(InputError, match="box"):
-        sustain(graph, LAW, [[0, 0, 1]], subspace="symmetric", largest=0.01, planes=planes)
+        sustain(
+            graph, LAW, [[0, 0, 1]], subspace="symmetric", largest=0.01, boundary=between(planes)
+        )
 
 
 @pytest.mark.parametrize("which", [JAMMED[0], JAMMED[4]], ids=["smooth", "rough"])
 def test_a_slow_replay_between_walls_moves_under_the_load_of_the_large_motion(which):
     graph, planes, force = jammed_in_box(*which)
-    walls = {"planes": planes, "plane_force": force}
-    largest = 0.25 * np.trace(start_state(graph, planes, force).stress)
+    walls = {"boundary": between(planes, force)}
+    largest = 0.25 * np.trace(start_state(graph, between(planes, force)).stress)
     how = {"largest": largest, "interval": INTERVAL, "spread": False, **walls}
     (path,) = sustain(graph, which[2], [[-1, 1]], **how).paths
     assert path.status.startswith("large") and path.balance_error < 1e-10

@@ -4,12 +4,14 @@ Units differ by powers of two, so that every number is the same but for its expo
 is compared with a force, or with a number, shows.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, find_faces
 from loops.packing import PlaneContacts, loops_in_place
-from loops.packing.system import plane_stiffness
+from loops.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes
 from stability.packing import (
@@ -25,7 +27,7 @@ from stability.packing.loop_quantities import LoopRates
 from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
-from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 # Unit discs have masses of r^2: the unit of time is a power of two as well.
 FORCE, LENGTH = 2.0**12, 2.0**-8
@@ -56,10 +58,10 @@ def law_in_units(law):
 
 
 def walls_in_units(walls):
-    planes, unit = walls["planes"], FORCE / LENGTH
+    planes, unit = walls["boundary"].walls, FORCE / LENGTH
     stiffness = unit * planes.kn, unit * planes.kt
-    planes = PlaneContacts(planes.grain, LENGTH * planes.branch, *stiffness, planes.mu)
-    return {"planes": planes, "plane_force": FORCE * walls["plane_force"]}
+    branch, force = LENGTH * planes.branch, FORCE * planes.force
+    return {"boundary": between(PlaneContacts(planes.grain, branch, *stiffness, planes.mu), force)}
 
 
 def unequal(grains, seed, increment="radii"):
@@ -81,7 +83,7 @@ def scene(name):
     if name == "box":
         grains, seed, law, wall = JAMMED[3]
         graph, planes, force = jammed_in_box(grains, seed, law, wall)
-        strain, walls = np.diag([4e-3, -4e-3]), {"planes": planes, "plane_force": force}
+        strain, walls = np.diag([4e-3, -4e-3]), {"boundary": between(planes, force)}
     else:
         graph, law = unequal(12, 1, "branch" if name == "branch" else "radii")
     if name == "Hertz":
@@ -256,8 +258,10 @@ def test_packings_of_each_law_come_to_rest(name):
     for (graph, law, walls), length in zip(both, (1.0, LENGTH), strict=True):
         kick = 1e-3 * np.random.default_rng(1).standard_normal(graph.x.shape)
         shaken = graph.replace(x=graph.x + length * kick)
-        how = {"volume": 12.0 * length**2} if walls else {"control": "stress"}
-        held.append(hold(shaken, law, unbalanced=1e-4, **how, **walls))
+        how = {"control": "stress"}
+        if walls:
+            how = {"boundary": replace(walls["boundary"], volume=12.0 * length**2)}
+        held.append(hold(shaken, law, unbalanced=1e-4, **how))
     one, other = held
     assert one.status == other.status == "at rest" and one.steps == other.steps
     assert (one.lost, one.gained, one.sliding) == (other.lost, other.gained, other.sliding)

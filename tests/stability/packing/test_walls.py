@@ -20,7 +20,7 @@ from stability.packing import hold, packing_response, probe, replay
 from stability.packing.probe import probe_to
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
-from tests.stability.packing.walled_packings import JAMMED, SMOOTH, jammed_in_box, mirrored
+from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, mirrored
 
 SMOOTH_ONES = [which for which in JAMMED if which[3] == SMOOTH]
 # In this one a grain that carries nothing at the start is loaded on the way.
@@ -30,7 +30,7 @@ DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
 
 def walked(which, stage=DRAINED, interval=1e-5, **options):
     graph, planes, force = jammed_in_box(*which)
-    walls = {"planes": planes, "plane_force": force, "past": "stop"}
+    walls = {"boundary": between(planes, force), "past": "stop"}
     return follow(graph, which[2], stage, closure="packing", interval=interval, **walls | options)
 
 
@@ -59,7 +59,7 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     # A smooth wall is a plane of symmetry: the grain and its image press on each other through
     # two springs in a row, each as stiff as the wall.
     graph, planes, force = jammed_in_box(*which)
-    start = start_state(graph, planes, force)
+    start = start_state(graph, between(planes, force))
     image = mirrored(graph, planes, force, box_of(start))
     law = which[2]
     whole = LinearFrictional(
@@ -76,7 +76,7 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     # Ground springs are shares of the mean stiffness, which differs; they fade with the interval.
     np.testing.assert_allclose(one.P[-1], other.P[-1], rtol=1e-6, atol=1e-9)
     assert one.energy[-1] == pytest.approx(other.energy[-1] / 4, rel=1e-7)
-    walls = {"planes": planes, "plane_force": force}
+    walls = {"boundary": between(planes, force)}
     ends = [
         replay(packing, own, np.diag([1e-4, 0]), time_step=0.1, **there).state.stress.diagonal()
         for packing, own, there in ((graph, law, walls), (image, whole, {}))
@@ -104,7 +104,7 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path(which):
     graph, planes, force = jammed_in_box(*which)
     stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
     path = walked(which, stage, interval=2e-6).states[-1]
-    how = {"planes": planes, "plane_force": force, "balanced": True}
+    how = {"boundary": between(planes, force), "balanced": True}
     moved = replay(graph, which[2], stage, inertial_number=2e-7, **how).state
     first = np.arange(graph.contact_count + len(planes.grain))
     size = np.abs(path.forces).max()
@@ -128,7 +128,7 @@ def test_strain_and_stress_are_those_of_the_walls(which):
     graph, planes, force = jammed_in_box(*which)
     path = drained(which)
     end = path.states[-1]
-    first, last = (box_of(s) for s in (start_state(graph, planes, force), end))
+    first, last = (box_of(s) for s in (start_state(graph, between(planes, force)), end))
     sides = np.array([np.ptp(side) for side in first]), np.array([np.ptp(side) for side in last])
     np.testing.assert_allclose(path.H[-1][[0, 3]], 1 - sides[1] / sides[0], rtol=0, atol=1e-12)
     # The lower left corner stays where the affine motion takes it; only the right wall carries P11.
@@ -145,9 +145,11 @@ def test_strain_and_stress_are_those_of_the_walls(which):
 @pytest.mark.parametrize("which", SMOOTH_ONES)
 def test_the_first_increment_is_that_of_the_rate_problem(which):
     graph, planes, force = jammed_in_box(*which)
-    area = abs(np.linalg.det(start_state(graph, planes, force).cell))
+    area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
     H = np.array([[1.0, 0.0], [0.0, -0.4]])
-    rates = packing_response(graph, which[2], H, planes=planes, volume=area, yield_band=1 - 1e-6)
+    rates = packing_response(
+        graph, which[2], H, boundary=between(planes, volume=area), yield_band=1 - 1e-6
+    )
     path = walked(which, strained(1e-8 * H), interval=1e-8)
     change = (path.P[-1] - path.P[0])[[0, 3]] / 1e-8
     # Ground springs of 1e-4 kn hold grains of two contacts.
@@ -157,9 +159,9 @@ def test_the_first_increment_is_that_of_the_rate_problem(which):
 def test_probes_are_followed_between_walls():
     which = SMOOTH_ONES[1]
     graph, planes, force = jammed_in_box(*which)
-    area = abs(np.linalg.det(start_state(graph, planes, force).cell))
-    rates = probe(graph, which[2], 4, planes=planes, volume=area, yield_band=1 - 1e-6)
-    found = probe_to(rates, graph, which[2], find_faces(graph), 1e-7, None, planes, force)
+    area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
+    rates = probe(graph, which[2], 4, boundary=between(planes, volume=area), yield_band=1 - 1e-6)
+    found = probe_to(rates, graph, which[2], find_faces(graph), 1e-7, None, between(planes, force))
     assert (found.status == "finished").all()
     np.testing.assert_allclose(
         found.stress_rate[:, [0, 1], [0, 1]], rates.stress_rate[:, [0, 1], [0, 1]],
@@ -171,17 +173,22 @@ def test_a_packing_held_between_walls_that_stand_still_has_the_replays_forces():
     which = SMOOTH_ONES[1]
     graph, planes, force = jammed_in_box(*which)
     pushed = replay(
-        graph, which[2], np.diag([1e-4, -1e-4]), planes=planes, plane_force=force,
+        graph, which[2], np.diag([1e-4, -1e-4]), boundary=between(planes, force),
         inertial_number=1e-3,
     ).state  # fmt: skip
     rows = pushed.closed & pushed.at_wall
     kn, kt, mu = (np.full(np.count_nonzero(rows), k) for k in SMOOTH)
     now = PlaneContacts(pushed.contacts[rows, 0], pushed.branches[rows], kn, kt, mu)
     area = abs(float(np.linalg.det(pushed.cell)))
-    held = hold(pushed.graph(), which[2], planes=now, volume=area)
+    held = hold(pushed.graph(), which[2], boundary=between(now, volume=area))
     assert held.status == "at rest"
     quiet = replay(
-        pushed.graph(), which[2], np.zeros((2, 2)), planes=now, duration=4000.0, viscous=0.05
+        pushed.graph(),
+        which[2],
+        np.zeros((2, 2)),
+        boundary=between(now),
+        duration=4000.0,
+        viscous=0.05,
     ).state
     np.testing.assert_allclose(np.diag(held.stress), np.diag(quiet.stress), rtol=1e-4)
 
@@ -197,7 +204,7 @@ def test_a_column_between_walls_in_closed_form():
     planes = PlaneContacts(np.array(grain), np.array(branch), kn, np.zeros(6))
     law, height = LinearFrictional(1.0, 0.5, 0.5), 1.96
     stage = strained(np.diag([0.0, 1e-4]))
-    path = follow(graph, law, stage, closure="packing", planes=planes)
+    path = follow(graph, law, stage, closure="packing", boundary=between(planes))
     stiffness = 1.0 / (1.0 + 2 / 2.0)
     grown = stiffness * 1e-4 * height
     np.testing.assert_allclose(path.states[-1].normal_force[:3], [0.02 + grown] * 3, rtol=1e-12)
@@ -212,7 +219,7 @@ def test_a_column_between_walls_in_closed_form():
           [1, 0, 0, 0]), "parameter", 1e-5)}, "turn or shear the box"),
         ({"left_out": 0}, "one wall on each side"),
         ({"turned": 0.01}, "one wall on each side"),
-        ({"planes": None}, "no cell and no walls"),
+        ({"boundary": None}, "no cell and no walls"),
     ],
 )  # fmt: skip
 def test_bad_input(change, message):
@@ -226,13 +233,13 @@ def test_bad_input(change, message):
         R = np.array([[c, -s], [s, c]])
         graph, force = graph.replace(x=graph.x @ R.T), force @ R.T
         planes = PlaneContacts(planes.grain, planes.branch @ R.T, planes.kn, planes.kt, planes.mu)
-    planes = change.get("planes", planes)
+    boundary = change.get("boundary", between(planes, force))
     stage = change.get("stage", DRAINED)
     with pytest.raises(InputError, match=message):
-        follow(graph, LAW, stage, closure="packing", planes=planes, plane_force=force)
+        follow(graph, LAW, stage, closure="packing", boundary=boundary)
     with pytest.raises(InputError, match=message):
         given = stage if "stage" in change else np.diag([1e-5, 0])
-        replay(graph, LAW, given, planes=planes, plane_force=force)
+        replay(graph, LAW, given, boundary=boundary)
 
 
 def test_tangents_of_hertz_are_not_taken_for_springs():
@@ -240,7 +247,7 @@ def test_tangents_of_hertz_are_not_taken_for_springs():
     for graph, walls in ((jammed(16, 2), {}), (jammed_in_box(24, 1)[0], None)):
         if walls is None:
             _, planes, force = jammed_in_box(24, 1)
-            walls = {"planes": planes, "plane_force": force}
+            walls = {"boundary": between(planes, force, volume=1.0)}
         graph = graph.replace(normal_force=hertz.normal_force(contact_state(graph)))
         kn, kt = hertz.stiffnesses(contact_state(graph))
         tangents = LinearFrictional(np.maximum(kn, 1e-9), kt, 0.5)
@@ -249,4 +256,4 @@ def test_tangents_of_hertz_are_not_taken_for_springs():
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
             replay(graph, tangents, np.diag([1e-6, 0]), **walls)
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
-            hold(graph, tangents, volume=1.0, **walls)
+            hold(graph, tangents, **walls)

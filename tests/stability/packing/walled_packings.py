@@ -1,11 +1,12 @@
 """Small packings between walls, and the periodic packing of one and its mirror images."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from loops import GrainGraph, LinearFrictional
-from loops.packing import PlaneContacts
+from loops.boundary import Boundary, PlaneContacts
 from stability.packing import replay
 from tests.packings import BRANCH, LAW
 
@@ -21,6 +22,13 @@ JAMMED = (
     (16, 6, BRANCH, ROUGH),
     (36, 3, LAW, ROUGH),
 )
+
+
+def between(planes, force=None, **volume):
+    """The boundary of a packing between walls with these forces on the grains."""
+    if force is not None:
+        planes = replace(planes, force=force)
+    return Boundary(walls=planes, **volume)
 
 
 def jammed_in_box(grains, seed, law=LAW, wall=SMOOTH):
@@ -101,14 +109,14 @@ def _jam(grains, seed, law, wall, shear=(1e-3, -1e-3)):
     for density in np.arange(0.76, 0.92, 0.02):
         area = float(np.prod(upper - lower))
         change = 1 - np.sqrt(np.pi * np.sum(radii**2) / density / area)
-        how = dict(planes=planes, plane_force=force, duration=400.0, **quiet)
+        how = dict(boundary=between(planes, force), duration=400.0, **quiet)
         end = replay(graph, loose, change * np.eye(2), **how).state
         graph, planes, force = split(end, wall)
         lower, upper = end.x[-4:].min(axis=0), end.x[-4:].max(axis=0)
         if graph.normal_force.sum() > 0.004 * graph.grain_count:
             break
     for strain in (np.diag(shear), np.zeros((2, 2))):
-        how = dict(planes=planes, plane_force=force, duration=4000.0, **quiet)
+        how = dict(boundary=between(planes, force), duration=4000.0, **quiet)
         graph, planes, force = split(replay(graph, law, strain, **how).state, wall)
     return graph, planes, force
 

@@ -44,7 +44,6 @@ from studies.series.skill_figures import (
 from studies.snapshot.in_packing import (
     add_in_packing,
     box_corners,
-    followed_walls,
     sample_boundary,
 )
 from tests.docs.test_packing_page import quotes_the_sample
@@ -627,10 +626,10 @@ def test_a_walls_contact_slides_where_the_file_says_so():
     N = np.sum(n * one.walls.force, axis=1)
     T = np.abs(n[:, 0] * one.walls.force[:, 1] - n[:, 1] * one.walls.force[:, 0])
     at_yield = T >= 0.999 * one.walls.mu * N
-    np.testing.assert_array_equal(sample_boundary(one)[0].regime == 2, at_yield)
+    np.testing.assert_array_equal(sample_boundary(one)[0].walls.regime == 2, at_yield)
     flags = np.arange(len(N)) % 3 == 0
     assert (flags != at_yield).any()
     again = snapshot_from_tables(**replace(one, walls=replace(one.walls, sliding=flags)).tables())
     np.testing.assert_array_equal(again.walls.sliding, flags)
-    np.testing.assert_array_equal(sample_boundary(again)[0].regime == 2, flags)
-    np.testing.assert_array_equal(followed_walls(again)[0].kt, one.walls.kt)
+    np.testing.assert_array_equal(sample_boundary(again)[0].walls.regime == 2, flags)
+    np.testing.assert_array_equal(sample_boundary(again)[0].walls.kt, one.walls.kt)

@@ -22,8 +22,9 @@ def snapshots():
 
 def test_plates_have_the_springs_and_the_friction_of_the_file(snapshots):
     for snapshot in snapshots:
-        planes, held, notes = sample_boundary(snapshot)
-        assert held is None and notes == []
+        boundary, notes = sample_boundary(snapshot)
+        planes = boundary.walls
+        assert boundary.kind == "walls" and notes == []
         assert (planes.mu == 0.5).all() and np.allclose(planes.kt, 0.5 * planes.kn, rtol=1e-9)
         state = planes.state(snapshot.graph.radii)
         # N is kn times the overlap, and T is within Coulomb's limit.

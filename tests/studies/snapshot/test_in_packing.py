@@ -270,7 +270,7 @@ def test_rough_walls_hold_until_they_slide(tmp_path):
     contacts.loc[first, "mu"] = np.hypot(*contacts.loc[first, ["fsx", "fsy"]]) / contacts.fn[first]
     shutil.copy(sample_path(), tmp_path / "grains_biaxial.csv.gz")
     contacts.to_csv(tmp_path / "contacts_biaxial.csv.gz", index=False)
-    planes, _, _ = sample_boundary(read_snapshot(tmp_path / "grains_biaxial.csv.gz"))
+    planes = sample_boundary(read_snapshot(tmp_path / "grains_biaxial.csv.gz"))[0].walls
     ratio = np.hypot(contacts.fsx, contacts.fsy)[wall] / contacts.fn[wall]
     stick = (ratio < 0.3).to_numpy() & (np.arange(wall.sum()) > 0)
     np.testing.assert_array_equal(planes.kt, np.where(stick, contacts["ks"][wall], 0.0))

@@ -46,7 +46,7 @@ from studies.series.packing import packing_predictions
 from studies.series.run import run_series
 from studies.series.skill import mean_skill, score_skill
 from studies.series.skill_figures import PREDICTORS
-from studies.snapshot.in_packing import followed_walls
+from studies.snapshot.in_packing import sample_boundary
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 from tests.tools.scaling.in_place import replicated
 from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
@@ -383,8 +383,8 @@ def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[st
         graph, law, faces = one.graph, one.mechanics()[0], one.faces
         H, source = sample_strain(one, two)
         assert source == "walls"
-        planes, force = followed_walls(one)
-        walls = {"planes": planes, "plane_force": force}
+        boundary, _ = sample_boundary(one)
+        walls = {"boundary": boundary}
         mass = tables[k].set_index("id").mass[one.ids].to_numpy()
         time = float(np.diff(macro.time[numbers[k : k + 2]])[0])
         path = followed(graph, law, strained(H), instabilities=1000, past="dynamic", **walls)

@@ -16,7 +16,7 @@ from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.loading import loading_between, read_strains
 from studies.series.packing import Following, interval_rate, stress_error
 from studies.series.skill import score_skill
-from studies.snapshot.in_packing import followed_walls
+from studies.snapshot.in_packing import sample_boundary
 
 WAYS = {
     "as it was made": {},
@@ -36,10 +36,10 @@ def replayed(before, after, times, asked, rest):
     rate = interval_rate(before, after, H, times, asked, loading)
     still = ("velocity", "spin") if rest else ()
     options = {name: value for name, value in rate.options.items() if name not in still}
-    planes, force = followed_walls(before)
+    boundary, _ = sample_boundary(before)
     end = replay(
         before.graph, before.mechanics()[0], loading.strain, shares=loading.shares,
-        damping=asked.damping, planes=planes, plane_force=force, **options,
+        damping=asked.damping, boundary=boundary, **options,
     ).state  # fmt: skip
     works = loop_changes(before.graph, end, before.faces).normalised_work[made["loop_before"]]
     score = score_skill(-works, np.asarray(made["w2"]), signed=False)

@@ -1,4 +1,4 @@
-"""A packing with frozen geometry: its rates in any regimes from one factorisation.
+"""Rates of a packing with frozen geometry in any regimes, from one factorisation.
 
 Every pair has a normal and a shear rate `q = (un', ut')`, and its force changes by `-D q`: `D` is
 0 where it is open, `diag(kn, kt)` where it sticks, `[[kn, 0], [s mu kn, 0]]` where it slides. A
@@ -13,22 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.laws.frictional import Regime
+from loops.system import REGULARISATION, WIDTH, Factor, lu_factors
 from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.state import PackingState
 
-# Ground spring of every grain over the mean kn: as weak as the matrix needs. Limits are equal to
-# four digits from 1e-11 to 1e-7, and wrong from 1e-5 on (docs/theory/packing.md).
-REGULARISATION = 1e-7
-# Number of columns from which on the system is factorised anew, and the largest possible one. From
-# half of the room on it is, whatever the first number: an event may bring many columns at once.
-RANK, ROOM = 96, 192
-# Right-hand sides that are solved together: that of an event and those of the next likely ones; as
-# many as `stability.compiled.packing_columns.WIDTH`, which refuses another number.
-BATCH = 8
+# Columns from which on the system is factorised anew; from half of the room on it always is.
+RANK = 96
+# Columns that there is room for: an event may bring many at once.
+ROOM = 192
+# Right-hand sides that are solved together: that of an event and those of the next likely ones.
+BATCH = WIDTH
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
 OPEN, ELASTIC, SLIDING = (int(k) for k in (Regime.OPEN, Regime.ELASTIC, Regime.SLIDING))
@@ -38,14 +35,17 @@ NO_STRAIN = np.zeros(4)
 
 
 class Combination(NamedTuple):
-    """Strain rate and load `h` (5,), and coefficients `w` of the columns."""
+    """A motion `V h + U w`: strain rate and load `h` (5,), coefficients `w` of the columns."""
 
     h: Floats
     w: Floats
 
 
 class Small(NamedTuple):
-    """`1 + C` of the columns in its factors, the order of its rows, sign of its det; `Y` of `h`."""
+    """The matrix `1 + C` of the columns, eliminated; order of its rows, sign of its determinant.
+
+    `Y` (m, 5) are its solutions for unit strains and the load.
+    """
 
     factors: Floats
     order: Integers
@@ -53,8 +53,8 @@ class Small(NamedTuple):
     Y: Floats
 
     def solved(self, right: Floats) -> Floats:
-        """Solution for right-hand sides (m, r)."""
-        from stability.compiled.packing_columns import substitute
+        """Return the solution for right-hand sides (m, r)."""
+        from loops.compiled.columns import substitute
 
         x = right[self.order]
         substitute(self.factors, x)
@@ -62,17 +62,18 @@ class Small(NamedTuple):
 
 
 class Order(NamedTuple):
-    """Places of the freedoms in the elimination, and the number of entries in its factor."""
+    """An order of elimination: the place of each freedom, and the number of entries in `L`."""
 
     place: Integers
     entries: int
 
 
-class IncrementalPacking:
-    """The linear system at one geometry; `set_regime` changes the regime of a contact.
+class RegimeFactor:
+    """A factor of `K` in reference regimes, and `K` in other ones through its columns.
 
     `frame` are the pairs, then their springs against rolling if there are any; `regime` and `side`
-    of each its regime and the sign of its slip, `time_to_event` as far as known.
+    of each its regime and the sign of its slip, `time_to_event` as far as known. `set_regime`
+    changes them. The order of elimination and the memory are those of the increment `before`.
     """
 
     def __init__(
@@ -83,10 +84,9 @@ class IncrementalPacking:
         side: Floats,
         by_radii: bool,
         load: Floats,
-        before: IncrementalPacking | None = None,
+        before: RegimeFactor | None = None,
         reach: float = 0.0,
     ) -> None:
-        # The order of elimination and the memory for columns are those of the increment before.
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
         self.frame: NDArray[Any] = frame_of(state, pairs, by_radii, reach)
@@ -104,7 +104,7 @@ class IncrementalPacking:
         self.factorise()
 
     def tangent(self, c: int) -> tuple[float, float, float]:
-        """`D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
+        """Return `D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
         regime, pair = self.regime[c], self.frame[c]
         kn = float(pair["kn"]) if regime != OPEN else 0.0
         push = float(pair["push"]) * kn
@@ -115,16 +115,33 @@ class IncrementalPacking:
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""
-        from stability.compiled import packing_rates as kernels
+        from stability.compiled.packing_rates import resultants
+
+        size = 3 * self.count
+        self.reference = (self.regime.copy(), self.side.copy())
+        place = np.arange(size) if self.order is None else self.order.place
+        matrix = self._matrix(place)
+        self.factor = Factor(matrix, lu_factors(matrix, ordered=self.order is not None), place)
+        entries = self.factor.lu.L.nnz
+        if self.order is None:
+            self.order = Order(self.factor.out_of, entries)
+        elif entries > FILL * self.order.entries:
+            self.order = None
+        right = np.zeros((5, size))
+        for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
+            resultants(self.frame, *self.reference, np.zeros(size), strain, column)
+        right[4] = self._held_load()
+        self.V = self._solved(right)
+        self._drop_columns()
+
+    def _matrix(self, place: Integers) -> sparse.csc_array:
+        """Return `K` on weak springs, its freedoms numbered by `place`."""
+        from stability.compiled.packing_rates import blocks
 
         frame, size = self.frame, 3 * self.count
-        self.reference = (self.regime.copy(), self.side.copy())
         room = 36 * len(frame) + size
         at, values = np.empty((2, room), dtype=np.int32), np.empty(room)
-        place = np.arange(size) if self.order is None else self.order.place
-        k = kernels.blocks(frame, *self.reference, place, at, values)
-        unit = float(frame["kn"].mean())
-        springs = np.repeat(np.maximum(REGULARISATION, self.ground_spring), 3) * unit
+        k = blocks(frame, *self.reference, place, at, values)
         if len(self.wall_freedoms):
             # Walls are held: nothing couples to them.
             held = np.zeros(size, dtype=bool)
@@ -132,27 +149,13 @@ class IncrementalPacking:
             kept = ~(held[at[0, :k]] | held[at[1, :k]])
             free = int(np.count_nonzero(kept))
             at[:, :free], values[:free], k = at[:, :k][:, kept], values[:k][kept], free
+        unit = float(frame["kn"].mean())
         at[:, k : k + size] = np.arange(size)
-        values[k + place] = springs
-        self.lu = splu(
-            sparse.csc_array((values[: k + size], tuple(at[:, : k + size])), (size, size)),
-            permc_spec="NATURAL" if self.order else "MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.001,
-            options={"SymmetricMode": True},
-        )
-        L, U = self.lu.L, self.lu.U
-        # Places of a freedom's force and of its motion in the factors.
-        self.into, self.out_of = self.lu.perm_r[place], self.lu.perm_c[place]
-        if self.order is None:
-            self.order = Order(self.out_of, L.nnz)
-        elif L.nnz > FILL * self.order.entries:
-            self.order = None
-        self.factors = (L.indptr, L.indices, L.data, U.indptr, U.indices, U.data)
-        right = np.zeros((5, size))
-        for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
-            kernels.resultants(frame, *self.reference, np.zeros(size), strain, column)
-        right[4] = self._held_load()
-        self.V = self._solved(right)
+        values[k + place] = np.repeat(np.maximum(REGULARISATION, self.ground_spring), 3) * unit
+        return sparse.csc_array((values[: k + size], tuple(at[:, : k + size])), (size, size))
+
+    def _drop_columns(self) -> None:
+        """Forget the columns, and rates and stresses under them."""
         self.motion_count[:] = 0
         self.small: Small | None = None
         self.rows = np.empty(ROOM, dtype=np.int64)
@@ -186,22 +189,19 @@ class IncrementalPacking:
         self.factorise()
 
     def _solved(self, right: Floats) -> Floats:
-        """Motions (k, 3G) under up to eight loads."""
+        """Return motions (k, 3G) under up to eight loads (k, 3G)."""
         x = np.zeros((right.shape[1], BATCH))
-        x[self.into, : len(right)] = right.T
-        return self._solved_in_place(x, 0)[: len(right)]
+        x[self.factor.into, : len(right)] = right.T
+        return self._columns(x, 0)[: len(right)]
 
-    def _solved_in_place(self, x: Floats, first: int) -> Floats:
-        """Motions (8, 3G) under loads in the order of the factors, zero before row `first`."""
-        from stability.compiled.packing_columns import solve_eight
-
-        x[self.into[self.wall_freedoms]] = 0.0
-        solve_eight(*self.factors, x, first)
-        return np.ascontiguousarray(x[self.out_of].T)
+    def _columns(self, x: Floats, first: int) -> Floats:
+        """Return motions (8, 3G) under loads in the order of elimination; walls stand still."""
+        x[self.factor.into[self.wall_freedoms]] = 0.0
+        return self.factor.columns(x, first)
 
     def column(self, row: int) -> int:
-        """Number of the column of a row, which is solved for if it is new."""
-        from stability.compiled import packing_columns as kernels
+        """Return the number of the column of a row, which is solved for if it is new."""
+        from stability.compiled.packing_columns import mutual_rates
 
         if row not in self.at:
             k = len(self.at)
@@ -221,11 +221,11 @@ class IncrementalPacking:
             self.at[row] = k
             self.U[k] = self.ready.pop(row)
             chosen = self.rows[: k + 1] % len(self.frame)
-            kernels.mutual_rates(self.frame, chosen, self.V, self.U, self.base, self.mutual)
+            mutual_rates(self.frame, chosen, self.V, self.U, self.base, self.mutual)
         return self.at[row]
 
     def columns(self, rows: list[int]) -> list[int]:
-        """Numbers of the columns of these rows."""
+        """Return the numbers of the columns of these rows."""
         new = [r for r in rows if r not in self.at and r not in self.ready]
         for k in range(0, len(new), BATCH):
             self._solve_ahead(new[k : k + BATCH])
@@ -237,8 +237,8 @@ class IncrementalPacking:
 
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
         x = np.zeros((self.U.shape[1], BATCH))
-        first = [unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(new)]
-        self.ready.update(zip(new, self._solved_in_place(x, min(first)), strict=False))
+        first = [unit_force(self.frame, r, self.factor.into, x[:, k]) for k, r in enumerate(new)]
+        self.ready.update(zip(new, self._columns(x, min(first)), strict=False))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""
@@ -265,7 +265,7 @@ class IncrementalPacking:
         self.set_regime(c, SLIDING if self.regime[c] == ELASTIC else ELASTIC, self.side[c])
 
     def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Combination:
-        """Rates under `stress @ P' + strain @ H' = rate`."""
+        """Return rates under `stress @ P' + strain @ H' = rate`."""
         small, h = self._small(), np.ones(5)
         if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
@@ -277,7 +277,7 @@ class IncrementalPacking:
         return Combination(h, self._padded(-small.Y @ h))
 
     def driven(self, stress: Floats, strain: Floats, k: int) -> Combination:
-        """Rates under a unit force on the row of a column, at a control that stands still."""
+        """Return rates under a unit force on a column's row, at a control that stands still."""
         small, h = self._small(), np.zeros(5)
         m = len(small.Y)
         x = self._padded(-small.solved(self._changes(self.mutual[:, :, k : k + 1], m))[:, 0])
@@ -289,12 +289,12 @@ class IncrementalPacking:
         return Combination(h, x)
 
     def _padded(self, w: Floats) -> Floats:
-        """Coefficients with zeros for the columns that came since."""
+        """Return coefficients with zeros for the columns that came since."""
         return np.concatenate([w, np.zeros(len(self.at) - len(w))])
 
     def _small(self) -> Small:
-        """The system in the columns, eliminated once for the present regimes."""
-        from stability.compiled.packing_columns import eliminate
+        """Return the system in the columns, eliminated once for the present regimes."""
+        from loops.compiled.columns import eliminate
 
         if self.small is None:
             m = len(self.at)
@@ -307,12 +307,12 @@ class IncrementalPacking:
         return self.small
 
     def _changes(self, rates: Floats, m: int) -> Floats:
-        """Changes of the forces on the first rows by rates (2, m, r) of their pairs."""
+        """Return changes of the forces on the first rows by rates (2, m, r) of their pairs."""
         p, q = self.coefficients[:, :m, None]
         return np.asarray(p * rates[0, :m] + q * rates[1, :m])
 
     def sign(self, stress: Floats, strain: Floats) -> float:
-        """Sign of the determinant, over that of the reference."""
+        """Return the sign of the determinant, over that of the reference."""
         small = self._small()
         if not stress.any() or small.sign == 0.0:
             return small.sign
@@ -322,7 +322,7 @@ class IncrementalPacking:
     def _controlled(
         self, stress: Floats, strain: Floats, Y: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Matrix of the control; stress rates of unit strains and the load, and of the columns."""
+        """Return the matrix of the control; stress rates of unit strains and load, of columns."""
         from stability.compiled import packing_rates as kernels
 
         frame, m, out = self.frame, len(self.at), np.empty(4)
@@ -343,14 +343,14 @@ class IncrementalPacking:
         return stress @ whole[:, :4] + strain, whole, columns
 
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
-        """`n . d'` and shear rate of a pair."""
+        """Return `n . d'` and the shear rate of a pair."""
         from stability.compiled.packing_columns import rates_of
 
         un, ut = rates_of(self.frame, c, self.V, self.U, *rates)
         return un, ut
 
     def edge(self, rates: tuple[Combination, ...], c: Integers) -> Floats:
-        """`w - z` (k, r) of pairs: rate of the yield function if stuck, minus the slip rate."""
+        """Return `w - z` (k, r) of pairs: rate of the yield function if stuck, minus slip rate."""
         from stability.compiled.packing_columns import yield_rates
 
         h, w = (np.array(parts) for parts in zip(*rates, strict=True))
@@ -360,11 +360,11 @@ class IncrementalPacking:
         return out
 
     def motion(self, rates: Combination) -> Floats:
-        """(3G,) freedoms."""
+        """Return the motion (3G,) of all freedoms."""
         return np.asarray(rates.h @ self.V + rates.w @ self.U[: len(rates.w)])
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
-        """Pairs that slide or stand on the friction limit, but for held ones."""
+        """Return pairs that slide or stand on the friction limit, but for held ones."""
         from stability.compiled.packing_rates import at_yield
 
         found: Integers = at_yield(self.frame, self.regime, held, N, T, AT_YIELD)

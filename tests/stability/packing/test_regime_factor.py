@@ -5,11 +5,12 @@ import pytest
 from scipy import sparse
 
 from loops import branch_vectors
+from loops.compiled import columns
 from stability import Stage, follow, programmes
-from stability.compiled import packing_columns, packing_rates
-from stability.packing import incremental_packing, strain_increment
-from stability.packing.incremental_packing import BATCH, ELASTIC, OPEN, SLIDING, IncrementalPacking
+from stability.compiled import packing_rates
+from stability.packing import regime_factor, strain_increment
 from stability.packing.pairs import contact_pairs
+from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
 from tests.stability.packing.yade_rest import yade_rest
@@ -41,9 +42,7 @@ def pieces_of(graph, changes=()):
     for c, to, on in changes:
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
-    return IncrementalPacking(
-        state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel()
-    )
+    return RegimeFactor(state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel())
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
@@ -83,8 +82,8 @@ def test_columns_solved_ahead_are_those_solved_alone():
 
 def test_right_hand_sides_are_as_many_as_the_kernel_solves(monkeypatch):
     """Twenty-four at once left sixteen unsolved without a word."""
-    assert BATCH == packing_columns.WIDTH
-    monkeypatch.setattr(incremental_packing, "BATCH", 3 * BATCH)
+    assert BATCH == columns.WIDTH
+    monkeypatch.setattr(regime_factor, "BATCH", 3 * BATCH)
     with pytest.raises(ValueError, match="as many right-hand sides as WIDTH"):
         pieces_of(jammed(36, 5, LAW))
 
@@ -93,8 +92,8 @@ def test_little_room_for_columns_changes_no_path(monkeypatch):
     """With room for 16 and a new factorisation from 96 on the path was lost."""
     graph, law, _ = yade_rest("slow")
     paths = []
-    for room in (incremental_packing.ROOM, 16):
-        for module in (incremental_packing, strain_increment):
+    for room in (regime_factor.ROOM, 16):
+        for module in (regime_factor, strain_increment):
             monkeypatch.setattr(module, "ROOM", room)
         stage = Stage(programmes.drained_biaxial(axis=2), "H22", 5e-6)
         paths.append(follow(graph, law, stage, closure="packing", rows=1))
@@ -175,7 +174,7 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
     assert 3 < np.count_nonzero(slides) < len(pairs) - 3
     regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
-    pieces = IncrementalPacking(state, pairs, regime, side, law is LAW, np.zeros(24))
+    pieces = RegimeFactor(state, pairs, regime, side, law is LAW, np.zeros(24))
     wanted = differences(graph, law, regime)
     # Freedoms of the rates are spins times a length, loads are moments over it.
     scale = np.tile([1.0, 1.0, pieces.length], 8)
@@ -205,7 +204,7 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    pieces = IncrementalPacking(state, pairs, regime, side, True, load)
+    pieces = RegimeFactor(state, pairs, regime, side, True, load)
     rates = pieces.solve(*control)
     motion, frame, n = pieces.motion(rates), pieces.frame, len(load)
     force, stress = np.zeros((n + 4, n)), np.zeros((n + 4, 4))

@@ -5,18 +5,18 @@ import pytest
 from scipy import sparse
 
 from stability.compiled import packing_rates
-from stability.packing import incremental_packing
-from stability.packing.incremental_packing import (
+from stability.packing import regime_factor
+from stability.packing.pairs import contact_pairs
+from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
     REGULARISATION,
     SLIDING,
-    IncrementalPacking,
     Order,
+    RegimeFactor,
 )
-from stability.packing.pairs import contact_pairs
 from stability.packing.state import start_state
-from tests.stability.packing.test_incremental_packing import ALL, CHANGES, HELD, NONE, OPENS
+from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS
 from tests.stability.packing.test_units import unequal
 
 UNITS = [1.0, 2.0**30, 2.0**-30]
@@ -44,7 +44,7 @@ def pieces_of(unit=1.0, changes=(), more=0.0):
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * unit * (load - load.mean(axis=0)).ravel() + more
-    return IncrementalPacking(state, pairs, regime, side, True, load)
+    return RegimeFactor(state, pairs, regime, side, True, load)
 
 
 def dense(pieces):
@@ -163,7 +163,7 @@ def test_signs_are_those_of_dense_determinants():
 
 
 def test_there_is_room_for_so_many_columns(monkeypatch):
-    monkeypatch.setattr(incremental_packing, "ROOM", 5)
+    monkeypatch.setattr(regime_factor, "ROOM", 5)
     pieces = pieces_of()
     assert pieces.columns([3, 8, 12, 3, 20]) == [0, 1, 2, 0, 3]
     assert pieces.column(30) == 4 and pieces.column(8) == 1
@@ -177,7 +177,7 @@ def test_there_is_room_for_so_many_columns(monkeypatch):
 def test_an_order_of_elimination_is_kept_until_the_factors_grow_by_a_quarter(growth, kept):
     pieces = pieces_of()
     place, entries = pieces.order
-    assert entries == pieces.lu.L.nnz
+    assert entries == pieces.factor.lu.L.nnz
     order = pieces.order = Order(place, entries / growth)
     V = np.array([relative(pieces, motion) for motion in pieces.V])
     pieces.factorise()

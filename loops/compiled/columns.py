@@ -1,0 +1,93 @@
+"""Solutions of triangular systems: eight right-hand sides of a sparse one, small dense ones."""
+
+from __future__ import annotations
+
+from loops.arrays import Floats, Integers
+from loops.compiled import kernel
+
+# Right-hand sides that `solve_eight` solves at once.
+WIDTH = 8
+
+
+@kernel
+def solve_eight(
+    lp: Integers,
+    li: Integers,
+    lx: Floats,
+    up: Integers,
+    ui: Integers,
+    ux: Floats,
+    x: Floats,
+    first: int,
+) -> None:
+    """`L U x` in place of `x` (n, 8), zero before row `first`; columns sorted by row."""
+    if x.shape[1] != WIDTH:
+        raise ValueError("as many right-hand sides as WIDTH")
+    for j in range(first, len(x)):
+        some = False
+        for r in range(WIDTH):
+            some = some or x[j, r] != 0.0
+        if some:
+            v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
+            for q in range(lp[j] + 1, lp[j + 1]):
+                i, factor = li[q], lx[q]
+                for r in range(WIDTH):
+                    x[i, r] -= factor * v[r]
+    for j in range(len(x) - 1, -1, -1):
+        last = up[j + 1] - 1
+        for r in range(WIDTH):
+            x[j, r] /= ux[last]
+        v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
+        for q in range(up[j], last):
+            i, factor = ui[q], ux[q]
+            for r in range(WIDTH):
+                x[i, r] -= factor * v[r]
+
+
+@kernel
+def eliminate(a: Floats, order: Integers) -> float:
+    """`L U` of `1 + a` in place of `a`, rows in the `order` of the pivots; sign of its det."""
+    m, sign = len(a), 1.0
+    for k in range(m):
+        a[k, k] += 1.0
+    for k in range(m):
+        best = k
+        for i in range(k + 1, m):
+            if abs(a[i, k]) > abs(a[best, k]):
+                best = i
+        if a[best, k] == 0.0:
+            return 0.0
+        if best != k:
+            sign = -sign
+            order[k], order[best] = order[best], order[k]
+            for c in range(m):
+                a[k, c], a[best, c] = a[best, c], a[k, c]
+        if a[k, k] < 0:
+            sign = -sign
+        for i in range(k + 1, m):
+            if a[i, k] != 0.0:
+                factor = a[i, k] / a[k, k]
+                a[i, k] = factor
+                for c in range(k + 1, m):
+                    a[i, c] -= factor * a[k, c]
+    return sign
+
+
+@kernel
+def substitute(factors: Floats, x: Floats) -> None:
+    """The solution in place of right-hand sides `x` (m, r), rows in the order of the factors."""
+    m, count = x.shape
+    for k in range(m):
+        for i in range(k):
+            factor = factors[k, i]
+            if factor != 0.0:
+                for c in range(count):
+                    x[k, c] -= factor * x[i, c]
+    for k in range(m - 1, -1, -1):
+        for i in range(k + 1, m):
+            factor = factors[k, i]
+            if factor != 0.0:
+                for c in range(count):
+                    x[k, c] -= factor * x[i, c]
+        for c in range(count):
+            x[k, c] /= factors[k, k]

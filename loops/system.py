@@ -1,0 +1,385 @@
+"""The linear system of a packing: contacts as springs between freedoms, sparse, with spins.
+
+Every contact has the relative motion `r = (d', w_i, w_j)` and answers with `s = (f', m_i', m_j')`,
+`s = -S r`; `G` gives the relative motions from the grains' freedoms, `-G^T s` the external forces
+that balance contact forces. A displacement gradient `H'` (compression positive) adds
+`r = (-H' d, 0, 0)`, so the motion of the grains beyond the affine one solves
+
+    K v = -G^T S r_aff + loads,    K = G^T S G
+
+moment rows included. Spins and moments are scaled by the mean radius, so all freedoms are lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.linalg import SuperLU, splu
+
+from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.assembly import assembled_sparse, contact_regime, contact_tangent
+from loops.boundary import Boundary, PlaneContacts, boundary_of, plane_stiffness
+from loops.errors import InputError
+from loops.graph import GrainGraph, branch_vectors, contact_state, require_one_state
+from loops.laws.frictional import ContactLaw, Regime
+from loops.pruning import component_labels, winding_ranks
+from loops.shown import Shown
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Carrying(Shown):
+    """Grains and contacts that carry load, and counts of those that do not.
+
+    `anchors`: one grain of each component that nothing holds, whose translations are fixed.
+    `rattlers`: number of grains with fewer than two contacts, pruned recursively. `clusters`,
+    `clustered`: number of components, and of their grains, that touch no wall and no held grain
+    and do not wind around the cell.
+    """
+
+    grains: Flags
+    contacts: Flags
+    anchors: Integers
+    rattlers: int
+    clusters: int
+    clustered: int
+
+
+def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Carrying:
+    """Prune rattlers and floating clusters; `supports` (G,): wall contacts, 2 for a held grain."""
+    kept, contacts = np.ones(graph.grain_count, dtype=bool), closed.copy()
+    while True:
+        degree = supports + np.bincount(graph.contacts[contacts].ravel(), minlength=len(kept))
+        loose = kept & (degree < 2)
+        if not loose.any():
+            break
+        kept &= ~loose
+        contacts &= kept[graph.contacts].all(axis=1)
+    count, label = component_labels(graph.grain_count, graph.contacts[contacts], kept)
+    held = np.bincount(label[kept], weights=supports[kept], minlength=count) > 0
+    winds = np.zeros(count, dtype=bool)
+    if graph.images is not None:
+        winds = winding_ranks(graph.contacts[contacts], graph.images[contacts], label, count) > 0
+    good = held | winds
+    if not good.any():
+        raise InputError(
+            "packing",
+            f"{count} clusters that float" if count else "grains that all float",
+            "contacts that span the periodic cell, walls, or grains that are held",
+            "Give the cell or the walls, or hold the outline's grains.",
+        )
+    grains = kept & np.append(good, False)[label]
+    free = np.flatnonzero(good & ~held)
+    first = np.full(count, graph.grain_count)
+    np.minimum.at(first, label[kept], np.flatnonzero(kept))
+    return Carrying(
+        grains=grains,
+        contacts=contacts & grains[graph.contacts[:, 0]],
+        anchors=first[free],
+        rattlers=int(np.count_nonzero(~kept)),
+        clusters=int(np.count_nonzero(~good)),
+        clustered=int(np.count_nonzero(kept & ~grains)),
+    )
+
+
+# Springs on the ground at all freedoms, over the typical stiffness: as weak as the matrix needs,
+# and no grain is preferred. They resist gear modes and mechanisms. Rates: no sign changed between
+# 1e-9 and 1e-5. Paths: limits are equal to four digits from 1e-11 to 1e-7, and wrong from 1e-5 on
+# (docs/theory/packing.md).
+REGULARISATION = 1e-7
+# Relative residual at which refinement ends; each step gains several digits.
+REFINED = 1e-15
+# Steps of refinement at most; two reach rounding where no mechanism is loaded.
+REFINEMENTS = 8
+# Right-hand sides that SuperLU solves at a time: fastest with a few.
+PANEL = 4
+# Right-hand sides that the kernel solves together, as many as `loops.compiled.columns.WIDTH`.
+WIDTH = 8
+# Entries of all right-hand sides beyond which the kernel is worth loading.
+LOADS_BY_KERNEL = 1_000_000
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class System(Shown):
+    """Carrying contacts of a packing and the freedoms of their grains.
+
+    `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
+    has none; `ends` (E, 6) those of each contact in the order x_i, y_i, x_j, y_j, w_i, w_j.
+    `contacts` (C',) are the contacts of the graph, wall contacts follow behind them in all arrays
+    of length E. `branches` (E, 2) go to the other grain, or to the point of the plate that moves
+    with the strain. `unit` is a typical stiffness, `volume` the area that stresses refer to.
+    """
+
+    graph: GrainGraph
+    law: ContactLaw
+    carrying: Carrying
+    contacts: Integers
+    branches: Floats
+    stiffness: Floats
+    regime: Regimes
+    freedom: Integers
+    ends: Integers
+    size: int
+    length: float
+    unit: float
+    volume: float
+    planes: PlaneContacts | None
+    held: int
+
+    @property
+    def boundary(self) -> str:
+        """Return in words what drives the packing: periodic cell, walls, held grains."""
+        ends = [] if self.graph.cell is None else ["periodic cell"]
+        ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
+        ends += [f"{self.held} grains held to the affine motion"] if self.held else []
+        return ", ".join(ends)
+
+
+def packing_system(
+    graph: GrainGraph,
+    law: ContactLaw,
+    *,
+    regime: ArrayLike | None = None,
+    boundary: Boundary | None = None,
+) -> System:
+    """Prune, number the freedoms and evaluate the contacts."""
+    require_one_state(graph)
+    state, boundary = contact_state(graph), boundary_of(graph) if boundary is None else boundary
+    regimes = np.broadcast_to(contact_regime(state, law, regime), graph.contacts.shape[:1])
+    fixed = np.zeros(graph.grain_count, dtype=bool) if boundary.held is None else boundary.held
+    carrying = carrying_grains(graph, regimes != Regime.OPEN, boundary.supports(len(fixed)))
+    kept = np.flatnonzero(carrying.contacts)
+    moves = np.repeat(carrying.grains[:, None], 3, axis=1)
+    moves[fixed, :2] = False
+    freedom, size = np.full(moves.shape, -1), int(np.count_nonzero(moves))
+    freedom[moves] = np.arange(size)
+    blocks = contact_tangent(state, law, regimes)[kept]
+    branches, pairs, regimes = branch_vectors(graph)[kept], graph.contacts[kept], regimes[kept]
+    ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
+    planes = boundary.walls
+    if planes is not None:
+        to_plates = planes.to_plates(graph.x)[carrying.grains[planes.grain]]
+        planes = planes.take(carrying.grains[planes.grain])
+        own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
+        at_planes = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
+        blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii, law)])
+        branches, ends = np.concatenate([branches, to_plates]), np.concatenate([ends, at_planes])
+        regimes = np.concatenate([regimes, planes.regime])
+    length = float(graph.radii[carrying.grains].mean())
+    scale = np.array([1.0, 1.0, 1.0 / length, 1.0 / length])
+    blocks = scale[:, None] * blocks * scale
+    unit = float(np.abs(blocks[:, :2, :2]).sum(axis=(1, 2)).mean()) / 2.0 if len(blocks) else 0.0
+    if not unit > 0:
+        expected = "contacts with stiffness"
+        raise InputError("packing", "no contact that resists", expected, "See the law.")
+    volume = boundary.volume
+    if volume is None or not (np.isfinite(volume) and volume > 0):
+        raise InputError("volume", repr(volume), "a positive area", "Give the sample's area.")
+    return System(
+        graph=graph,
+        law=law,
+        carrying=carrying,
+        contacts=kept,
+        branches=branches,
+        stiffness=blocks,
+        regime=np.asarray(regimes, dtype=np.int8),
+        freedom=freedom,
+        ends=ends,
+        size=size,
+        length=length,
+        unit=unit,
+        volume=volume,
+        planes=planes,
+        held=int(np.count_nonzero(fixed & carrying.grains)),
+    )
+
+
+def relative_motion(system: System, v: Floats, strain_rate: Floats | None = None) -> Floats:
+    """Return motions `r` (E, 4) or (E, 4, k) of the contacts from the freedoms, and from `H'`."""
+    padded = np.concatenate([v, np.zeros((1, *v.shape[1:]))])
+    at = padded[system.ends]
+    r = np.concatenate([at[:, 2:4] - at[:, :2], at[:, 4:]], axis=1)
+    if strain_rate is not None:
+        r[:, :2] -= np.tensordot(system.branches, strain_rate, (1, 1))
+    return r
+
+
+def in_freedoms(system: System, rows: Integers, vectors: Floats) -> sparse.csr_array:
+    """Return rows `G^T g` (k, size) of vectors `g` (k, 4) on the motions `r` of some contacts."""
+    entries = np.concatenate([-vectors[:, :2], vectors], axis=1)
+    ends = system.ends[rows]
+    inside = ends >= 0
+    start = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
+    shape = (len(rows), system.size)
+    return sparse.csr_array((entries[inside], ends[inside], start), shape=shape)
+
+
+def balancing_forces(system: System, s: Floats) -> Floats:
+    """Return external forces `-G^T s` (size[, k]) that balance contact forces `s` (E, 4[, k]).
+
+    Force `f` of i on j needs `+f` on i and `-f` on j from outside, and the opposite of moments.
+    """
+    parts = np.concatenate([s[:, :2], -s], axis=1).reshape(system.ends.size, *s.shape[2:])
+    inside = np.flatnonzero(system.ends.ravel() >= 0)
+    rows = system.ends.ravel()[inside]
+    spread = sparse.csr_array(
+        (np.ones(len(rows)), (rows, inside)), shape=(system.size, system.ends.size)
+    )
+    return np.asarray(spread @ parts)
+
+
+def stiffness_matrix(system: System, stiffness: Floats | None = None) -> sparse.csc_array:
+    """Return `K = G^T S G` (size, size), nonsymmetric; `stiffness` in place of the system's own."""
+    blocks = system.stiffness if stiffness is None else stiffness
+    return assembled_sparse(blocks, system.ends, system.size)
+
+
+def packing_stress_rate(system: System, s: Floats) -> Floats:
+    """Return the nominal stress rate `P' = (1/V) sum f' (x) d`, (2, 2) or (2, 2, k)."""
+    return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Factor(Shown):
+    """LU factors of `K` on weak springs, at one geometry and in reference regimes.
+
+    `matrix` is `K` without the springs, against which solutions are refined. `place` numbers the
+    freedoms in the factorised matrix, by default as they are.
+    """
+
+    matrix: sparse.csc_array
+    lu: SuperLU
+    place: Integers | None = None
+
+    def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
+        """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
+        return _refined(self.matrix, self.once, loads, refine)
+
+    def once(self, loads: Floats) -> Floats:
+        """Return motions under up to eight loads on the springs, without refinement."""
+        if loads.ndim == 1 or loads.shape[1] <= PANEL:
+            return np.asarray(self.lu.solve(np.asfortranarray(loads)))
+        x = np.zeros((len(loads), WIDTH))
+        x[self.into, : loads.shape[1]] = loads
+        return self.columns(x)[: loads.shape[1]].T
+
+    def columns(self, loads: Floats, first: int = 0) -> Floats:
+        """Return motions (8, size) under loads (size, 8), which are overwritten; no refinement.
+
+        Loads are numbered as `into` says, and are zero before row `first`.
+        """
+        from loops.compiled.columns import solve_eight
+
+        solve_eight(*self._triangles, loads, first)
+        return np.ascontiguousarray(loads[self.out_of].T)
+
+    def changed(
+        self, matrix: sparse.csc_array, columns: Floats, gauge: sparse.csr_array
+    ) -> Changed:
+        """Return the factors of `matrix`, `K - P G`, from columns `K^-1 P` (size, k)."""
+        small = np.linalg.inv(np.eye(columns.shape[1]) - gauge @ columns)
+        return Changed(matrix, self, columns, gauge, small)
+
+    @cached_property
+    def into(self) -> Integers:
+        """Return the row of each freedom's load in the order of elimination."""
+        rows = self.lu.perm_r
+        return np.asarray(rows if self.place is None else rows[self.place])
+
+    @cached_property
+    def out_of(self) -> Integers:
+        """Return the row of each freedom's motion in the order of elimination."""
+        rows = self.lu.perm_c
+        return np.asarray(rows if self.place is None else rows[self.place])
+
+    @cached_property
+    def _triangles(self) -> tuple[Any, ...]:
+        L, U = self.lu.L, self.lu.U
+        return L.indptr, L.indices, L.data, U.indptr, U.indices, U.data
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Changed(Shown):
+    """Factors of `K - P G` from those of `K`, after Woodbury.
+
+    `columns` (size, k) are `K^-1 P`, `gauge` (k, size) is `G`, `small` (k, k) the inverse of
+    `1 - G K^-1 P`.
+    """
+
+    matrix: sparse.csc_array
+    reference: Factor
+    columns: Floats
+    gauge: sparse.csr_array
+    small: Floats
+
+    def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
+        """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
+        return _refined(self.matrix, self.once, loads, refine)
+
+    def once(self, loads: Floats) -> Floats:
+        """Return motions under up to eight loads on the springs, without refinement."""
+        v = self.reference.once(loads)
+        return np.asarray(v + self.columns @ (self.small @ (self.gauge @ v)))
+
+
+def _refined(
+    matrix: sparse.csc_array, once: Callable[[Floats], Floats], loads: Floats, refine: int
+) -> Floats:
+    """Return solutions of `matrix`, a few at a time, by those of a matrix close to it."""
+    if loads.ndim == 1:
+        return _corrected(matrix, once, loads, refine)
+    width = WIDTH if loads.size > LOADS_BY_KERNEL else PANEL
+    out = np.empty(loads.shape, order="F")
+    for start in range(0, loads.shape[1], width):
+        part = slice(start, start + width)
+        out[:, part] = _corrected(matrix, once, loads[:, part], refine)
+    return out
+
+
+def _corrected(
+    matrix: sparse.csc_array, once: Callable[[Floats], Floats], loads: Floats, refine: int
+) -> Floats:
+    """Return solutions of `matrix` under up to eight loads."""
+    v = once(loads)
+    goal, before = REFINED * np.linalg.norm(loads), np.inf
+    for _ in range(refine):
+        left = loads - matrix @ v
+        # Loads on a mechanism stay unbalanced: refinement would only increase its motion.
+        size = float(np.linalg.norm(left))
+        if size <= goal or size > 0.5 * before:
+            break
+        before = size
+        v += once(left)
+    return v
+
+
+def lu_factors(matrix: sparse.csc_array, *, ordered: bool = False) -> SuperLU:
+    """Return LU factors of a matrix on springs, in its own order if that is `ordered`."""
+    return splu(
+        matrix,
+        permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.001,
+        options={"SymmetricMode": True},
+    )
+
+
+def factorised(system: System, stiffness: Floats | None = None) -> Factor:
+    """Return LU factors of `K` on weak springs, anchors on stiff ones without load.
+
+    `stiffness` (E, 4, 4) replaces that of the system.
+    """
+    matrix = stiffness_matrix(system, stiffness)
+    springs = np.full(system.size, REGULARISATION * system.unit)
+    springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
+    try:
+        lu = lu_factors((matrix + sparse.diags_array(springs)).tocsc())
+    except RuntimeError as error:
+        raise InputError(
+            "packing", "a singular system", "contacts that hold the grains", f"SuperLU: {error}."
+        ) from error
+    return Factor(matrix, lu)

@@ -1,0 +1,99 @@
+"""What a packing ends at: kinds of boundaries, walls that move or stand still, former arguments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import grainloops as gl
+from loops import Boundary, GrainGraph, boundary_of
+from loops.boundary import PlaneContacts, plane_contacts
+from stability.packing import packing_response, replay
+from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
+
+H = np.diag([1.0, -0.4])
+SQUARE = GrainGraph([[0.5, 0.5], [1.4, 0.5]], [0.5, 0.5], [[0, 1]], normal_force=[0.1])
+
+
+def test_kinds():
+    held, walls = np.array([True, False]), PlaneContacts(*np.zeros((4, 0)))
+    some = PlaneContacts(np.array([0]), np.array([[-0.5, 0.0]]), np.ones(1), np.zeros(1))
+    assert boundary_of(jammed(12, 1)).kind == "cell"
+    assert boundary_of(jammed(12, 1), walls=some).kind == "cell"
+    assert boundary_of(SQUARE, walls=some).kind == boundary_of(SQUARE, walls=some, held=held).kind
+    assert boundary_of(SQUARE, walls=some).kind == "walls"
+    assert boundary_of(SQUARE, held=held).kind == "outline"
+    for free in (Boundary(), boundary_of(SQUARE), boundary_of(SQUARE, walls=walls)):
+        assert free.kind == "free"
+    assert boundary_of(SQUARE, held=[False, False]).kind == "free"
+
+
+def test_the_volume_is_that_of_the_cell_or_the_given_one():
+    graph = jammed(12, 1)
+    assert boundary_of(graph).volume == abs(np.linalg.det(graph.cell))
+    assert boundary_of(graph, volume=3.0).volume == 3.0 and boundary_of(SQUARE).volume is None
+
+
+def test_a_held_grain_counts_as_two_supports_and_a_wall_as_one():
+    some = PlaneContacts(np.array([0, 0]), np.eye(2), np.ones(2), np.zeros(2))
+    both = boundary_of(SQUARE, walls=some, held=[False, True])
+    assert both.supports(2).tolist() == [2, 2] and Boundary().supports(2).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("which", JAMMED[:2])
+def test_a_box_has_the_corners_of_its_walls(which):
+    graph, planes, _ = jammed_in_box(*which)
+    normals, points, wall, cell = between(planes).box(graph)
+    feet = graph.x[planes.grain] + planes.branch
+    low, high = feet.min(axis=0), feet.max(axis=0)
+    np.testing.assert_allclose(cell, np.diag(high - low), atol=1e-12)
+    # Each foot lies on its wall.
+    away = np.sum((feet - points[wall]) * normals[wall], axis=1)
+    np.testing.assert_allclose(away, 0.0, atol=1e-12)
+    still = between(planes, volume=7.0).standing(graph)
+    assert np.linalg.det(still.cell) == pytest.approx(7.0)
+    np.testing.assert_array_equal(still.normals, normals)
+
+
+def test_smooth_walls_have_no_shear_force_in_the_rate_problem():
+    """A file's force may lean; what is known is that the wall is smooth."""
+    graph = GrainGraph([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], [[0, 1]])
+    walls = plane_contacts(graph, [0], [[0.3, 0.2]], [[0.4, 0.0]])
+    assert walls.force.tolist() == [[0.3, 0.2]] and walls.state(graph.radii).shear_force == [0.0]
+    rough = replace(walls, mu=np.ones(1))
+    assert abs(rough.state(graph.radii).shear_force[0]) == pytest.approx(0.2)
+
+
+def test_former_arguments_warn_and_give_the_same():
+    graph, planes, force = jammed_in_box(*JAMMED[3])
+    law, boundary = JAMMED[3][2], between(planes, force, volume=12.0)
+    former = {"planes": planes, "plane_force": force}
+    with pytest.warns(DeprecationWarning, match="replay: give boundary=.*not planes, plane_force"):
+        old = replay(graph, law, 1e-5 * H, duration=5.0, **former).state
+    new = replay(graph, law, 1e-5 * H, duration=5.0, boundary=boundary).state
+    np.testing.assert_array_equal(old.x, new.x)
+    stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 1e-6)
+    with pytest.warns(DeprecationWarning, match="follow"):
+        path = gl.follow(graph, law, stage, closure="packing", **former)
+    after = gl.follow(graph, law, stage, closure="packing", boundary=boundary)
+    np.testing.assert_array_equal(path.P, after.P)
+    with pytest.warns(DeprecationWarning, match="hold"):
+        held = gl.hold(graph, law, volume=12.0, unbalanced=1e-2, **former)
+    with pytest.warns(DeprecationWarning, match=r"boundary.walls"):
+        assert held.planes is held.boundary.walls
+    with pytest.warns(DeprecationWarning, match=r"boundary.walls.force"):
+        assert held.plane_force is held.boundary.walls.force
+    periodic, some = jammed(12, 1), np.arange(12) < 2
+    with pytest.warns(DeprecationWarning, match="not held"):
+        answer = packing_response(periodic, LAW, H, held=some)
+    other = packing_response(periodic, LAW, H, boundary=boundary_of(periodic, held=some))
+    np.testing.assert_array_equal(answer.motion, other.motion)
+
+
+def test_the_volume_of_a_loop_is_no_boundary():
+    """`follow` of a loop takes `volume` as ever."""
+    ring = gl.regular_polygon(4)
+    stage = gl.Stage(gl.programmes.isotropic_strain(), "H11", 0.01)
+    law = gl.LinearFrictional(1.0, 0.5)
+    assert gl.follow(ring, law, stage, volume=2.0).status == "finished"
