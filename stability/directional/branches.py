@@ -33,7 +33,8 @@ from loops import (
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_kinematics, motions
 from loops.closures import Closure, Spins
-from loops.closures.system import affine_spin, contact_springs, drive, form_of, relax, spring_sizes
+from loops.closures.spins import affine_spin
+from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.geometry import reference_volume
 from loops.graph import require_one_state

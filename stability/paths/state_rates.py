@@ -9,15 +9,9 @@ import numpy as np
 
 from loops.arrays import Floats, Regimes
 from loops.assembly import translational_blocks, translational_compliances
-from loops.closures.system import (
-    LeastSquares,
-    LoopSpin,
-    closure_matrix,
-    contact_springs,
-    drive,
-    solve_through_null_space,
-    spin_of_gradient,
-)
+from loops.closures.null_space import LeastSquares, solve_through_null_space
+from loops.closures.spins import LoopSpin, spin_of_gradient
+from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT, ring_equations
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_rates

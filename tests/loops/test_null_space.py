@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from loops.closures.system import solve_through_null_space
+from loops.closures.null_space import solve_through_null_space
 
 
 def singular_system(rng, singular_values):

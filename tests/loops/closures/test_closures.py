@@ -14,7 +14,7 @@ from loops import (
     reference_branch_vectors,
     traction_tangent,
 )
-from loops.closures.system import affine_spin
+from loops.closures.spins import affine_spin
 from loops.closures.tangents import solved
 from patterns import regular_polygon
 from tests.oracles.fifty_digits import as_array, traction_tangent_50

@@ -16,13 +16,9 @@ from loops import (
     traction_tangent,
 )
 from loops.arrays import ROUNDING
-from loops.closures.system import (
-    _spin_error,
-    affine_spin,
-    boundary_matrix,
-    solve_through_null_space,
-    spin_of_gradient,
-)
+from loops.closures.null_space import solve_through_null_space
+from loops.closures.spins import _spin_error, affine_spin, spin_of_gradient
+from loops.closures.system import boundary_matrix
 from loops.stress_strain import loop_strain
 from patterns import (
     loop_of_snapshot,
