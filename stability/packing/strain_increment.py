@@ -96,7 +96,7 @@ class MixedControl(NamedTuple):
 class Within(NamedTuple):
     """A packing within an interval; `spring` is the next ground spring to try (kn), 0 for none."""
 
-    packing: IncrementalPacking
+    packing: RegimeFactor
     spring: float
 
 

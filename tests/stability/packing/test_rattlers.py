@@ -260,7 +260,7 @@ def test_rows_leave_the_rattlers_where_they_are():
 def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     """A state at rest is in balance with them: taken for what it was before, it would lose them."""
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-    solver = PackingPathSolver(jammed(12, 1, LAW), LAW, [stage], 2e-4, "stop", None, None)
+    solver = PackingPathSolver(jammed(12, 1, LAW), LAW, [stage], 2e-4, "stop", None)
     solver.start_stage(0, stage, 1)
     end, balance = solver.state, np.abs(solver.imbalance).max()
     solver.rattlers = carrying_nothing(end, LOADED_SHARE)
