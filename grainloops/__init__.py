@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from loops import LinearFrictional as LinearFrictional
     from loops import Regime as Regime
     from loops import RollingResistance as RollingResistance
+    from loops import Support as Support
     from loops import affine_tangent as affine_tangent
     from loops import contact_forces as contact_forces
     from loops import contact_state as contact_state
@@ -84,9 +85,9 @@ if TYPE_CHECKING:
 NAMES = {
     "loops": (
         "FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional Regime "
-        "RollingResistance affine_tangent contact_forces contact_state find_faces force_chains "
-        "from_networkx loop_fates loop_tangents love_weber_stress match_contacts order_kinetics "
-        "to_networkx traction_tangent"
+        "RollingResistance Support affine_tangent contact_forces contact_state find_faces "
+        "force_chains from_networkx loop_fates loop_tangents love_weber_stress match_contacts "
+        "order_kinetics to_networkx traction_tangent"
     ),
     "patterns": (
         "Snapshot diamond loop_of_snapshot planar polydisperse_polygon random_loop "

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from loops.stress_strain import love_weber_stress as love_weber_stress
     from loops.stress_strain import nominal_stress as nominal_stress
     from loops.stress_strain import rotation_and_stretch as rotation_and_stretch
+    from loops.support import Support as Support
     from loops.tracking import ContactMatch as ContactMatch
     from loops.tracking import Fate as Fate
     from loops.tracking import LoopFates as LoopFates
@@ -106,6 +107,7 @@ NAMES = {
         "best_fit_strain contact_forces loop_strain love_weber_stress nominal_stress "
         "rotation_and_stretch"
     ),
+    "loops.support": "Support",
     "loops.tracking": (
         "ContactMatch Fate LoopFates exchange_counts exchange_matrix loop_fates match_contacts"
     ),

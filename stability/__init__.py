@@ -10,6 +10,7 @@ from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
     from stability import programmes as programmes
+    from stability.complementarity import Family as Family
     from stability.destabilising import LinearControl as LinearControl
     from stability.destabilising import destabilising_control as destabilising_control
     from stability.destabilising import softening_control as softening_control
@@ -23,10 +24,12 @@ if TYPE_CHECKING:
     from stability.path import Event as Event
     from stability.path import Path as Path
     from stability.paths import rates_at as rates_at
+    from stability.paths.supported import SupportedRates as SupportedRates
+    from stability.paths.supported import slip_problem as slip_problem
     from stability.programmes import Programme as Programme
     from stability.programmes import Stage as Stage
-    from stability.rate_problem import RateProblem as RateProblem
-    from stability.rate_problem import RateSolution as RateSolution
+    from stability.regimes import RateSolution as RateSolution
+    from stability.regimes import Regimes as Regimes
     from stability.second_order_work import PlaneCone as PlaneCone
     from stability.second_order_work import PolarDiagram as PolarDiagram
     from stability.second_order_work import alpha_e as alpha_e
@@ -57,6 +60,7 @@ if TYPE_CHECKING:
 
 # Each module with the names that are loaded from it.
 NAMES = {
+    "stability.complementarity": "Family",
     "stability.destabilising": (
         "LinearControl destabilising_control softening_control strain_driven stress_driven"
     ),
@@ -64,8 +68,9 @@ NAMES = {
     "stability.follow": "follow",
     "stability.path": "Event Path",
     "stability.paths": "rates_at",
+    "stability.paths.supported": "SupportedRates slip_problem",
     "stability.programmes": "Programme Stage programmes",
-    "stability.rate_problem": "RateProblem RateSolution",
+    "stability.regimes": "RateSolution Regimes",
     "stability.second_order_work": (
         "PlaneCone PolarDiagram alpha_e imhof_fraction normalised_second_order_work plane_cone "
         "polar_diagram second_order_work unstable_fraction"

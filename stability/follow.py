@@ -66,7 +66,7 @@ def follow(
     by an explicit Runge-Kutta method of order 8 over the length of the path in the space of `H`,
     restarted at every event. Events are located on the dense output and corrected by integrating
     to them again. Where contacts are at the edge of their law, a rate problem decides
-    (`stability.rate_problem`).
+    (`stability.regimes`).
 
     Under the `packing` closure the whole of a packing under `LinearFrictional` is followed,
     periodic or between walls, its spins free: within short intervals of strain the rates are

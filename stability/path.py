@@ -16,7 +16,7 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 from stability.programmes import Stage
-from stability.rate_problem import SEARCH_LIMIT
+from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 EventKind = Literal[

@@ -13,21 +13,22 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 # Runs inside Yade, which the tests do without.
 collect_ignore = ["tools/yade_rest.py"]
-COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
+# Markers of tests on data that are not part of the project, and what names their folder.
+FOLDERS = {"collection": "GRAINLOOPS_DEM", "published": "GRAINLOOPS_PUBLISHED"}
 # Functions, and cases of others, that are slow besides those marked so in their files.
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").splitlines())
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark what is slow by the list; tests that need the collection are, and skipped without it."""
+    """Mark what is slow by the list; tests that need a folder are, and skipped without it."""
     for item in items:
         if item.nodeid in SLOW or item.nodeid.split("[")[0] in SLOW:
             item.add_marker("slow")
-        if item.get_closest_marker("collection"):
+        for name in (name for name in FOLDERS if item.get_closest_marker(name)):
             item.add_marker("slow")
-            if not COLLECTION.is_dir():
-                item.add_marker(pytest.mark.skip(reason="GRAINLOOPS_DEM names no folder"))
+            if not Path(os.environ.get(FOLDERS[name]) or "none").is_dir():
+                item.add_marker(pytest.mark.skip(reason=f"{FOLDERS[name]} names no folder"))
 
 
 settings.register_profile("grainloops", derandomize=True, deadline=None)

@@ -39,7 +39,7 @@ from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.geometry import reference_volume
 from loops.graph import require_one_state
 from loops.laws.frictional import edge_of, require_law, with_sides
-from stability.rate_problem import SIGN_TOLERANCE, SOLUTION_RTOL, Choice, edge_options
+from stability.regimes import OPEN, SOLUTION_RTOL, Choice, EdgeRates, agreement, edge_options
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis
 
@@ -365,8 +365,8 @@ class RelaxedBranches:
     `K` (R, m, m) are the operators, NaN where the equations have no single answer; `regime` (R, C)
     the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
     `closing`, `shear` and `strength` (R, E, m) as in `YieldingContacts.rows`; `chosen` (R, E) the
-    regime, `side` (R, E) the sign of `T` where it slides or would; and (E,) the possible regimes:
-    `touching` (open), `yields` (slide to one side), `slides`, `frictional`.
+    regime, `side` (R, E) the sign of `T` where it slides or would; `options` (E) the regimes that
+    each may take.
     """
 
     K: Floats
@@ -374,10 +374,7 @@ class RelaxedBranches:
     closing: Floats
     shear: Floats
     strength: Floats
-    touching: Flags
-    yields: Flags
-    slides: Flags
-    frictional: Flags
+    options: tuple[tuple[Choice, ...], ...]
     chosen: Regimes
     side: Floats
 
@@ -398,16 +395,8 @@ class RelaxedBranches:
             for rows in (self.K, self.closing, self.shear, self.strength)
         )
         # (D, R) combinations in which every contact agrees with its rates.
-        size = np.maximum(np.abs(closing), np.abs(shear)).max(axis=-1, initial=0.0)
-        tol = SIGN_TOLERANCE * size[..., None]
-        excess = self.side * shear - strength
-        beyond = np.where(self.yields, excess, np.abs(shear) - strength)
-        held = ~self.slides | (beyond <= tol)
-        slides = (excess >= -tol) | ~self.frictional
-        agrees = np.where(self.chosen == Regime.SLIDING, slides, held)
-        agrees &= ~self.touching | (closing >= -tol)
-        agrees = np.where(self.chosen == Regime.OPEN, closing <= tol, agrees)
-        agrees = agrees.all(axis=-1) & self.trusted
+        edge = EdgeRates(-closing, shear, strength)
+        agrees = agreement(self.options, self.chosen, self.side, edge).all(axis=-1) & self.trusted
         work, cosine = works(directions[:, None, :], np.where(agrees[..., None], stress, 0.0))
         least = np.argmin(np.where(agrees, work, np.inf), axis=-1)
         most = np.argmax(np.where(agrees, work, -np.inf), axis=-1)
@@ -433,7 +422,8 @@ class RelaxedBranches:
         closing, shear, strength = (
             rows[trusted] for rows in (self.closing, self.shear, self.strength)
         )
-        lines = [np.where(self.touching[:, None], closing, 0.0), shear - strength, shear + strength]
+        touching = np.array([OPEN in can for can in self.options], dtype=bool)[:, None]
+        lines = [np.where(touching, closing, 0.0), shear - strength, shear + strength]
         ends = line_angles(np.concatenate(lines, axis=1).reshape(-1, 2))
         zeros = plane_cone(self.K[trusted], rtol=0.0).edges.ravel()
         zeros = zeros[~np.isnan(zeros)]
@@ -452,7 +442,8 @@ def relaxed_branches(
 ) -> RelaxedBranches:
     """Solve the closure for every combination of regimes, as in `directional_work`."""
     which, basis = edge.anywhere, subspace_basis(subspace)
-    choices = _combinations(graph, edge)
+    options = _options(graph, edge)
+    choices = list(product(*options))
     count = len(choices)
     regime = np.repeat(edge.regime[None], count, axis=0)
     regime[:, which] = [[choice.regime for choice in row] for row in choices]
@@ -477,18 +468,15 @@ def relaxed_branches(
         closing=closing,
         shear=shear,
         strength=strength,
-        touching=edge.touching[which],
-        yields=edge.at_yield[which],
-        slides=edge.slides[which],
-        frictional=edge.mu[which] > 0.0,
+        options=options,
         chosen=regime[:, which],
         side=np.where(edge.at_yield[which], edge.side[which], side),
     )
 
 
-def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choice, ...]]:
+def _options(graph: GrainGraph, edge: YieldingContacts) -> tuple[tuple[Choice, ...], ...]:
     require_one_state(graph)
-    options = [
+    options = tuple(
         edge_options(
             touching=bool(edge.touching[c]),
             at_yield=bool(edge.at_yield[c]),
@@ -497,7 +485,7 @@ def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choic
             side=float(edge.side[c]),
         )
         for c in edge.anywhere
-    ]
+    )
     count = float(np.prod([float(len(each)) for each in options]))
     if count > COMBINATIONS:
         raise InputError(
@@ -506,7 +494,7 @@ def _combinations(graph: GrainGraph, edge: YieldingContacts) -> list[tuple[Choic
             f"at most {COMBINATIONS} combinations under a closure that relaxes",
             "Use the affine closure with spins blocked or affine, or rates_at for one direction.",
         )
-    return list(product(*options))
+    return options
 
 
 def _contact_rates(

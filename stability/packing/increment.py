@@ -24,7 +24,7 @@ from loops.boundary import Boundary, former_boundary
 from loops.graph import GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_rates
 from loops.packing import balancing_forces, relative_motion
-from stability.packing.complementarity import RaisedLoad, positive_definite, raise_load
+from stability.complementarity import RaisedLoad, positive_definite, raise_load
 from stability.packing.response import (
     CONDENSED,
     TRUSTED,

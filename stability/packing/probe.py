@@ -20,9 +20,9 @@ from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw
 from loops.packing import System
 from loops.shown import Shown
+from stability.complementarity import STARTS, TURN
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
-from stability.packing.complementarity import STARTS, TURN
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes, loop_sums

@@ -7,8 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from stability.directional.branches import plane_directions, works
-from stability.packing.complementarity import (
+from stability.complementarity import (
     ENUMERATED,
     NAMED_STARTS,
     TURN,
@@ -20,6 +19,7 @@ from stability.packing.complementarity import (
     solve_from,
     trace_branch,
 )
+from stability.directional.branches import plane_directions, works
 from stability.packing.response import (
     CRITICAL,
     HELD_STUCK,

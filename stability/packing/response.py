@@ -34,10 +34,11 @@ from loops.packing import (
     stiffness_matrix,
 )
 from loops.shown import Shown
-from stability.packing.complementarity import (
+from stability.complementarity import (
     SIGN,
     STARTS,
     Complementarity,
+    Family,
     feasible_for_all,
     known_solutions,
     nearest_regimes,
@@ -48,9 +49,9 @@ from stability.packing.complementarity import (
 from stability.packing.pairs import AT_YIELD
 
 ResponseStatus = Literal[
-    "unique", "one found", "several", "none", "none found", "not converged", "nearest"
+    "unique", "one found", "several", "family", "none", "none found", "not converged", "nearest"
 ]
-SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several")
+SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several", "family")
 
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
 MECHANISM = "mechanism"
@@ -334,12 +335,13 @@ class PackingResponse(Shown):
 
     Attributes
     ----------
-    status : {'unique', 'one found', 'several', 'none', 'none found', 'not converged'}
+    status : {'unique', 'one found', 'several', 'family', 'none', 'none found', 'not converged'}
         `unique`: a solution, and a proof that there is no other. `one found`: a solution; every
         start of the search led to it, or failed (one start alone beyond 600 contacts at yield).
-        `several`: more than one solution; this one slips least. `none`: a proof that no combination
-        of regimes agrees. `none found`: every start failed, without a proof. `not converged`: a
-        mechanism moves, forces stay out of balance.
+        `several`: more than one solution; this one slips least. `family`: solutions in unbroken
+        rows, see `families`; this one slips least of their corners and any others. `none`: a proof
+        that no combination of regimes agrees. `none found`: every start failed, without a proof.
+        `not converged`: a mechanism moves, forces stay out of balance.
 
         In the last three the rates are those of the best regimes met: a few contacts,
         `disagreeing`, are kept from sliding. They have softened so far that nothing quasi-static
@@ -373,6 +375,11 @@ class PackingResponse(Shown):
         within the yield band and inside the cone, or kept from sliding (see `proof`).
     solutions : int
         Distinct solutions found; of a continuum some.
+    families : tuple of Family
+        Rows of solutions (`stability.Family`), slips in force per time; one entry for each of
+        `at_yield`.
+    at_yield : (m,) array
+        Numbers of the candidates among the contacts; contacts with walls follow those of grains.
     system : System
         The carrying part; `system.carrying` counts rattlers and floating clusters.
     reached : float
@@ -400,6 +407,8 @@ class PackingResponse(Shown):
     system: System
     reached: float = 1.0
     beyond: int = 0
+    families: tuple[Family, ...] = ()
+    at_yield: Integers | None = None
 
     def __str__(self) -> str:
         return (
@@ -567,7 +576,7 @@ class PackingRates:
         slides = yielding.rows[active]
         regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
         return PackingResponse(
-            status=_status(len(found.active), proof, residual),
+            status=_status(found, proof, residual),
             proof=proof,
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
@@ -584,6 +593,10 @@ class PackingRates:
             + int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two)),
             solutions=len(found.active),
             system=system,
+            families=found.families,
+            at_yield=np.append(system.contacts, np.arange(len(forces) - n) + graph.contact_count)[
+                yielding.rows
+            ],
         )
 
 
@@ -748,11 +761,14 @@ def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
     return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))
 
 
-def _status(solutions: int, proof: str, residual: float) -> ResponseStatus:
+def _status(found: Complementarity, proof: str, residual: float) -> ResponseStatus:
+    solutions = len(found.active)
     if solutions and residual <= TRUSTED:
         proved = proof in (
             "enumeration", "positive definite", WHOLE_CIRCLE, SCALED, CRITICAL
         )  # fmt: skip
+        if found.families:
+            return "family"
         return "several" if solutions > 1 else "unique" if proved else "one found"
     if solutions or proof == MECHANISM:
         return "not converged"

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from stability.packing.complementarity import solve_complementarity
+from stability.complementarity import solve_complementarity
 from stability.packing.pairs import (
     AT_YIELD,
     Pairs,
@@ -470,7 +470,7 @@ def pivot(
     from the cone) is raised from zero until it agrees with its regime, and others change regime
     where they would disagree. `critical` are the pairs at yield that agree, or have an event to
     come. Where that meets no end, the regimes of all of them are sought
-    (`stability.packing.complementarity`), for there may be some, unless `search` is false.
+    (`stability.complementarity`), for there may be some, unless `search` is false.
     """
     others = critical[critical != c]
     every = np.append(others, c)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import get_args
+from typing import get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import ContactLaw, GrainGraph, InputError, RollingResistance, contact_state
+from loops import ContactLaw, GrainGraph, InputError, RollingResistance, Support, contact_state
 from loops.closures import Closure, Spins
 from loops.errors import check_choice
 from loops.laws.frictional import require_law
@@ -19,8 +19,9 @@ from stability.paths.model import path_model
 from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, edge_problem
 from stability.paths.state import first_state, initial_state, start_mode, unpack
+from stability.paths.supported import SupportedRates, supported_rates
 from stability.programmes import Programme, Stage
-from stability.rate_problem import RateProblem
+from stability.regimes import Regimes
 
 
 def follow_loop(
@@ -59,6 +60,11 @@ def follow_loop(
     return solver.record.path(solver.model, status, message, options.subspaces[0], chosen)
 
 
+@overload
+def rates_at(graph: GrainGraph, law: ContactLaw, programme: Support) -> Regimes[SupportedRates]: ...
+
+
+@overload
 def rates_at(
     graph: GrainGraph,
     law: ContactLaw,
@@ -67,7 +73,18 @@ def rates_at(
     closure: Closure = "affine",
     spins: Spins = "blocked",
     volume: ArrayLike | None = None,
-) -> RateProblem[EdgeTrial]:
+) -> Regimes[EdgeTrial]: ...
+
+
+def rates_at(
+    graph: GrainGraph,
+    law: ContactLaw,
+    programme: Programme | Support,
+    *,
+    closure: Closure | None = None,
+    spins: Spins | None = None,
+    volume: ArrayLike | None = None,
+) -> Regimes[EdgeTrial] | Regimes[SupportedRates]:
     """Rates of a graph under a programme, contacts at the edge of their law included.
 
     Contacts at yield stick or slide, touching ones part as well, as the motion decides: all
@@ -79,16 +96,19 @@ def rates_at(
         One state, see `follow`.
     law : ContactLaw
         Contact law.
-    programme : Programme
-        Control; rates are per unit of its loading parameter.
+    programme : Programme or Support
+        Control; rates are per unit of its loading parameter. Or the held grains of a cluster and
+        the motions imposed on them: then each grain that is free balances itself, there is no
+        closure, and forces need not be those of the overlaps.
     closure, spins, volume
-        As in `follow`.
+        As in `follow`; 'affine' and 'blocked' if left out. Not of a supported cluster.
 
     Returns
     -------
-    RateProblem
-        `status` 'unique', 'none' or 'several'; of each solution `rates.mode.regime`,
-        `rates.rates.H` and `rates.rates.P`.
+    Regimes
+        `status` 'unique', 'none', 'several' or 'family' (a line of solutions or more); of each
+        solution `rates.mode.regime`, `rates.rates.H` and `rates.rates.P`, of a supported cluster
+        `rates.regime`, `rates.motion`, `rates.spin`, `rates.normal_force`, `rates.shear_force`.
 
     Raises
     ------
@@ -106,8 +126,26 @@ def rates_at(
     >>> found = rates_at(square, law, programmes.isotropic_strain())
     >>> found.status, found.taken.rates.mode.regime.tolist()
     ('unique', [1, 1, 1, 1])
+
+    A disc on two others, both contacts at yield; one comes nearer. Either contact may slide, and
+    any share of the two does:
+
+    >>> from loops import Support
+    >>> row = GrainGraph(x=[[0, 0], [0.8, 0.6], [1.6, 0]], radii=[0.5] * 3,
+    ...     contacts=[[0, 1], [1, 2]], normal_force=[1e-9] * 2, shear_force=[-1e-10, 1e-10])
+    >>> support = Support([True, False, True], [[0, 0, 0], [0, 0, 0], [-1, 0, 0]])
+    >>> found = rates_at(row, law, support)
+    >>> found.status, found.families[0].corners.round(3).tolist()
+    ('family', [[0.333, 0.0], [0.0, 0.333]])
     """
     require_law(law)
+    if isinstance(programme, Support):
+        given = {"closure": closure, "spins": spins, "volume": volume}
+        for name in (name for name, value in given.items() if value is not None):
+            expected = "no closure, spins or volume with a support"
+            raise InputError(name, f"{given[name]!r}", expected, "Leave it out.")
+        return supported_rates(graph, law, programme)
+    closure, spins = closure or "affine", spins or "blocked"
     check_choice("closure", closure, get_args(Closure))
     check_choice("spins", spins, get_args(Spins))
     contacts = contact_state(graph)

@@ -40,7 +40,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.rate_problem import Choice, RateProblem
+from stability.regimes import Choice, Regimes
 from stability.spectra import subspace_basis
 
 # Steps that a stage takes at least, if it is as long as its start promises.
@@ -205,7 +205,7 @@ class LoopPathSolver:
 
     def _rate_problem(
         self, stage: Stage, expected: dict[int, Choice], before: StateRates | None
-    ) -> RateProblem[EdgeTrial]:
+    ) -> Regimes[EdgeTrial]:
         """Rate problem of the state; of the full model where no symmetric motion goes on."""
         direction = None
         if before is not None and len(before.mode.regime) == self.model.contact_count:
@@ -227,7 +227,7 @@ class LoopPathSolver:
         stage: Stage,
         expected: dict[int, Choice],
         direction: Floats | None,
-    ) -> RateProblem[EdgeTrial]:
+    ) -> Regimes[EdgeTrial]:
         state = unpack(model, self.y)
         problem = edge_problem(
             model, state, self.mode, stage.programme, preferred=expected, direction=direction
@@ -236,7 +236,7 @@ class LoopPathSolver:
         return problem
 
     def _take_regimes(
-        self, stage: Stage, problem: RateProblem[EdgeTrial], before: StateRates | None
+        self, stage: Stage, problem: Regimes[EdgeTrial], before: StateRates | None
     ) -> StateRates:
         """Take the regimes of the rate problem's solution, and record what changes.
 
@@ -376,7 +376,7 @@ class LoopPathSolver:
         )
 
     def _no_continuation(
-        self, stage: Stage, problem: RateProblem[EdgeTrial], expected: dict[int, Choice]
+        self, stage: Stage, problem: Regimes[EdgeTrial], expected: dict[int, Choice]
     ) -> tuple[PathStatus, str]:
         """End of a stage where no regimes agree with the control: a limit of it, or no solution."""
         status: PathStatus = "control_limit"

@@ -24,7 +24,7 @@ from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates
-from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, Choice, RateProblem
+from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT, Choice, Regimes
 from stability.spectra import RTOL, operator_norm, restrict, symmetric_spectrum
 
 # More pairs of grains than these that touch at once are one event.
@@ -122,7 +122,7 @@ class Searches:
     tried: int = 0
     combinations: float = 0.0
 
-    def add(self, problem: RateProblem[Any]) -> None:
+    def add(self, problem: Regimes[Any]) -> None:
         """Count one rate problem."""
         self.problems += 1
         if problem.combinations == 1:
@@ -199,7 +199,7 @@ def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) ->
 
 
 def record_changes(
-    record: Record, old: Mode, new: Mode, parameter: float, problem: RateProblem[EdgeTrial]
+    record: Record, old: Mode, new: Mode, parameter: float, problem: Regimes[EdgeTrial]
 ) -> None:
     """Record changes of regime, and whether the rate problem has several solutions."""
     count = len(problem.solutions) if problem.status == "several" else 0

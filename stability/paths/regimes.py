@@ -16,13 +16,14 @@ from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme
-from stability.rate_problem import (
+from stability.regimes import (
     INSIDE,
     Choice,
     EdgeRates,
-    RateProblem,
+    FullProblem,
+    Regimes,
+    agreeing,
     edge_options,
-    solve_rate_problem,
 )
 
 # Lengths over r_i + r_j at which the laws of contacts are compared.
@@ -33,7 +34,7 @@ CONTROL_RTOL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class EdgeTrial:
-    """Rates of the model for one combination of regimes, see `rate_problem.Trial`."""
+    """Rates of the model for one combination of regimes, see `stability.regimes.Trial`."""
 
     mode: Mode
     rates: Rates
@@ -81,7 +82,7 @@ def edge_problem(
     preferred: dict[int, Choice],
     direction: Floats | None,
     gauge: Floats = UNIT_PARAMETER,
-) -> RateProblem[EdgeTrial]:
+) -> Regimes[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
     Contacts that the model's symmetry maps on each other take the same regime, so that only motions
@@ -113,8 +114,10 @@ def edge_problem(
         present = Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
         choice = wanted.get(c, present)
         first.append(choice if choice in can else can[0])
-    found = solve_rate_problem(orbits.options, rates_for, preferred=first, direction=direction)
-    return replace(found, combinations=prod(float(len(can)) for can in options.values()))
+    problem = FullProblem(orbits.options, rates_for)
+    found = agreeing(problem, preferred=first, direction=direction)
+    count = prod(float(len(can)) for can in options.values())
+    return replace(found, combinations=count, contacts=orbits.representatives)
 
 
 def rate_vector(model: PathModel, rates: Rates) -> Floats:

@@ -33,6 +33,7 @@ STATUS_WORDS = {
     "unique": "one solution (proved)",
     "one found": "one solution found",
     "several": "several solutions",
+    "family": "a line of solutions or more",
     "none": "no solution (proved)",
     "none found": "no solution found",
     "not converged": "not converged",
@@ -183,8 +184,9 @@ def probe_command(
     """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops.
 
     Status of a direction. unique: one solution, proved. one found: one solution, others are
-    possible. several: at least two solutions. none: no solution exists, proved. none found: no
-    solution was found. not converged: a mechanism moves. Column proof says what each stands on.
+    possible. several: at least two solutions. family: solutions in unbroken rows. none: no solution
+    exists, proved. none found: no solution was found. not converged: a mechanism moves. Column
+    proof says what each stands on.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)

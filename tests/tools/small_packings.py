@@ -24,7 +24,8 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from stability.packing import complementarity, probe, regime_regions
+from stability import complementarity
+from stability.packing import probe, regime_regions
 from stability.packing.response import HELD_STUCK
 from tests.packings import packing
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stability.packing import complementarity
-from stability.packing.complementarity import (
+from stability import complementarity
+from stability.complementarity import (
     _newton,
     basic_values,
     lemke,

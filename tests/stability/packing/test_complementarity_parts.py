@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stability.packing import complementarity
-from stability.packing.complementarity import (
+from stability import complementarity
+from stability.complementarity import (
     TURN,
     SolutionBranch,
     feasible_for_all,

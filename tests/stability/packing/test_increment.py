@@ -7,9 +7,9 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, contact_state, find_faces
 from stability import Programme, Stage, follow
+from stability.complementarity import _every_solution, raise_load, violation
 from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
 from stability.packing import increment as increment_module
-from stability.packing.complementarity import _every_solution, raise_load, violation
 from stability.packing.increment import nearest_candidates
 from stability.packing.probe import probe_by_increment
 from stability.packing.response import component_control, forces_of_motion, yield_response
@@ -77,7 +77,7 @@ def test_ends_are_among_the_solutions_that_enumeration_finds(seed):
     # Without the contacts that are held it is a solution, and one of those of enumeration.
     q_of, M_of = (distance + q)[free], M[np.ix_(free, free)]
     assert violation(q_of, M_of, found.slip[free] > 0) <= 1e-6
-    sets = _every_solution(q_of, M_of)
+    sets = _every_solution(q_of, M_of)[0]
     assert any(np.allclose(slip, found.slip[free], atol=1e-6) for _, slip in sets)
     if np.linalg.eigvalsh(M + M.T).min() > 0:
         assert found.first == 1.0 and free.all() and len(sets) == 1

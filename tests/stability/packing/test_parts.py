@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
+from stability.complementarity import principal_transform, scaled_definite, trace_branch
 from stability.packing import regime_regions
-from stability.packing.complementarity import principal_transform, scaled_definite, trace_branch
 from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import (

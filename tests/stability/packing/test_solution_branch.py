@@ -13,8 +13,7 @@ from loops import GrainGraph, InputError, LinearFrictional
 from patterns import read_snapshot
 from patterns.snapshots import sample_path
 from stability import follow
-from stability.packing import probe
-from stability.packing.complementarity import (
+from stability.complementarity import (
     STARTS,
     TURN,
     Complementarity,
@@ -25,6 +24,7 @@ from stability.packing.complementarity import (
     solve_from,
     trace_branch,
 )
+from stability.packing import probe
 from stability.packing.probe import probe_edge, stage_along
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
@@ -183,8 +183,8 @@ def test_probes_know_the_solutions_that_every_combination_of_regimes_has(monkeyp
             if 1 <= len(at_yield(graph, law)) <= 12:
                 cases.append((graph, law))
     true = [one for graph, law in cases for one in answers(graph, law)]
-    for module in ("complementarity", "regime_regions"):
-        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    for module in ("complementarity", "packing.regime_regions"):
+        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     found = [one for graph, law in cases for one in answers(graph, law)]
     said, missed = Counter(), 0
     for (status, proof, count), (other, other_proof, number) in zip(true, found, strict=True):
@@ -250,8 +250,8 @@ def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypat
         if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
     ]
     true = [probe(*case, 24, control="stress", yield_band=AT_YIELD) for case in cases]
-    for module in ("complementarity", "regime_regions"):
-        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    for module in ("complementarity", "packing.regime_regions"):
+        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     proved = 0
     for case, other in zip(cases, true, strict=True):
         rates = PackingRates(yield_response(*case, yield_band=AT_YIELD))
@@ -325,8 +325,8 @@ def test_stress_steps_are_those_of_yade():
 
 def compared_packings(count, monkeypatch):
     """Totals over small packings of what probes say against all solutions, by brute force."""
-    for module in ("complementarity", "regime_regions"):
-        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    for module in ("complementarity", "packing.regime_regions"):
+        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     totals, done = Counter(), 0
     for _, graph, law in small_packings.packings(most=10):
         for control in ("strain", "stress"):
@@ -409,8 +409,8 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
         if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
     ]
     true = [probe(*case, 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
-    for module in ("complementarity", "regime_regions"):
-        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    for module in ("complementarity", "packing.regime_regions"):
+        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     asked = []
 
     def only_once(q, M, starts=STARTS, known=(), feasible=False):
@@ -508,8 +508,8 @@ def test_negative_work_on_the_strain_circle_shows_on_the_stress_circle(number):
 
 
 def test_a_branch_found_late_answers_the_directions_before_it_too(monkeypatch):
-    for module in ("complementarity", "regime_regions"):
-        monkeypatch.setattr(f"stability.packing.{module}.ENUMERATED", 0)
+    for module in ("complementarity", "packing.regime_regions"):
+        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     _, graph, law = next(case for case in small_packings.packings() if case[0] == 39)
     counts = small_packings.compared(graph, law, "strain")
     assert counts["solutions"] == counts["found"] == 26 and counts["false"] == 0

@@ -8,7 +8,8 @@ import pytest
 from loops import GrainGraph, InputError, LinearFrictional
 from loops.system import carrying_grains
 from patterns.synthetic import synthetic_network
-from stability.packing import complementarity, packing_response, probe, response
+from stability import complementarity
+from stability.packing import packing_response, probe, response
 from stability.packing.response import PackingRates, yield_response
 from tests.oracles.regimes import solutions
 

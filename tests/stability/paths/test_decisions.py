@@ -13,7 +13,7 @@ from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
 from stability.paths.state import Mode, contacts_of, pack, scales, unpack
 from stability.paths.state_rates import UNIT_PARAMETER
-from stability.rate_problem import ELASTIC, LEFT, OPEN
+from stability.regimes import ELASTIC, LEFT, OPEN
 from tests.stability.paths.test_loop_path import STAGE, UNITS, solver_of, square
 
 UNIQUE = SimpleNamespace(status="unique")

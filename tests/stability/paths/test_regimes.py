@@ -19,7 +19,7 @@ from stability.paths.regimes import (
 )
 from stability.paths.state import Mode, initial_state, pack, unpack
 from stability.paths.state_rates import StateRates
-from stability.rate_problem import ELASTIC, INSIDE, LEFT, OPEN, RIGHT, Choice
+from stability.regimes import ELASTIC, INSIDE, LEFT, OPEN, RIGHT, Choice
 
 STICK, SLIDE, APART = (int(r) for r in (Regime.ELASTIC, Regime.SLIDING, Regime.OPEN))
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]

@@ -8,7 +8,7 @@ from loops.symmetry import loop_symmetry
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.regimes import keeps_control
-from stability.rate_problem import ELASTIC, LEFT, RIGHT, EdgeRates, solve_rate_problem
+from stability.regimes import ELASTIC, LEFT, RIGHT, EdgeRates, FullProblem, agreeing
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")
@@ -240,9 +240,8 @@ def test_contacts_inside_their_cone_stick_whatever_the_rates():
         vector = np.ones(1)
         trusted = True
 
-    found = solve_rate_problem(
-        [(ELASTIC, LEFT, RIGHT)] * 2, lambda choices: Trial(), preferred=[ELASTIC] * 2
-    )
+    problem = FullProblem([(ELASTIC, LEFT, RIGHT)] * 2, lambda choices: Trial())
+    found = agreeing(problem, preferred=[ELASTIC] * 2)
     assert (found.status, found.tried, found.combinations) == ("unique", 9, 9.0)
     assert found.taken.choices == (ELASTIC, ELASTIC)
 

@@ -48,7 +48,7 @@ from stability.paths.state import (
     velocities,
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
-from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT
+from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT
 
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
 CLOSURES = ("affine", "traction")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -32,6 +33,12 @@ BranchStatus = Literal["closed", "degenerate", "too long", "reached"]
 TURN = 2.0 * np.pi
 # Up to this many unknowns every combination is tried.
 ENUMERATED = 12
+# So many of them at a time.
+AT_ONCE = 4096
+# Rounding of an entry of `M`, which is one less what the surroundings of a contact give way.
+ENTRY = 1e-14
+# Singular sets, and pairs of solutions, that are looked at for a family.
+MOST_FAMILIES = 64
 # Beyond, so many active sets to start from: three miss solutions that ten find.
 STARTS = 10
 NAMED_STARTS = 3
@@ -65,15 +72,39 @@ LARGE = 1e3
 
 
 @dataclass(frozen=True, eq=False)
+class Family:
+    """Solutions in unbroken succession: any slips between the corners, or along a ray from one.
+
+    Attributes
+    ----------
+    sliding : (m,) array of bool
+        Contacts that stay at their friction limit all along; the others stick.
+    corners : (k, m) array
+        Slip rates `z` where it ends, one row each; of a line two, of a ray one. Of a plane or more,
+        those that are farthest along `directions`.
+    directions : (d, m) array
+        Orthonormal rows: the solutions differ by multiples of these. One row for a line.
+    """
+
+    sliding: Flags
+    corners: Floats
+    directions: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Complementarity:
     """Active sets (k, m) of the distinct solutions, that of least slip first.
 
     `proof` says what stands behind their number: 'enumeration', 'positive definite' (there is
     one), 'infeasible' (there is none), or nothing: then the starts that were tried found so many.
+    `families` are those to which some of them belong, `singular` the sets that have no single
+    answer, both as far as all sets were tried.
     """
 
     active: Flags
     proof: str
+    families: tuple[Family, ...] = ()
+    singular: int = 0
 
 
 def solve_complementarity(
@@ -82,15 +113,19 @@ def solve_complementarity(
     starts: int = STARTS,
     known: Sequence[Flags] = (),
     feasible: bool = False,
+    enumerated: int | None = None,
 ) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
     A start is an active set: none, all, those of negative `q`, then random ones, unless no `z >= 0`
     has `q + M z >= 0`, which is not asked if `feasible`. Active sets that are `known`, as from a
     branch of solutions, take the place of the random ones; without a start they are all.
+    Enumeration is short for up to `enumerated` unknowns, `ENUMERATED` of them if left out.
     """
-    if len(q) <= ENUMERATED:
-        return Complementarity(_distinct(_every_solution(q, M), len(q)), "enumeration")
+    if len(q) <= (ENUMERATED if enumerated is None else enumerated):
+        every, singular = _every_solution(q, M)
+        kept = _distinct(every, len(q))
+        return Complementarity(kept, "enumeration", families(q, M, kept, singular), len(singular))
     if starts == 0:
         return known_solutions(q, M, known, "")
     certain = positive_definite(M)
@@ -115,7 +150,88 @@ def known_solutions(q: Floats, M: Floats, known: Sequence[Flags], proof: str) ->
     once = {active.tobytes(): active for active in known}.values()
     found = [active for active in once if violation(q, M, active) <= SIGN]
     slips = [np.where(active, basic_values(q, M, active), 0.0) for active in found]
-    return Complementarity(_distinct(list(zip(found, slips, strict=True)), len(q)), proof)
+    kept = _distinct(list(zip(found, slips, strict=True)), len(q))
+    return Complementarity(kept, proof, families(q, M, kept))
+
+
+def families(
+    q: Floats, M: Floats, found: Flags, singular: Flags | None = None
+) -> tuple[Family, ...]:
+    """Families among the solutions: of singular sets, and between two that a set has in common.
+
+    Between two solutions all points are solutions if each contact sticks in both, or is at its
+    friction limit in both; the set of those at the limit is singular then.
+    """
+    scale = float(np.abs(q).max(initial=0.0))
+    if scale == 0.0:
+        return ()
+    sets = [] if singular is None else list(singular[:MOST_FAMILIES])
+    values = [basic_values(q, M, active) for active in found]
+    slip, slack = (
+        [np.where(active == slides, one, 0.0) for active, one in zip(found, values, strict=True)]
+        for slides in (True, False)
+    )
+    for a, b in combinations(range(len(found)), 2):
+        tol = SIGN * scale + ENTRY * float(np.maximum(slip[a], slip[b]).sum())
+        sticks = np.maximum(slip[a], slip[b]) <= tol
+        slides = np.maximum(slack[a], slack[b]) <= tol
+        if (sticks | slides).all():
+            sets.append(slides & ~sticks)
+    once = {sliding.tobytes(): sliding for sliding in sets}.values()
+    lines = [_family(q, M, sliding) for sliding in list(once)[:MOST_FAMILIES]]
+    kept = [line for line in lines if line is not None]
+
+    def bounds(one: Family, other: Family) -> bool:
+        """Whether one is a side of the other: its contacts at the limit are among the other's."""
+        rates = np.vstack([one.corners @ M.T + q, one.directions @ M.T])[:, other.sliding]
+        within = one.sliding.sum() < other.sliding.sum() and other.sliding[one.sliding].all()
+        return bool(within and np.abs(rates).max() <= SIGN * max(scale, np.abs(M).max()))
+
+    return tuple(one for one in kept if not any(bounds(one, other) for other in kept))
+
+
+def _family(q: Floats, M: Floats, sliding: Flags) -> Family | None:
+    """Solutions with these contacts at their friction limit; None for a single one, or none."""
+    scale, a = float(np.abs(q).max()), np.flatnonzero(sliding)
+    left, sizes, right = np.linalg.svd(M[np.ix_(a, a)])
+    rank = int(np.count_nonzero(sizes > max(SIGN * np.abs(M).max(), ENTRY)))
+    directions = np.zeros((len(a) - rank, len(q)))
+    directions[:, a] = right[rank:]
+    if rank == len(a):
+        return None
+    slip = np.zeros(len(q))
+    slip[a] = right[:rank].T @ (left[:, :rank].T @ -q[a] / sizes[:rank])
+    if np.abs(q + M @ slip)[a].max() > SIGN * scale + ENTRY * np.abs(slip).sum():
+        return None
+    # From there, `slip + t directions` keeps the signs of `z` where sliding and of `w` elsewhere.
+    start = np.where(sliding, slip, q + M @ slip) / scale
+    slopes = np.where(sliding, directions, directions @ M.T).T
+    corners, rays = [], 0
+    for row in (*np.eye(len(directions)), *-np.eye(len(directions))):
+        if len(directions) == 1:
+            along = slopes @ row
+            falls = along < -SIGN * np.abs(slopes).max()
+            reach = np.min(start[falls] / -along[falls], initial=np.inf)
+            end = row * reach if np.isfinite(reach) else None
+            values = start + slopes[:, 0] * (end[0] if end is not None else 0.0)
+            if end is not None and values.min() < -SIGN * max(1.0, np.abs(values).max()):
+                return None
+        else:
+            limits = [(None, None)] * len(row)
+            answer = linprog(-row, A_ub=-slopes, b_ub=start, bounds=limits, method="highs")
+            if answer.status not in (0, 3):
+                return None
+            end = answer.x if answer.status == 0 else None
+        rays += end is None
+        corners += [] if end is None else [slip + scale * end @ directions]
+    size = max((float(np.linalg.norm(corner)) for corner in corners), default=0.0)
+    kept: list[Floats] = []
+    for corner in corners:
+        if all(np.linalg.norm(corner - one) > SAME_SLIP * size for one in kept):
+            kept.append(np.maximum(corner, 0.0))
+    if len(kept) + rays < 2:
+        return None
+    return Family(sliding, np.array(kept).reshape(len(kept), len(q)), directions)
 
 
 def solve_from(q: Floats, M: Floats, active: Flags) -> Flags | None:
@@ -283,41 +399,47 @@ def violation(q: Floats, M: Floats, active: Flags) -> float:
     return np.inf if np.isnan(worst) else worst / scale if scale > 0 else 0.0
 
 
-def _every_solution(q: Floats, M: Floats) -> list[tuple[Flags, Floats]]:
-    """Active sets and slips of all solutions.
+def _every_solution(q: Floats, M: Floats) -> tuple[list[tuple[Flags, Floats]], Flags]:
+    """Active sets and slips of all solutions, and the singular sets that may have a continuum.
 
     A set with a singular matrix has none or a continuum: its smallest one, and one more where there
     would be no other.
     """
     m, scale = len(q), float(np.abs(q).max(initial=0.0)) or 1.0
-    actives = (np.arange(2**m)[:, None] >> np.arange(m) & 1).astype(bool)
-    matrices = np.where(actives[:, None, :], M, -np.eye(m))
-    sizes = np.linalg.norm(matrices, axis=2).prod(axis=1)
-    regular = np.abs(np.linalg.det(matrices)) > SINGULAR * sizes
-    values = np.linalg.solve(matrices[regular], np.broadcast_to(-q, (regular.sum(), m))[..., None])
-    agrees = values[..., 0].min(axis=1, initial=0.0) >= -SIGN * scale
-    found = [
-        (active, np.where(active, x, 0.0))
-        for active, x in zip(actives[regular][agrees], values[agrees, :, 0], strict=True)
-    ]
-    rest = matrices[~regular]
+    found: list[tuple[Flags, Floats]] = []
+    parts = []
+    for first in range(0, 2**m, AT_ONCE):
+        numbers = np.arange(first, min(first + AT_ONCE, 2**m))
+        actives = (numbers[:, None] >> np.arange(m) & 1).astype(bool)
+        matrices = np.where(actives[:, None, :], M, -np.eye(m))
+        sizes = np.linalg.norm(matrices, axis=2).prod(axis=1)
+        regular = np.abs(np.linalg.det(matrices)) > SINGULAR * sizes
+        right = np.broadcast_to(-q, (regular.sum(), m))[..., None]
+        values = np.linalg.solve(matrices[regular], right)[..., 0]
+        agrees = values.min(axis=1, initial=0.0) >= -SIGN * scale
+        found += [
+            (active, np.where(active, x, 0.0))
+            for active, x in zip(actives[regular][agrees], values[agrees], strict=True)
+        ]
+        parts.append(actives[~regular])
+    singular = np.concatenate(parts)
+    rest = np.where(singular[:, None, :], M, -np.eye(m))
     inverse = np.linalg.pinv(rest, rcond=PIVOT)
     smallest = -inverse @ q
     carried = np.abs(rest @ smallest[..., None] + q[:, None]).max(axis=(1, 2), initial=0.0)
     fixed = np.einsum("kij,kji->ki", inverse, rest) > 1.0 - SIGN
     wrong = smallest < -SIGN * scale
     possible = np.flatnonzero((carried <= SIGN * scale) & ~(wrong & fixed).any(axis=1))
-    singular_sets = actives[~regular]
     for k in possible[~wrong[possible].any(axis=1)]:
-        found.append((singular_sets[k], np.where(singular_sets[k], smallest[k], 0.0)))
+        found.append((singular[k], np.where(singular[k], smallest[k], 0.0)))
     for k in possible:
         if len(_distinct(found, m)) > 1:
             break
         # The bound keeps the answer finite where any amount of slip agrees.
         answer = linprog(-np.ones(m), A_eq=rest[k], b_eq=-q / scale, bounds=(0.0, LARGE))
         if answer.status == 0:
-            found.append((singular_sets[k], np.where(singular_sets[k], scale * answer.x, 0.0)))
-    return found
+            found.append((singular[k], np.where(singular[k], scale * answer.x, 0.0)))
+    return found, singular[possible]
 
 
 def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:

@@ -9,7 +9,7 @@ import pytest
 from loops import LinearFrictional, Regime
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.rate_problem import ELASTIC, LEFT, OPEN, RIGHT, EdgeRates, solve_rate_problem
+from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT, EdgeRates, FullProblem, agreeing
 
 SLIP = (ELASTIC, LEFT)
 
@@ -19,6 +19,10 @@ class Trial:
     edge: EdgeRates
     vector: np.ndarray
     trusted: bool = True
+
+
+def solved(options, rates_for, **given):
+    return agreeing(FullProblem(options, rates_for), **given)
 
 
 def complementarity(M, q):
@@ -53,7 +57,7 @@ def test_positive_definite_problems_have_one_solution(seed):
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(6, 6))
     M, q = B @ B.T + 0.1 * np.eye(6), rng.normal(size=6)
-    found = solve_rate_problem([SLIP] * 6, complementarity(M, q), preferred=[ELASTIC] * 6)
+    found = solved([SLIP] * 6, complementarity(M, q), preferred=[ELASTIC] * 6)
     assert (found.status, found.exhaustive) == ("unique", True)
     (z,) = solutions_by_brute_force(M, q)
     assert found.taken.rates.vector == pytest.approx(z, abs=1e-10)
@@ -63,7 +67,7 @@ def test_positive_definite_problems_have_one_solution(seed):
 def test_indefinite_problems_are_counted(seed):
     rng = np.random.default_rng(100 + seed)
     M, q = rng.normal(size=(5, 5)), rng.normal(size=5)
-    found = solve_rate_problem([SLIP] * 5, complementarity(M, q), preferred=[ELASTIC] * 5)
+    found = solved([SLIP] * 5, complementarity(M, q), preferred=[ELASTIC] * 5)
     count = len(solutions_by_brute_force(M, q))
     assert found.status == ("none", "unique", "several")[min(count, 2)]
     assert len(found.solutions) == count
@@ -74,7 +78,7 @@ def test_pivoting_solves_what_is_too_many_to_try(seed):
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(30, 30))
     M, q = B @ B.T / 30 + 0.3 * np.eye(30), rng.normal(size=30)
-    found = solve_rate_problem([SLIP] * 30, complementarity(M, q), preferred=[ELASTIC] * 30)
+    found = solved([SLIP] * 30, complementarity(M, q), preferred=[ELASTIC] * 30)
     assert (found.status, found.exhaustive) == ("one found", False)
     z = found.taken.rates.vector
     w = q + M @ z
@@ -84,16 +88,26 @@ def test_pivoting_solves_what_is_too_many_to_try(seed):
 
 
 @pytest.mark.parametrize(
-    ("contacts", "status"), [(8, "none"), (10, "none"), (16, "none"), (17, "none found")]
+    ("contacts", "status"), [(8, "none"), (10, "none"), (16, "none"), (17, "none")]
 )
 def test_none_is_said_where_every_combination_was_tried(contacts, status):
-    """Up to 8 contacts at yield by their rates, up to 16 in the small system of their slips."""
+    """Up to 8 contacts at yield by their rates, up to 16 by their slips, beyond by a proof."""
     # w = -1 - z can never be positive.
     M, q = -np.eye(contacts), -np.ones(contacts)
     M[:, 0] -= 0.5
     options = [SLIP] * contacts
-    found = solve_rate_problem(options, complementarity(M, q), preferred=[ELASTIC] * contacts)
-    assert (found.status, found.exhaustive, found.solutions) == (status, status == "none", ())
+    found = solved(options, complementarity(M, q), preferred=[ELASTIC] * contacts)
+    assert (found.status, found.exhaustive, found.solutions) == (status, True, ())
+    proofs = {8: "", 17: "infeasible"}
+    assert found.proof == proofs.get(contacts, "enumeration")
+
+
+def test_without_a_proof_none_was_found():
+    """Slips with `w >= 0` exist, but `w2 = 1 + z2` lets the second contact stick alone."""
+    M, q = np.eye(17), np.ones(17)
+    M[0, :2], q[0] = [-1.0, 2.0], -1.0
+    found = solved([SLIP] * 17, complementarity(M, q), preferred=[ELASTIC] * 17)
+    assert (found.status, found.exhaustive, found.proof) == ("none found", False, "")
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -101,7 +115,7 @@ def test_slips_find_all_that_brute_force_finds(seed):
     """Ten contacts of an indefinite problem; pivoting alone stops at the first solution."""
     rng = np.random.default_rng(200 + seed)
     M, q = rng.normal(size=(10, 10)) + 1.5 * np.eye(10), rng.normal(size=10)
-    found = solve_rate_problem([SLIP] * 10, complementarity(M, q), preferred=[ELASTIC] * 10)
+    found = solved([SLIP] * 10, complementarity(M, q), preferred=[ELASTIC] * 10)
     wanted = solutions_by_brute_force(M, q)
     assert len(found.solutions) == len(wanted) and found.exhaustive
     slips = [one.rates.vector for one in found.solutions]
@@ -120,7 +134,7 @@ def test_other_regimes_are_pivoted_alone():
         un = np.where(opens, -1.0, 1.0)
         return Trial(EdgeRates(un, np.zeros(9), np.ones(9)), un)
 
-    found = solve_rate_problem(options, rates_for, preferred=[ELASTIC] * 9)
+    found = solved(options, rates_for, preferred=[ELASTIC] * 9)
     assert (found.status, found.exhaustive, found.combinations) == ("none found", False, 3.0**9)
 
 
@@ -139,7 +153,7 @@ def test_a_loop_of_14_at_yield_has_two_solutions():
 def test_neutral_contacts_are_one_solution_and_the_preference_names_it():
     rates_for = complementarity(np.eye(2), np.array([0.0, -1.0]))
     for preferred in ([ELASTIC, LEFT], [LEFT, LEFT]):
-        found = solve_rate_problem([SLIP] * 2, rates_for, preferred=preferred)
+        found = solved([SLIP] * 2, rates_for, preferred=preferred)
         assert found.status == "unique"
         assert found.taken.choices == tuple(preferred)
 
@@ -147,13 +161,11 @@ def test_neutral_contacts_are_one_solution_and_the_preference_names_it():
 def test_of_several_the_symmetric_one_comes_first_then_the_nearest():
     # w1 = 1 - 2 z2, w2 = 1 - 2 z1 and so on: stick, slide both, or either alone.
     M, q = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.array([1.0, 1.0])
-    found = solve_rate_problem([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2)
+    found = solved([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2)
     assert found.status == "several"
     assert [each.choices for each in found.solutions] == [(ELASTIC, ELASTIC), (LEFT, LEFT)]
     sliding = np.array([1.0, 1.0])
-    near = solve_rate_problem(
-        [SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2, direction=sliding
-    )
+    near = solved([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2, direction=sliding)
     assert near.taken.choices == (LEFT, LEFT)
 
 
@@ -161,7 +173,7 @@ def test_untrusted_combinations_are_counted_apart():
     def rates_for(choices):
         return Trial(EdgeRates(np.zeros(1), np.ones(1), np.zeros(1)), np.zeros(1), trusted=False)
 
-    found = solve_rate_problem([SLIP], rates_for, preferred=[ELASTIC])
+    found = solved([SLIP], rates_for, preferred=[ELASTIC])
     assert (found.status, found.singular) == ("none", 2)
 
 
@@ -176,7 +188,7 @@ def test_a_touching_contact_parts_sticks_or_slides_either_way(un, shear, expecte
         )
 
     options = [(ELASTIC, OPEN, LEFT, RIGHT)]
-    found = solve_rate_problem(options, rates_for, preferred=[ELASTIC])
+    found = solved(options, rates_for, preferred=[ELASTIC])
     assert found.status == "unique"
     assert found.taken.choices == (expected,)
 

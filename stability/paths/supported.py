@@ -1,0 +1,226 @@
+"""Rates of a cluster with held grains and imposed motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from loops import ContactLaw, GrainGraph, Regime, Support, contact_state
+from loops.arrays import Floats, Regimes
+from loops.assembly import assemble_tangent, contact_kinematics
+from loops.closures.system import solve_through_null_space
+from loops.errors import InputError
+from loops.graph import ContactState, require_one_state
+from loops.laws.frictional import edge_of, edge_rates, with_sides
+from stability.paths.state_rates import is_trusted
+from stability.regimes import (
+    ENUMERATION_LIMIT,
+    Choice,
+    EdgeRates,
+    agreeing,
+    edge_options,
+)
+from stability.regimes import Regimes as AgreeingRegimes
+
+
+@dataclass(frozen=True, eq=False)
+class SupportedRates:
+    """Rates of a supported cluster in one combination of regimes, see `stability.regimes.Trial`.
+
+    `regime` (C,); `motion` (G, 2) and `spin` (G,) rates of the grains; `un`, `ut` (C,) normal and
+    shear displacement, positive when the contact opens and along `t`; `normal_force`,
+    `shear_force` (C,) rates of `N` and `T`; `reaction` (G, 3) rates of the forces and moments that
+    the supports add, zero where free.
+    """
+
+    regime: Regimes
+    motion: Floats
+    spin: Floats
+    un: Floats
+    ut: Floats
+    normal_force: Floats
+    shear_force: Floats
+    reaction: Floats
+    edge: EdgeRates
+    vector: Floats
+    trusted: bool
+
+
+class SupportedCluster:
+    """Rate problem of a supported cluster, an `EdgeProblem`: regimes of contacts at the edge."""
+
+    in_full = ENUMERATION_LIMIT
+
+    def __init__(self, graph: GrainGraph, law: ContactLaw, support: Support) -> None:
+        require_one_state(graph)
+        support.require(graph)
+        self.graph, self.law = graph, law
+        self.state = contact_state(graph)
+        given = law.regime(self.state)
+        edge = edge_of(law, self.state, given != Regime.OPEN)
+        mu = np.broadcast_to(np.asarray(law.mu, dtype=float), given.shape)
+        # The forces given decide, not the overlaps: a small one may be at yield.
+        touching = edge.touching & (self.state.normal_force == 0.0)
+        small = edge.apex & ~touching & (given == Regime.SLIDING) & (self.state.shear_force != 0.0)
+        at_yield = edge.at_yield | small
+        self.contacts = np.flatnonzero(at_yield | touching)
+        self.base = np.where(at_yield | touching, Regime.ELASTIC, given).astype(np.int8)
+        self.options = [
+            edge_options(
+                touching=bool(touching[c]),
+                at_yield=bool(at_yield[c]),
+                apex=bool(edge.apex[c] and touching[c]),
+                frictionless=bool(mu[c] == 0.0),
+                side=float(self.state.shear_force[c]),
+            )
+            for c in self.contacts.tolist()
+        ]
+        count, length = graph.grain_count, float(np.mean(graph.radii))
+        # All centres, then all spins, in units in which every freedom is a length.
+        self.unit = np.repeat([1.0, 1.0 / length], [2 * count, count])
+        held, motion = support.held, support.motion
+        self.free = ~np.concatenate([held[:, :2].ravel(), held[:, 2]])
+        self.imposed = np.concatenate([motion[:, :2].ravel(), motion[:, 2]]) / self.unit
+        # (C, 2, 3 G) rates (un, ut), and (C, 3 G) forces and moments of a unit of T.
+        self.watched = self._spread(contact_kinematics(self.state, law))
+        arms = self.state.arm_i, self.state.arm_j
+        self.push = self._spread(np.column_stack([self.state.t, -arms[0], -arms[1]]))
+
+    def _spread(self, rows: Floats) -> Floats:
+        """Return rows (C, ..., 4) of relative motions, branch and both spins, by freedoms."""
+        count, (i, j) = self.graph.grain_count, self.graph.contacts.T
+        out = np.zeros((*rows.shape[:-1], 3 * count))
+        for c in range(len(rows)):
+            for axis in range(2):
+                out[c, ..., 2 * i[c] + axis] -= rows[c, ..., axis]
+                out[c, ..., 2 * j[c] + axis] += rows[c, ..., axis]
+            out[c, ..., 2 * count + i[c]] += rows[c, ..., 2]
+            out[c, ..., 2 * count + j[c]] += rows[c, ..., 3]
+        return out * self.unit
+
+    def _stiffness(self, regime: Regimes, sided: ContactState) -> Floats:
+        """Return the tangent (3 G, 3 G) of all freedoms."""
+        graph = self.graph.replace(shear_force=sided.shear_force)
+        K = assemble_tangent(graph, self.law, spins=True, regime=regime)
+        return self.unit[:, None] * K * self.unit
+
+    def _moved(self, K: Floats, loads: Floats) -> tuple[Floats, bool]:
+        """Return motions (3 G, k) of the free freedoms under loads, and whether they are certain.
+
+        Null vectors that no contact sees, as of a grain without contacts, are solved through.
+        """
+        free, out = self.free, np.zeros_like(loads)
+        if not free.any():
+            return out, True
+        seen = self.watched.reshape(-1, len(free))[:, free]
+        found = solve_through_null_space(K[np.ix_(free, free)], loads[free], seen)
+        out[free] = found.x
+        return out, is_trusted(found)
+
+    def rates(self, choices: tuple[Choice, ...]) -> SupportedRates:
+        """Solve for the free freedoms with these regimes."""
+        graph, law, state, count = self.graph, self.law, self.state, self.graph.grain_count
+        regime, side = self.base.copy(), np.zeros(graph.contact_count)
+        regime[self.contacts] = [choice.regime for choice in choices]
+        side[self.contacts] = [choice.side for choice in choices]
+        sided = with_sides(state, side)
+        K = self._stiffness(regime, sided)
+        moved, trusted = self._moved(K, -(K @ self.imposed)[:, None])
+        v = self.imposed + moved[:, 0]
+        un, ut = (self.watched @ v).T
+        D = law.local_stiffness(sided, regime)
+        N, T = -(D @ np.stack([un, ut], axis=-1)[..., None])[..., 0].T
+        _, shear, strength = edge_rates(law, state, side, un, ut)
+        kn = law.local_stiffness(state, np.full(len(un), Regime.ELASTIC, dtype=np.int8))[:, 0, 0]
+        at, reaction = self.contacts, np.where(self.free, 0.0, K @ v) / self.unit
+        return SupportedRates(
+            regime=regime,
+            motion=v[: 2 * count].reshape(-1, 2),
+            spin=(v * self.unit)[2 * count :],
+            un=un,
+            ut=ut,
+            normal_force=N,
+            shear_force=T,
+            reaction=np.column_stack([reaction[: 2 * count].reshape(-1, 2), reaction[2 * count :]]),
+            edge=EdgeRates(kn[at] * un[at], shear[at], strength[at]),
+            vector=np.concatenate([v * float(kn.mean()), N, T]),
+            trusted=trusted,
+        )
+
+    def condensed(self) -> tuple[Floats, Floats] | None:
+        """Return `q` and `M`, one solve a slip with all contacts at yield sticking."""
+        if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
+            return None
+        at, side = self.contacts, np.array([can[1].side for can in self.options])
+        K = self._stiffness(self.base, self.state)
+        loads = np.column_stack([-K @ self.imposed, -(side[:, None] * self.push[at]).T])
+        moved, trusted = self._moved(K, loads)
+        moved[:, 0] += self.imposed
+        sides = np.zeros(self.graph.contact_count)
+        sides[at] = side
+        # Motions last: rates of contacts have theirs first.
+        un, ut = np.moveaxis(self.watched @ moved, 1, 0)
+        lacking = []
+        for k in range(moved.shape[1]):
+            _, shear, strength = edge_rates(self.law, self.state, sides, un[:, k], ut[:, k])
+            lacking.append(strength[at] - side * shear[at])
+        w = np.array(lacking).T
+        return (w[:, 0], w[:, 1:] + np.eye(len(at))) if trusted else None
+
+
+def supported_rates(
+    graph: GrainGraph, law: ContactLaw, support: Support
+) -> AgreeingRegimes[SupportedRates]:
+    """Find the rates of a cluster under imposed motions, regimes of contacts at the edge included.
+
+    See `rates_at`.
+    """
+    if not support.motion.any():
+        raise InputError("motion", "zero everywhere", "an imposed motion", "Move a held grain.")
+    cluster = SupportedCluster(graph, law, support)
+    found = agreeing(cluster, preferred=[can[0] for can in cluster.options])
+    return replace(found, contacts=cluster.contacts)
+
+
+def slip_problem(graph: GrainGraph, law: ContactLaw, support: Support) -> tuple[Floats, Floats]:
+    """Complementarity problem `w = q + M z` of the contacts at yield of a supported cluster.
+
+    `z >= 0` are the rates by which the shear forces would leave Coulomb's cone if the contacts
+    stuck, `w >= 0` those of their distances from it, and one of both is zero (force per time).
+
+    Parameters
+    ----------
+    graph, law, support
+        As in `rates_at`.
+
+    Returns
+    -------
+    (m,) and (m, m) array
+        `q` and `M`, of the contacts at yield in the order of their numbers.
+
+    Raises
+    ------
+    InputError
+        As `rates_at`, and if a contact may part, or a mechanism moves while all stick.
+
+    Examples
+    --------
+    A disc pressed on a held one and moved along it: one contact, which slides.
+
+    >>> from loops import GrainGraph, LinearFrictional, Support
+    >>> from stability import slip_problem
+    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]],
+    ...     normal_force=[1e-3], shear_force=[5e-4])
+    >>> support = Support([True, True], [[0, 0, 0], [0, -1, 0]])
+    >>> q, M = slip_problem(pair, LinearFrictional(1.0, 1.0, 0.5), support)
+    >>> q.tolist(), M.tolist()
+    ([-1.0], [[1.0]])
+    """
+    cluster = SupportedCluster(graph, law, support)
+    pair = cluster.condensed()
+    if pair is None:
+        where, received = "contacts at the edge", "one that may part, or a mechanism that moves it"
+        expected, remedy = "contacts that stick or slide", "Ask rates_at, which tries all regimes."
+        raise InputError(where, received, expected, remedy)
+    return pair

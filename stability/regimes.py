@@ -1,0 +1,430 @@
+"""The rate problem of contacts at the edge of their law: regimes that agree with their rates.
+
+A contact inside Coulomb's cone has one regime. At yield it may slide or stick; just touching, it
+may part, stick or slide to either side. Its rates decide, and these depend on the regimes of all
+contacts: a piecewise linear complementarity problem with one solution, none or several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice, product
+from math import prod
+from typing import Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Regimes as RegimeArray
+from loops.laws.frictional import Regime
+from loops.shown import Shown
+from stability.complementarity import (
+    STARTS,
+    Complementarity,
+    Family,
+    solve_complementarity,
+)
+
+RateStatus = Literal["unique", "one found", "several", "family", "none", "none found"]
+# Number of combinations of regimes up to which all are solved in full, where that is cheap.
+ENUMERATION_LIMIT = 256
+# Number of combinations up to which all are solved in full if pivoting finds nothing.
+SEARCH_LIMIT = 8192
+# Contacts at yield up to which all combinations of sticking and sliding are tried in the small
+# system of their slips: half a second for 16.
+MOST_SLIPS = 16
+# Rounding of rates in sign conditions, over the largest rate.
+SIGN_TOLERANCE = 1e-10
+# Difference within which two solutions are the same, over their norm.
+SOLUTION_RTOL = 1e-8
+
+
+@dataclass(frozen=True, repr=False)
+class Choice(Shown):
+    """One regime that a contact may take: `Regime` and, when it slides, the sign of `T`."""
+
+    regime: Regime
+    side: float = 0.0
+
+
+OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
+LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
+# Options of a contact inside its cone where all contacts are tried: only sticking can agree.
+INSIDE = (ELASTIC, LEFT, RIGHT)
+
+
+def edge_options(
+    *, touching: bool, at_yield: bool, apex: bool, frictionless: bool, side: float
+) -> tuple[Choice, ...]:
+    """Regimes open to a contact at the edge of its law, `side` the sign of its `T`."""
+    parts = (OPEN,) if touching else ()
+    if frictionless:
+        return (LEFT, *parts)
+    if apex:
+        return (ELASTIC, *parts, LEFT, RIGHT)
+    return (ELASTIC, LEFT if side > 0 else RIGHT, *parts) if at_yield else (ELASTIC, *parts)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeRates:
+    """Rates that decide on the regimes, one entry per contact at the edge of its law.
+
+    `un` (m,): Normal displacement, positive when the contact opens (times kn, force per time);
+    `shear` (m,): Shear force as if the contact stuck; `strength` (m,): Shear force it could carry,
+    `mu N'`, with `N' = -kn un'` as if closed; infinite for a contact inside its cone, which sticks
+    whatever the rates.
+    """
+
+    un: Floats
+    shear: Floats
+    strength: Floats
+
+
+class Trial(Protocol):
+    """Rates for one combination of regimes."""
+
+    @property
+    def edge(self) -> EdgeRates:
+        """Rates of the contacts at the edge."""
+        ...
+
+    @property
+    def vector(self) -> Floats:
+        """(q,) rates by which solutions are compared: `H'`, then the rest in comparable units."""
+        ...
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the rates are the only answer of their equations."""
+        ...
+
+
+AnyTrial = TypeVar("AnyTrial", bound=Trial)
+AnyRates = TypeVar("AnyRates", bound=Trial, covariant=True)
+
+
+class EdgeProblem(Protocol[AnyRates]):
+    """What a search needs to know: regimes that contacts may take, and the rates these cause."""
+
+    @property
+    def options(self) -> Sequence[Sequence[Choice]]:
+        """Regimes that each contact at the edge may take."""
+        ...
+
+    @property
+    def in_full(self) -> int:
+        """Number of combinations up to which each is solved in full, without a smaller problem."""
+        ...
+
+    def rates(self, choices: tuple[Choice, ...]) -> AnyRates:
+        """Rates for one combination of regimes, one full solve."""
+        ...
+
+    def condensed(self) -> tuple[Floats, Floats] | None:
+        """`q` (m,), `M` (m, m) of `w = q + M z`; None where contacts do more than stick or slide.
+
+        `z` are the rates by which the shear forces would leave the cone if the contacts stuck, `w`
+        those of their distances from it.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class FullProblem(Generic[AnyTrial]):
+    """A problem of which only full solves are known; the smaller one follows from `m + 1` of them.
+
+    `options` and `rates_for` are `options` and `rates` of `EdgeProblem`.
+    """
+
+    options: Sequence[Sequence[Choice]]
+    rates_for: Callable[[tuple[Choice, ...]], AnyTrial]
+    in_full: int = ENUMERATION_LIMIT
+
+    def rates(self, choices: tuple[Choice, ...]) -> AnyTrial:
+        """Rates for one combination of regimes."""
+        return self.rates_for(choices)
+
+    @cached_property
+    def _columns(self) -> tuple[Floats, Floats] | None:
+        if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
+            return None
+        side = np.array([can[1].side for can in self.options])
+        stuck = tuple(can[0] for can in self.options)
+        rates = self.rates_for(stuck)
+        q = rates.edge.strength - side * rates.edge.shear
+        M = np.empty((len(q), len(q)))
+        least = SIGN_TOLERANCE * np.abs(q).max(initial=0.0)
+        for k, can in enumerate(self.options):
+            one = self.rates_for((*stuck[:k], can[1], *stuck[k + 1 :]))
+            slack = one.edge.strength - side * one.edge.shear
+            slip = -slack[k]
+            if not (rates.trusted and one.trusted) or abs(slip) <= least:
+                return None
+            M[:, k] = (slack - q) / slip
+            M[k, k] = -q[k] / slip
+        return q, M
+
+    def condensed(self) -> tuple[Floats, Floats] | None:
+        """Rates are linear in the slips: those of each contact that slides alone give a column."""
+        return self._columns
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RateSolution(Shown, Generic[AnyTrial]):
+    """One solution: a choice per contact at the edge, and the rates."""
+
+    choices: tuple[Choice, ...]
+    rates: AnyTrial
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Regimes(Shown, Generic[AnyTrial]):
+    """Regimes that agree with the rates they cause: the solutions of a rate problem.
+
+    Attributes
+    ----------
+    status : {'unique', 'one found', 'several', 'family', 'none', 'none found'}
+        Number of solutions. Combinations of regimes that give the same rates count once. 'unique'
+        and 'none' are known: every combination was tried, or there is a proof. 'one found' and
+        'none found': not every one was tried, and there may be more. 'family': a line of solutions
+        at least, see `families`; those listed are its corners and any others.
+    solutions : tuple of RateSolution
+        All that were found, the one that a path takes first: see `agreeing`.
+    exhaustive : bool
+        Whether every combination of regimes was tried, or what says as much about the
+        complementarity problem of contacts at yield.
+    singular : int
+        Combinations whose equations have no single answer.
+    tried : int
+        Combinations whose rates were solved for; 1 where no contact has a choice.
+    combinations : float
+        Number of combinations of regimes of the contacts at the edge.
+    proof : str
+        What the number of solutions stands on where not every combination was solved in full:
+        'enumeration' (of the smaller problem), 'positive definite', 'infeasible', or nothing.
+    families : tuple of Family
+        Unbroken rows of solutions: contacts at the friction limit (one flag an option list of the
+        problem), slip rates at the corners, directions in between.
+    contacts : (m,) array or None
+        Contacts of these option lists; of several that symmetry maps on each other the first.
+    """
+
+    status: RateStatus
+    solutions: tuple[RateSolution[AnyTrial], ...]
+    exhaustive: bool
+    singular: int
+    tried: int
+    combinations: float
+    proof: str = ""
+    families: tuple[Family, ...] = ()
+    contacts: Integers | None = None
+
+    @property
+    def taken(self) -> RateSolution[AnyTrial]:
+        """The solution that a path takes; `IndexError` if there is none."""
+        return self.solutions[0]
+
+
+def agreeing(
+    problem: EdgeProblem[AnyTrial],
+    *,
+    preferred: Sequence[Choice],
+    direction: Floats | None = None,
+    starts: int = STARTS,
+) -> Regimes[AnyTrial]:
+    """Find the regimes that agree with the rates they cause.
+
+    If no contact has a choice, one solve is enough. Sticking agrees while the shear rate stays
+    within the cone, sliding while sticking would leave it, parting while the branch lengthens.
+    Few combinations are all solved in full; more of sticking and sliding in the smaller problem of
+    the slips, whose solutions are confirmed by full solves; else pivots from three combinations.
+
+    Of several solutions the first is the one in which contacts with as many options take the same
+    regime (the symmetric one), then the one whose rates are closest in direction to `direction`
+    (continuity), then the one with most preferred choices. Of combinations with the same rates,
+    differing in neutral contacts, that with most preferred choices stands for all.
+    """
+    options, preferred = problem.options, tuple(preferred)
+    count = prod(float(len(choices)) for choices in options)
+    search = _Search(problem)
+    exhaustive, proof = count <= problem.in_full, ""
+    lines: tuple[Family, ...] = ()
+    if exhaustive:
+        search.all_of(product(*options))
+    elif len(options) <= MOST_SLIPS and (pair := problem.condensed()) is not None:
+        found = solve_complementarity(*pair, enumerated=MOST_SLIPS)
+        search.condensed(found, preferred)
+        exhaustive, proof, lines = True, found.proof, found.families
+    else:
+        ends = [tuple(can[k] for can in options) for k in (0, -1)]
+        for start in dict.fromkeys([preferred, *ends]):
+            if not search.agreeing:
+                search.all_of(_pivots(problem, start))
+        if not search.agreeing and count <= SEARCH_LIMIT:
+            search.all_of(product(*options))
+            exhaustive = True
+        elif not search.agreeing and (pair := problem.condensed()) is not None:
+            found = solve_complementarity(*pair, starts)
+            search.condensed(found, preferred)
+            exhaustive, proof, lines = bool(found.proof), found.proof, found.families
+    distinct = _distinct(search.agreeing, preferred)
+    if not lines and len(options) <= MOST_SLIPS and (search.singular or len(distinct) > 1):
+        if count > 1 and (pair := problem.condensed()) is not None:
+            lines = solve_complementarity(*pair, enumerated=MOST_SLIPS).families
+    distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
+    known: tuple[RateStatus, RateStatus] = ("none", "unique")
+    if not exhaustive:
+        known = ("none found", "one found")
+    status: RateStatus = "several" if len(distinct) > 1 else known[len(distinct)]
+    return Regimes(
+        "family" if lines and distinct else status,
+        tuple(distinct),
+        exhaustive,
+        search.singular,
+        search.tried,
+        count,
+        proof,
+        tuple(lines) if distinct else (),
+    )
+
+
+class _Search(Generic[AnyTrial]):
+    """Combinations solved in full, and those that agree with their rates."""
+
+    def __init__(self, problem: EdgeProblem[AnyTrial]) -> None:
+        self.problem = problem
+        self.singular, self.tried = 0, 0
+        self.agreeing: list[RateSolution[AnyTrial]] = []
+
+    def all_of(self, combinations: Iterable[tuple[Choice, ...]]) -> None:
+        """Solve combinations and keep those that agree."""
+        for choices in combinations:
+            self.judge(choices, self.problem.rates(choices))
+
+    def judge(self, choices: tuple[Choice, ...], rates: AnyTrial) -> None:
+        """Keep a combination that agrees with its rates."""
+        self.tried += 1
+        if not rates.trusted:
+            # The state itself forbids regimes in which a contact slides inside its cone.
+            slides = [choice.regime == Regime.SLIDING for choice in choices]
+            self.singular += not np.isposinf(rates.edge.strength[slides]).any()
+        elif all(_agreement(self.problem.options, choices, rates.edge)):
+            self.agreeing.append(RateSolution(choices, rates))
+
+    def condensed(self, found: Complementarity, preferred: tuple[Choice, ...]) -> None:
+        """Confirm the solutions of the smaller problem, also with neutral contacts as preferred."""
+        options = self.problem.options
+        self.tried += 1 + len(options)
+        for active in found.active:
+            choices = tuple(can[int(s)] for can, s in zip(options, active, strict=True))
+            rates = self.problem.rates(choices)
+            self.judge(choices, rates)
+            wished = _agreement(options, preferred, rates.edge)
+            named = tuple(p if w else c for p, c, w in zip(preferred, choices, wished, strict=True))
+            if rates.trusted and named != choices:
+                self.judge(named, self.problem.rates(named))
+        self.singular = found.singular
+
+
+def agreement(
+    options: Sequence[Sequence[Choice]], regime: RegimeArray, side: Floats, edge: EdgeRates
+) -> Flags:
+    """Tell of each contact whether its regime agrees with its rates, batch axes (..., m) first."""
+    opens, sticks = (
+        np.array([one in can for can in options], dtype=bool) for one in (OPEN, ELASTIC)
+    )
+    sides = [np.array([one in can for can in options], dtype=bool) for one in (LEFT, RIGHT)]
+    un, shear, strength = edge.un, edge.shear, edge.strength
+    sizes = np.abs(np.stack(np.broadcast_arrays(un, shear, strength)))
+    largest = np.where(np.isinf(sizes), 0.0, sizes).max(axis=(0, -1), initial=0.0)
+    tol = SIGN_TOLERANCE * np.maximum(largest, 1e-300)[..., None]
+    held = ~sides[0] | (shear <= strength + tol)
+    held &= ~sides[1] | (-shear <= strength + tol)
+    # Without friction there is no sticking to compare with.
+    slid = ~sticks | (side * shear >= strength - tol)
+    closed = np.where(regime == Regime.ELASTIC, held, slid) & ~(opens & (un > tol))
+    return np.asarray(np.where(regime == Regime.OPEN, un >= -tol, closed))
+
+
+def _agreement(
+    options: Sequence[Sequence[Choice]], choices: tuple[Choice, ...], edge: EdgeRates
+) -> list[bool]:
+    regime = np.array([choice.regime for choice in choices], dtype=np.int8)
+    side = np.array([choice.side for choice in choices], dtype=float)
+    return [bool(agrees) for agrees in agreement(options, regime, side, edge)]
+
+
+def _pivots(
+    problem: EdgeProblem[AnyTrial], start: tuple[Choice, ...]
+) -> Iterator[tuple[Choice, ...]]:
+    """Combinations by a semismooth Newton iteration, then by single pivots once it cycles."""
+    options = problem.options
+    limit = 20 + 4 * len(options)
+    seen: set[tuple[Choice, ...]] = set()
+    choices, single = start, False
+    for _ in range(limit):
+        rates = problem.rates(choices)
+        agreement = _agreement(options, choices, rates.edge)
+        if rates.trusted and all(agreement):
+            yield choices
+            return
+        wrong = [k for k, agrees in enumerate(agreement) if not agrees]
+        # The regimes of an untrusted solve may agree with its rates: the search ends there.
+        if not wrong:
+            return
+        single = single or choices in seen
+        seen.add(choices)
+        changed = list(choices)
+        for k in islice(wrong, 1 if single else None):
+            changed[k] = _natural(options[k], rates.edge, k, choices[k])
+        choices = tuple(changed)
+
+
+def _natural(can: Sequence[Choice], edge: EdgeRates, k: int, choice: Choice) -> Choice:
+    """Regime that a contact takes under the given rates."""
+    if OPEN in can and edge.un[k] > 0:
+        return OPEN
+    for other in can:
+        if other.regime == Regime.SLIDING and other.side * edge.shear[k] > edge.strength[k]:
+            return other
+    return ELASTIC if ELASTIC in can else choice
+
+
+def _distinct(
+    agreeing: list[RateSolution[AnyTrial]], preferred: Sequence[Choice]
+) -> list[RateSolution[AnyTrial]]:
+    """Solutions with different rates; of equal ones that with most preferred choices."""
+    groups: list[list[RateSolution[AnyTrial]]] = []
+    for found in agreeing:
+        for group in groups:
+            a, b = group[0].rates.vector, found.rates.vector
+            size = max(np.linalg.norm(a), np.linalg.norm(b))
+            if np.linalg.norm(a - b) <= SOLUTION_RTOL * size:
+                group.append(found)
+                break
+        else:
+            groups.append([found])
+
+    return [max(group, key=lambda found: _matches(found, preferred)) for group in groups]
+
+
+def _matches(found: RateSolution[AnyTrial], preferred: Sequence[Choice]) -> int:
+    return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
+
+
+def _rank(
+    found: RateSolution[AnyTrial],
+    options: Sequence[Sequence[Choice]],
+    direction: Floats | None,
+    preferred: Sequence[Choice],
+) -> tuple[int, float, int]:
+    """Number of different regimes, turn from the previous direction, preferences missed."""
+    kinds = {(len(can), choice.regime) for can, choice in zip(options, found.choices, strict=True)}
+    missed = -_matches(found, preferred)
+    if direction is None:
+        return len(kinds), 0.0, missed
+    vector = found.rates.vector
+    size = float(np.linalg.norm(vector) * np.linalg.norm(direction))
+    return len(kinds), -float(vector @ direction) / size if size > 0 else 0.0, missed
