@@ -9,7 +9,7 @@ import numpy as np
 from loops import ContactLaw, GrainGraph, Regime, Support, contact_state
 from loops.arrays import Floats, Regimes
 from loops.assembly import assemble_tangent, contact_kinematics
-from loops.closures.system import solve_through_null_space
+from loops.closures.null_space import solve_through_null_space
 from loops.errors import InputError
 from loops.graph import ContactState, require_one_state
 from loops.laws.frictional import edge_of, edge_rates, with_sides
