@@ -163,7 +163,7 @@ def families(
     friction limit in both; the set of those at the limit is singular then.
     """
     scale = float(np.abs(q).max(initial=0.0))
-    if scale == 0.0:
+    if scale == 0.0 or (len(found) < 2 and singular is None):
         return ()
     sets = [] if singular is None else list(singular[:MOST_FAMILIES])
     values = [basic_values(q, M, active) for active in found]
