@@ -61,9 +61,10 @@ class Discs(NamedTuple):
     mu: Floats
     hertz: bool
     by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
-    # (P, 4) at these positions `N`, tangent, strength, and `-dT` by `d(l)`; (0, 4) of known laws
+    # (P, 5) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, then `N` where it opens;
+    # (0, 5) of known laws
     own: Floats
-    # (P,), or (0,) without rolling springs: stiffness, and `|M|/N` at the limit
+    # (P,), or (0,) without rolling springs: stiffness, and `|M|` at the limit over `N` beyond opening
     k_r: Floats
     rolling_reach: Floats
 
@@ -263,7 +264,7 @@ def update_forces(
         if rolls and discs.k_r[p] > 0.0:
             rolled = motion.rolled[p]
             moment = elastic = rolled - discs.k_r[p] * (w[j] - w[i]) * dt
-            limit = discs.rolling_reach[p] * normal
+            limit = discs.rolling_reach[p] * (normal - discs.own[p, 4] if own else normal)
             if abs(elastic) > limit:
                 moment = math.copysign(limit, elastic)
                 if summed:

@@ -118,7 +118,8 @@ def at_yield(
     for p in range(len(pairs)):
         mu, cohesion = pairs[p]["mu"], pairs[p]["cohesion"]
         if (mu > 0 or cohesion > 0) and not held[p]:
-            stuck = regime[p] == 1 and N[p] > 0 and abs(T[p]) >= share * (mu * N[p] + cohesion)
+            most = mu * N[p] + cohesion
+            stuck = regime[p] == 1 and most > 0 and abs(T[p]) >= share * most
             if stuck or regime[p] == 2:
                 found[k] = p
                 k += 1
@@ -186,7 +187,7 @@ def earliest(
             if away < -left * un and un < -rounding * fastest:
                 time_to_event[p], own = away / -un, 2
         else:
-            away = max(N[p], 0.0)
+            away = max(N[p] - pairs[p]["at_touch"], 0.0)
             if away < -left * dn and dn < -rounding * largest:
                 time_to_event[p] = away / -dn
         if regime[p] == 1 and pairs[p]["slides"]:

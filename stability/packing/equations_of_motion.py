@@ -24,7 +24,6 @@ from stability.packing.pairs import (
     contact_pairs,
     frame_of,
     normal_energy,
-    normal_forces,
     overlaps,
     require_movable,
     rolling_energy,
@@ -33,6 +32,7 @@ from stability.packing.pairs import (
     touching_distances,
     typical_stiffness,
     with_near,
+    with_normal_forces,
 )
 from stability.packing.state import PackingState, start_state
 from stability.packing.strain_increment import MixedControl
@@ -572,7 +572,9 @@ class Moving:
         pairs = self.pairs
         kn = HERTZ * pairs.kn if pairs.hertz else pairs.kn
         kt = np.ones(len(pairs)) if pairs.own else pairs.kt
-        asked = np.empty((len(pairs) if pairs.own else 0, 4))
+        asked = np.empty((len(pairs) if pairs.own else 0, 5))
+        if pairs.own:
+            asked[:, 4] = pairs.at_touch
         self.discs = Discs(
             radii, walls, *self.lightness, grains, images, wraps, kn, kt, pairs.mu, pairs.hertz,
             pairs.by_displacement, asked, pairs.rolling.k_r if pairs.rolling else np.zeros(0),
@@ -591,7 +593,7 @@ class Moving:
             out[:, 2], out[:, 3] = np.where(overlap > 0, self.pairs.mu, 0.0) * out[:, 0], 0.0
             most = np.where(np.isfinite(self.pairs.mu[own.rows]), own.law.strength(state), np.inf)
             parts = (state.normal_force, D[:, 1, 1], most, D[:, 1, 0])
-            out[own.rows] = np.where(touch, parts, 0.0).T
+            out[own.rows, :4] = np.where(touch, parts, 0.0).T
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (B, 3) on the bodies, from now on."""
@@ -638,4 +640,4 @@ class Moving:
             if self.pairs.rolling
             else np.zeros(len(motion.shear)),
         )
-        return replace(state, normal_force=normal_forces(self.pairs, overlaps(state, self.pairs)))
+        return with_normal_forces(state, self.pairs)

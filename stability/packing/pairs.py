@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -33,6 +34,7 @@ PAIR = np.dtype(
         ("coupling", "f8"),  # stuck, `-T'` per `n . d'`: of a `T` that goes with `kt`
         ("mu", "f8"),  # slope of the strength with N, 0 where it is not finite
         ("cohesion", "f8"),  # the strength less `mu N`
+        ("at_touch", "f8"),  # normal force at which it opens and with which it closes
         ("slides", "i8"),  # whether the strength is finite
         ("push", "f8"),  # share of the normal force that acts on the grains: none of a spring's
     ]
@@ -46,8 +48,9 @@ AT_YIELD = 1.0 - 1e-6
 SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
 HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
-# Methods that a law of one's own may not change; its largest force at touch, over that at overlap.
+# Methods that a law of one's own may not change.
 LEFT = ("gap", "shear_kinematics", "rolling_stiffness", "regime", "take")
+# Forces at touch below this share of those at overlap are rounding: the law has no cohesion.
 AT_TOUCH = 1e-9
 
 
@@ -66,6 +69,17 @@ class OwnLaw(NamedTuple):
         T = np.broadcast_to(T, len(overlap))[self.rows]
         state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, i, j)
         return own > 0, replace(state, normal_force=np.asarray(self.law.closed_force(state)))
+
+    def parting(self) -> ContactState:
+        """Return the contacts (R,) where their grains just touch, with the force there.
+
+        A force that is rounding beside that at a small overlap is zero.
+        """
+        _, pressed = self.contacts(np.zeros(int(self.rows.max(initial=-1)) + 1))
+        state = replace(pressed, length=pressed.touching_length)
+        N = np.asarray(self.law.closed_force(state), dtype=float)
+        least = AT_TOUCH * np.abs(pressed.normal_force)
+        return replace(state, normal_force=np.where(np.abs(N) > least, N, 0.0))
 
     def stiffness(self, state: ContactState, regime: Regime) -> Floats:
         """(R, 2, 2) `D` of contacts."""
@@ -106,6 +120,26 @@ class Pairs:
         """Whether all springs are linear."""
         return not (self.hertz or self.own)
 
+    @cached_property
+    def at_touch(self) -> Floats:
+        """(P,) normal force where the grains just touch: zero without cohesion, else below."""
+        force = np.zeros(len(self))
+        if self.own:
+            force[self.own.rows] = self.own.parting().normal_force
+        return force
+
+    @cached_property
+    def strength_at_touch(self) -> Floats:
+        """(P,) shear force that pairs can carry where their grains just touch."""
+        most = np.zeros(len(self))
+        if self.own:
+            rows = self.own.rows
+            finite = np.isfinite(self.mu[rows])
+            at_touch = np.where(finite, self.own.law.strength(self.own.parting()), 0.0)
+            least = AT_TOUCH * np.where(finite, self.mu[rows], 0.0) * np.abs(self.at_touch[rows])
+            most[rows] = np.where(at_touch > least, at_touch, 0.0)
+        return most
+
 
 def touching_distances(state: PackingState, pairs: Pairs) -> Floats:
     """(P,) distances of the centres at first touch."""
@@ -126,6 +160,12 @@ def normal_forces(pairs: Pairs, overlap: Floats) -> Floats:
             touch, state = pairs.own.contacts(all_overlaps)
             of[pairs.own.rows] = np.where(touch, state.normal_force, 0.0)
     return N
+
+
+def with_normal_forces(state: PackingState, pairs: Pairs) -> PackingState:
+    """Return the state with normal forces of its overlaps; what overlaps is closed."""
+    overlap = overlaps(state, pairs)
+    return replace(state, normal_force=normal_forces(pairs, overlap), closed=overlap > 0)
 
 
 def tangents(pairs: Pairs, overlap: Floats) -> tuple[Floats, Floats]:
@@ -180,7 +220,7 @@ def at_limit(pairs: Pairs, state: PackingState, share: float = AT_YIELD) -> Flag
 
 
 def rolling_reach(pairs: Pairs, state: PackingState) -> Floats:
-    """(P,) largest `|M|/N` of rolling springs, infinite where there is none."""
+    """(P,) largest `|M|/(N - at_touch)` of rolling springs, infinite where there is none."""
     assert pairs.rolling is not None
     R = _effective_radii(state.radii[pairs.grains])
     k_r, mu_r = pairs.rolling
@@ -192,7 +232,8 @@ def rolling_strength(pairs: Pairs, state: PackingState) -> Floats:
     """(P,) rolling moment that pairs can carry."""
     reach = rolling_reach(pairs, state)
     finite = np.isfinite(reach)
-    return np.where(finite, np.where(finite, reach, 0.0) * state.normal_force, np.inf)
+    N = state.normal_force - np.where(state.closed, pairs.at_touch, 0.0)
+    return np.where(finite, np.where(finite, reach, 0.0) * N, np.inf)
 
 
 def rolling_energy(pairs: Pairs, M: Floats) -> float:
@@ -206,13 +247,13 @@ def rolling_energy(pairs: Pairs, M: Floats) -> float:
 def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
     """The law of paths and equations of motion; refuse others, and graphs that carry nothing.
 
-    The normal force is one of the overlap, and vanishes with the strength where the grains part.
+    The normal force is one of the overlap; where the grains part it vanishes, or pulls.
     """
     require_one_state(graph)
     if not graph.contact_count:
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     state, name = contact_state(graph), type(law).__name__
-    closed = (graph.normal_force > 0) & (state.overlap > 0)
+    closed = (graph.normal_force != 0) & (state.overlap > 0)
     if isinstance(law, RollingResistance):
         require_movable(graph, law.law)
         if not isinstance(law.law, RollingResistance):
@@ -244,17 +285,17 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
             expected = "closed_force, and kt or stiffnesses"
             remedy = "Add it to the class."
             raise InputError("law", f"{name} without {lacks}", expected, remedy) from None
-        parting = replace(pressed, length=pressed.touching_length)
-        parting = replace(parting, normal_force=np.asarray(law.closed_force(parting)))
-        strengths = [
-            np.where(np.isfinite(law.mu), law.strength(s), 0.0) for s in (parting, pressed)
-        ]
-        ends = (parting.normal_force, pressed.normal_force), strengths
-        left = [np.abs(a).max() > AT_TOUCH * np.abs(b).max() for a, b in ends]
-        if any(left) or np.any(D[:, 0, 1] != 0):
-            expected = "a normal force of the overlap that vanishes, as the strength, at touch"
-            remedy = "Leave cohesion out, or use the law for single loops."
-            raise InputError("law", name, expected, remedy)
+        parting = own.parting()
+        if np.any(parting.normal_force > 0) or np.any(D[:, 0, 1] != 0):
+            expected = "a normal force of the overlap alone that vanishes or pulls at touch"
+            raise InputError("law", name, expected, "Use the law for single loops.")
+        least = np.where(np.isfinite(law.mu), law.strength(parting), 0.0)
+        if np.any(least < -AT_TOUCH * np.abs(parting.normal_force)):
+            expected = "a strength that is not negative where the contact pulls"
+            remedy = "Give the class a strength such as mu (N + adhesion)."
+            raise InputError(
+                "law", f"{name} with a strength of {least.min():.2g}", expected, remedy
+            )
     return law
 
 
@@ -342,6 +383,7 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0
     frame["kn"], frame["kt"], frame["coupling"] = pairs.kn, pairs.kt, 0.0
     frame["slides"] = np.isfinite(pairs.mu)
     frame["mu"], frame["cohesion"] = np.where(frame["slides"], pairs.mu, 0.0), 0.0
+    frame["at_touch"] = pairs.at_touch
     if not pairs.linear:
         overlap = radii.sum(axis=1) - length
         closed = overlap > 0
@@ -358,13 +400,14 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0
         return frame
     # A spring against rolling slides at a share of the N of its pair, and shears by the spins.
     springs = frame.copy()
-    for name in ("t", "turning", "rotation", "growth", "coupling", "cohesion", "push"):
+    for name in ("t", "turning", "rotation", "growth", "coupling", "push"):
         springs[name] = 0.0
     springs["lever"] = springs["arm"] = 1.0, -1.0
     springs["kt"] = pairs.rolling.k_r / unit**2
     most = rolling_reach(pairs, state) / unit
     springs["slides"] = np.isfinite(most)
     springs["mu"] = np.where(springs["slides"], most, 0.0)
+    springs["cohesion"] = -springs["mu"] * springs["at_touch"]
     return np.concatenate([frame, springs])
 
 
@@ -374,15 +417,18 @@ def _add_own(frame: NDArray[Any], pairs: Pairs, at: Floats, T: Floats, far: Flag
     assert own is not None
     rows, (touch, state) = own.rows, own.contacts(at, 1.0)
     kn, frame["kt"], frame["coupling"] = own_stiffness(pairs, at, T)
-    overlap, N = np.where(touch, at[rows], 1.0), np.where(touch, state.normal_force, 0.0)
-    slides = frame["slides"][rows]
+    N0, most0 = pairs.at_touch[rows], pairs.strength_at_touch[rows]
+    overlap, N = np.where(touch, at[rows], 1.0), np.where(touch, state.normal_force, N0)
+    slides = frame["slides"][rows].astype(bool)
     most = np.where(slides & touch, own.law.strength(state), 0.0)
-    slope, D = np.divide(most, N, out=0.0 * N, where=N > 0), own.stiffness(state, Regime.SLIDING)
+    rise, D = N - N0, own.stiffness(state, Regime.SLIDING)
+    slope = np.divide(most - most0, rise, out=0.0 * N, where=slides & (rise > 0))
     steep = D[:, 1, 0] / np.where(D[:, 0, 0] > 0, D[:, 0, 0], 1.0)
     slope = np.where(far[rows] & slides, steep, slope)
     frame["kn"] = kn
-    frame["kn"][rows] = np.where(far[rows], kn[rows], N / overlap)
-    frame["mu"][rows], frame["cohesion"][rows] = slope, most - slope * N
+    frame["kn"][rows] = np.where(far[rows], kn[rows], rise / overlap)
+    frame["mu"][rows] = slope
+    frame["cohesion"][rows] = np.where(far[rows], most - slope * N, most0 - slope * N0)
 
 
 def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:

@@ -22,13 +22,13 @@ from stability.packing.pairs import (
     AT_YIELD,
     Pairs,
     contact_pairs,
-    normal_forces,
     overlaps,
     require_movable,
     rolling_strength,
     strength,
     tangents,
     with_near,
+    with_normal_forces,
 )
 from stability.packing.past import PassBy, Passed, Standing, past_of, viscous
 from stability.packing.past import stop as end_there
@@ -280,11 +280,12 @@ class PackingPathSolver:
             normal_force=N,
             shear_force=T,
             rolling_moment=np.append(state.rolling_moment, new),
+            closed=np.append(state.closed, new > 0),
         )
         springs = 2 if self.pairs.rolling else 1
         regime, side = self.regime.reshape(springs, -1), self.side.reshape(springs, -1)
-        fresh = N[regime.shape[1] :]
-        closed = np.tile(np.where(fresh > 0, ELASTIC, OPEN), (springs, 1))
+        fresh = self.state.closed[regime.shape[1] :]
+        closed = np.tile(np.where(fresh, ELASTIC, OPEN), (springs, 1))
         self.regime = np.hstack([regime, closed]).astype(np.int8).ravel()
         self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
 
@@ -293,14 +294,14 @@ class PackingPathSolver:
 
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
-        N, T = self.state.normal_force, self.state.shear_force
-        most = strength(self.pairs, self.state)
+        T, most = self.state.shear_force, strength(self.pairs, self.state)
         if self.pairs.rolling:
-            N, T = np.tile(N, 2), np.append(T, self.state.rolling_moment)
+            T = np.append(T, self.state.rolling_moment)
             most = np.append(most, rolling_strength(self.pairs, self.state))
         slides = np.abs(T) >= AT_YIELD * most
-        closed = np.where(slides, SLIDING, ELASTIC)
-        self.regime = np.where(N > 0, closed, OPEN).astype(np.int8)
+        regime = np.where(slides, SLIDING, ELASTIC)
+        closed = np.resize(self.state.closed, len(T))
+        self.regime = np.where(closed, regime, OPEN).astype(np.int8)
         self.side = np.sign(T)
 
     def _start_stage(self, number: int) -> None:
@@ -635,7 +636,7 @@ class PackingPathSolver:
 
 def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
     """The state with normal forces of its overlaps, and shear forces within the cone."""
-    state = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs)))
+    state = with_normal_forces(state, pairs)
     most = strength(pairs, state)
     T = np.clip(np.where(state.closed, state.shear_force, 0.0), -most, most)
     if pairs.rolling is None:

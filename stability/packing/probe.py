@@ -514,7 +514,7 @@ def probe_to(
         normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
     )
     loops = [loop_changes(start, path.states[-1], faces).additive_work for path in paths]
-    rows = ("contacts", "images", "normal_force", "shear_force", "rolling_moment")
+    rows = ("contacts", "images", "normal_force", "shear_force", "rolling_moment", "closed")
     ends = [
         replace(end, **{name: getattr(end, name)[: len(pairs)] for name in rows})
         for end in (path.states[-1] for path in paths)

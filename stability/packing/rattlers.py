@@ -49,21 +49,23 @@ class Freed(NamedTuple):
     released: float
 
 
-def carrying_nothing(state: PackingState, share: float) -> Flags:
+def carrying_nothing(state: PackingState, share: float, at_touch: Floats | float = 0.0) -> Flags:
     """Grains (B,) without load: none above a share of the mean force, or fewer than two contacts.
 
-    Contacts of such grains do not count for their neighbours, and so on.
+    Contacts of such grains do not count for their neighbours, and so on. The load of a contact is
+    its force above that `at_touch`, and a contact that can pull holds a grain as two do.
     """
     i, j = state.contacts[state.closed].T
-    N, bodies = state.normal_force[state.closed], len(state.x)
+    N, bodies = (state.normal_force - at_touch)[state.closed], len(state.x)
+    holds = np.where(np.broadcast_to(at_touch, len(state.closed))[state.closed] < 0, 2, 1)
     least = share * state.mean_force
     largest = np.zeros(bodies)
     np.maximum.at(largest, i, N)
     np.maximum.at(largest, j, N)
     idle = largest < least
     while True:
-        kept = ~(idle[i] | idle[j])
-        degree = np.bincount(i[kept], minlength=bodies) + np.bincount(j[kept], minlength=bodies)
+        kept = np.where(idle[i] | idle[j], 0, holds)
+        degree = np.bincount(i, kept, minlength=bodies) + np.bincount(j, kept, minlength=bodies)
         found = idle | (degree < 2)
         found[state.count :] = False
         if (found == idle).all():
@@ -78,24 +80,27 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
     their overlaps.
     """
     if before is None:
-        idle = carrying_nothing(state, LOADED_SHARE)
+        idle = carrying_nothing(state, LOADED_SHARE, pairs.at_touch)
     else:
         was = before[pairs.grains].any(axis=1)
-        forces = np.where(was, 0.0, state.normal_force)
-        idle = carrying_nothing(replace(state, normal_force=forces), UNLOADED_SHARE)
+        others = replace(state, closed=state.closed & ~was)
+        idle = carrying_nothing(others, UNLOADED_SHARE, pairs.at_touch)
     free: Flags = np.asarray(idle[pairs.grains].any(axis=1))
     energy = _energy(state, pairs, free & state.closed)
     nothing = {
         name: np.where(free, 0.0, getattr(state, name))
         for name in ("normal_force", "shear_force", "rolling_moment")
     }
+    nothing["closed"] = state.closed & ~free
     moved = replace(state, x=_out_of_overlap(state, pairs, idle, free), **nothing)
-    N = np.where(free, normal_forces(pairs, overlaps(moved, pairs)), 0.0)
-    loaded = N >= LOADED_SHARE * state.mean_force
+    overlap = np.where(free, overlaps(moved, pairs), 0.0)
+    N = normal_forces(pairs, overlap)
+    loaded = (overlap > 0) & (N - pairs.at_touch >= LOADED_SHARE * state.mean_force)
     idle[pairs.grains[loaded].ravel()] = False
     free = np.asarray(idle[pairs.grains].any(axis=1))
-    joined = ~free & (N > 0)
-    moved = replace(moved, normal_force=np.where(joined, N, moved.normal_force))
+    joined = ~free & (overlap > 0)
+    N = np.where(joined, N, moved.normal_force)
+    moved = replace(moved, normal_force=N, closed=moved.closed | joined)
     return Freed(moved, idle, energy - _energy(moved, pairs, joined))
 
 

@@ -37,6 +37,8 @@ class PackingState(Shown):
         `N` and `T`; zero where open.
     rolling_moment : (C,) array
         Moment of the rolling spring on the second grain; zero where there is none.
+    closed : (C,) array of bool
+        Contacts that carry, whatever the sign of their force; at the start those with a force.
     walls : (W, 2) array
         Unit normals of the walls into the sample, which keep their directions.
     cell0 : (2, 2) array
@@ -52,6 +54,7 @@ class PackingState(Shown):
     normal_force: Floats
     shear_force: Floats
     rolling_moment: Floats
+    closed: Flags
     walls: Floats
     cell0: Floats
 
@@ -74,11 +77,6 @@ class PackingState(Shown):
     def at_wall(self) -> Flags:
         """(C,) contacts with walls."""
         return np.asarray(self.contacts[:, 1] >= self.count)
-
-    @property
-    def closed(self) -> Flags:
-        """(C,) contacts that carry a force."""
-        return self.normal_force > 0
 
     @cached_property
     def apart(self) -> Floats:
@@ -202,6 +200,7 @@ def start_state(
         normal_force=N,
         shear_force=T,
         rolling_moment=M,
+        closed=N != 0,
         walls=normals,
         cell0=cell,
     )

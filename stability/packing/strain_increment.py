@@ -13,6 +13,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, Regimes
 from stability.complementarity import solve_complementarity
 from stability.packing.pairs import (
+    AT_TOUCH,
     AT_YIELD,
     Pairs,
     normal_energy,
@@ -243,7 +244,9 @@ class StrainIncrement:
             if kind == "yield":
                 self._pivot(c, rates)
             else:
-                self._end_forces(c, SLIP)
+                # A contact that opens under shear lets its energy go; others have slipped to none.
+                broken = kind == "opening" and self.strength_at_touch(c) > 0
+                self._end_forces(c, RELEASED if broken else SLIP)
                 self._close(c) if kind == "closing" else self._open(c)
                 self._tell(kind, c)
                 if kind == "opening":
@@ -267,8 +270,9 @@ class StrainIncrement:
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
         packing, pairs = self.packing, self.pairs
-        N = np.where(packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)], 0.0)
-        idle = carrying_nothing(replace(self.state, normal_force=N), share)
+        closed, N = packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)]
+        state = replace(self.state, normal_force=N, closed=closed)
+        idle = carrying_nothing(state, share, pairs.at_touch)
         grains = [g for g in pairs.grains[c % len(pairs)].tolist() if idle[g]]
         self.rattlers[grains] = True
         rows = np.flatnonzero(self.rattlers[pairs.grains].any(axis=1) & ~self.absent)
@@ -310,8 +314,16 @@ class StrainIncrement:
             self.packing.set_regime(row, OPEN)
 
     def _close(self, c: int) -> None:
-        """Make a contact stick or slide to either side, whichever agrees with its closing."""
+        """Make a contact stick or slide to either side, whichever agrees with its closing.
+
+        It begins with the force `at_touch`; one that has strength there sticks.
+        """
         packing, rows = self.packing, self._springs(c)
+        self.N[rows] = packing.frame["at_touch"][rows]
+        if self.strength_at_touch(c) > 0:
+            for row in rows:
+                packing.set_regime(row, ELASTIC)
+            return
         for sides in product((0.0, 1.0, -1.0), repeat=len(rows)):
             for row, side in zip(rows, sides, strict=True):
                 packing.set_regime(row, SLIDING if side else ELASTIC, side)
@@ -410,6 +422,13 @@ class StrainIncrement:
         spring: Spring = "rolling" if rolling else "shear"
         return Event(kind, self.time, contacts=(contact,), spring=spring, **facts)
 
+    def strength_at_touch(self, c: int) -> float:
+        """Return the shear force that a contact can carry where it opens, zero to rounding."""
+        pair = self.packing.frame[c]
+        friction, cohesion = float(pair["mu"] * pair["at_touch"]), float(pair["cohesion"])
+        rounding = AT_TOUCH * (abs(friction) + abs(cohesion))
+        return friction + cohesion if friction + cohesion > rounding else 0.0
+
     def _end_forces(self, c: int, spent: int) -> None:
         """Set the forces of a contact to zero; the energy of its shear spring becomes work."""
         for row in self._springs(c):
@@ -422,18 +441,17 @@ class StrainIncrement:
         packing, pairs, moved = self.packing, self.pairs, self._moved()
         overlap = np.where(self.absent, 0.0, overlaps(moved, pairs))
         N = normal_forces(pairs, overlap)
-        moved = replace(moved, normal_force=N)
+        touch = overlap > 0
+        moved = replace(moved, normal_force=N, closed=touch)
         most, count = strength(pairs, moved), len(pairs)
         if pairs.rolling:
-            N, most = (
-                np.tile(N, 2),
-                np.append(most, rolling_strength(pairs, moved) / packing.length),
-            )
+            touch = np.tile(touch, 2)
+            most = np.append(most, rolling_strength(pairs, moved) / packing.length)
         closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
-        regime, side = np.where(N > 0, closed, OPEN).astype(np.int8), packing.side.copy()
+        regime, side = np.where(touch, closed, OPEN).astype(np.int8), packing.side.copy()
         # Sliding contacts have all of their strength, others at most that.
         T = np.where(regime == SLIDING, side * np.where(np.isfinite(most), most, 0.0), self.T)
-        T = np.clip(np.where(N > 0, T, 0.0), -most, most)
+        T = np.clip(np.where(touch, T, 0.0), -most, most)
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
         kt = packing.frame["kt"]
         relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
@@ -447,7 +465,7 @@ class StrainIncrement:
         work[SLIP] += relaxed[~self.held].sum()
         work[RELEASED] += relaxed[self.held].sum() + self.released.sum()
         # A held contact that stands on the friction limit slides from now on.
-        at_limit = self.held & (np.abs(T) >= AT_YIELD * most) & (N > 0) & (most > 0)
+        at_limit = self.held & (np.abs(T) >= AT_YIELD * most) & touch & (most > 0)
         side[at_limit] = np.sign(T[at_limit])
         regime[at_limit] = SLIDING
         end = replace(moved, shear_force=T[:count])

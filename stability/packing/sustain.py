@@ -639,7 +639,7 @@ class _DeadLoad:
         force = then.forces[:count] - state.forces[:count]
         branch = then.branches[:count] - state.branches[:count]
         carries, carried = (
-            one.normal_force >= CARRIES * one.normal_force[one.closed].mean()
+            np.abs(one.normal_force) >= CARRIES * np.abs(one.normal_force[one.closed]).mean()
             for one in (then, state)
         )
         slides, old = at_limit(listed, then), len(pairs)

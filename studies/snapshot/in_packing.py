@@ -144,7 +144,7 @@ def sample_edge(
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
-    from stability.packing.pairs import contact_pairs, normal_forces, overlaps, require_movable
+    from stability.packing.pairs import contact_pairs, require_movable, with_normal_forces
     from stability.packing.state import start_state
 
     graph, law = snapshot.graph, require_movable(snapshot.graph, snapshot.mechanics()[0])
@@ -152,7 +152,7 @@ def balance_notes(snapshot: Snapshot) -> list[str]:
     state = start_state(graph, boundary)
     pairs = contact_pairs(state, law, boundary)
     # Paths begin with the normal forces of the overlaps.
-    share = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs))).unbalanced
+    share = with_normal_forces(state, pairs).unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
     if share > FLOWS:
         expected = f"{FLOWS:g} at most: a state near rest"

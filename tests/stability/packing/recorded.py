@@ -94,7 +94,9 @@ def plain(value):
 
 def named(value):
     """Fields of an answer by name."""
-    names = [field.name for field in fields(value) if field.name not in LEFT_OUT]
+    # Without cohesion what is closed follows from the forces.
+    left_out = LEFT_OUT | ({"closed"} if isinstance(value, PackingState) else set())
+    names = [field.name for field in fields(value) if field.name not in left_out]
     return {name: plain(getattr(value, name)) for name in names}
 
 

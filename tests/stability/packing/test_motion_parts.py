@@ -44,7 +44,8 @@ def test_energy_of_each_spring_in_closed_form():
         own = N**2 / (2 * pairs.kn) if law is LINEAR else 0.4 * N * OVERLAP
         wanted = np.sum(own + T**2 / (2 * kt) + M**2 / (2 * np.array([0.3, 0.5, 0.9])))
         assert stored_energy(state, pairs) == pytest.approx(wanted, rel=1e-12)
-        nothing = replace(state, normal_force=np.zeros(3), shear_force=np.zeros(3))
+        none = {"shear_force": np.zeros(3), "closed": np.zeros(3, dtype=bool)}
+        nothing = replace(state, normal_force=np.zeros(3), **none)
         assert stored_energy(nothing, pairs) == 0.0
 
 
@@ -138,7 +139,7 @@ def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
     moving = SimpleNamespace(motion=motion, state=lambda: state)
     assert rests(moving, 1.0) is rest
     # Nothing to wait for where nothing carries.
-    idle = replace(state, normal_force=np.zeros(3))
+    idle = replace(state, normal_force=np.zeros(3), closed=np.zeros(3, dtype=bool))
     moving = SimpleNamespace(motion=motion, state=lambda: idle)
     assert rests(moving, 1.0) is (speed < 1.0)
     motion.moment = np.zeros(4)

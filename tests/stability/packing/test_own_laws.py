@@ -191,10 +191,8 @@ REFUSED = {
     "without Mine.closed_force": lambda: type("Mine", (FrictionalLaw,), {})(kn=1.0, kt=0.5),
     "Mine with gap": lambda: class_with(gap=lambda self, state: -state.overlap),
     "Mine with keeps_strength": lambda: class_with(keeps_strength=False),
-    "vanishes, as the strength": lambda: class_with(
-        strength=lambda self, state: 0.1 + 0.0 * state.length
-    ),
-    "vanishes, as": lambda: class_with(closed_force=lambda self, state: state.overlap - 0.01),
+    "vanishes or pulls": lambda: class_with(closed_force=lambda self, state: state.overlap + 0.01),
+    "not negative where": lambda: class_with(closed_force=lambda self, state: state.overlap - 0.01),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 from loops import GrainGraph, LinearFrictional
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
-from stability.packing.pairs import contact_pairs, normal_forces, overlaps
+from stability.packing.pairs import contact_pairs, normal_forces, overlaps, with_normal_forces
 from stability.packing.past import Passed
 from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
@@ -108,7 +108,8 @@ def test_forces_of_a_grain_that_carries_nothing_are_taken_with_their_energy():
     # On its way to the first of the four until it overlaps by that force.
     x = state.x.copy()
     x[4] -= (1e-4 + overlap) * np.sqrt(0.5)
-    freed = free_rattlers(replace(state, x=x, normal_force=N, shear_force=T), pairs)
+    state = replace(state, x=x, normal_force=N, shear_force=T, closed=N > 0)
+    freed = free_rattlers(state, pairs)
     assert freed.rattlers[4] and not freed.state.normal_force[8] and not freed.state.shear_force[8]
     assert freed.state.shear_force[0] == T[0]
     wanted = overlap**2 / 2 + (0.4 * overlap) ** 2 / (2 * 0.5)
@@ -119,7 +120,7 @@ def test_a_grain_that_carried_nothing_stays_so_while_it_has_room():
     """A large force of its overlap is none: it has moved out of it."""
     small, at = ROOM - 1e-4, [0.5 - 1e-3, 0.5]
     state, pairs = caged(small, at)
-    pressed = replace(state, normal_force=normal_forces(pairs, overlaps(state, pairs)))
+    pressed = with_normal_forces(state, pairs)
     before = np.arange(5) == 4
     assert not free_rattlers(pressed, pairs).rattlers.any()
     freed = free_rattlers(pressed, pairs, before)
@@ -210,7 +211,7 @@ def test_grains_that_hang_on_idle_ones_are_idle():
     state, _ = caged([0.05, 0.05], [[0.455, 0.5], [0.545, 0.5]])
     N = state.normal_force.copy()
     N[-1] = FORCE
-    found = carrying_nothing(replace(state, normal_force=N), LOADED_SHARE)
+    found = carrying_nothing(replace(state, normal_force=N, closed=N > 0), LOADED_SHARE)
     assert found.tolist() == [False] * 4 + [True] * 2
 
 

@@ -43,7 +43,8 @@ def test_a_carrying_grain_moves_less_than_a_fiftieth_of_a_diameter(contacts, los
     """Measured beyond the affine motion; grains with fewer than two contacts may move more."""
     touches = (STATE.contacts == 3).any(axis=1)
     keeps = ~touches | (np.cumsum(touches) <= contacts)
-    before = replace(STATE, normal_force=keeps * 1.0, shear_force=0.0 * STATE.shear_force)
+    forces = {"normal_force": keeps * 1.0, "shear_force": 0.0 * STATE.shear_force}
+    before = replace(STATE, closed=keeps, **forces)
     F = np.array([[0.9, 0.2], [0.1, 1.1]])
     step = 2.0 * STATE.radii.mean() * np.array([0.0, 1.0]) * (np.arange(16)[:, None] == 3)
     for share, leaps in ((0.0, False), (0.019, False), (-0.021, True)):

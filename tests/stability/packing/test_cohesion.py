@@ -1,0 +1,161 @@
+"""Cohesive laws in packings: no cohesion is the linear law, the energy closes, flags not forces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import FrictionalLaw, GrainGraph, RollingResistance, contact_state
+from stability import follow
+from stability.packing import hold, replay
+from stability.packing.pairs import (
+    contact_pairs,
+    frame_of,
+    normal_energy,
+    normal_forces,
+    rolling_strength,
+    strength,
+    with_normal_forces,
+)
+from stability.packing.rattlers import carrying_nothing
+from stability.packing.state import start_state
+from tests.packings import LAW, jammed, strained
+
+SHEAR = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
+EXTENSION = np.array([[-6e-3, 2e-3], [0.0, 2e-3]])
+
+
+class Cohesive(FrictionalLaw):
+    """A constant attraction while grains touch, friction of the force beyond it."""
+
+    shear_increment = "radii"
+
+    def closed_force(self, state):
+        return self.kn * state.overlap - self.adhesion
+
+    def strength(self, state):
+        return self.mu * (state.normal_force + self.adhesion) + self.bond
+
+
+def glued(adhesion, bond=0.0):
+    return Cohesive(kn=1.0, kt=0.5, mu=0.5, adhesion=adhesion, bond=bond)
+
+
+def at_rest(adhesion, bond=0.0, rolls=False):
+    """The packing of 12 held under an attraction of this share of its mean force, and its law."""
+    graph = jammed(12, 1)
+    law = glued(adhesion * graph.normal_force[graph.normal_force > 0].mean(), bond)
+    law = RollingResistance(law, 0.02, 0.1) if rolls else law
+    forces = law.normal_force(contact_state(graph))
+    held = hold(graph.replace(normal_force=forces), law, unbalanced=1e-8)
+    assert held.status == "at rest"
+    return held.graph, held.law
+
+
+def test_without_attraction_the_path_is_that_of_the_linear_law_bit_by_bit():
+    graph, how = jammed(12, 1), {"closure": "packing", "interval": 4e-5}
+    for strain in (SHEAR, EXTENSION):
+        one, other = (follow(graph, law, strained(strain), **how) for law in (glued(0.0), LAW))
+        assert one.events == other.events and len(one.events) > 3
+        for name in ("forces", "x", "closed"):
+            a, b = (getattr(path.states[-1], name) for path in (one, other))
+            np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(one.P, other.P)
+
+
+CASES = [(0.1, False, SHEAR), (0.3, True, EXTENSION), (1.0, False, EXTENSION), (3.0, True, SHEAR)]
+
+
+@pytest.mark.parametrize(("adhesion", "rolls", "strain"), CASES)
+def test_the_energy_of_a_cohesive_path_closes(adhesion, rolls, strain):
+    graph, law = at_rest(adhesion, rolls=rolls)
+    path = follow(graph, law, strained(strain), closure="packing", interval=4e-5)
+    assert path.status == "finished" and (path.states[-1].normal_force < 0).any()
+    work, *spent = path.work[-1]
+    left = work - sum(spent) - (path.energy[-1] - path.energy[0])
+    assert abs(left) < 2e-12 * np.abs(path.work).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adhesion", [0.1, 1.0])
+def test_slow_replays_come_to_the_forces_of_a_cohesive_path(adhesion):
+    """Half the rate has half the distance."""
+    graph, law = at_rest(adhesion)
+    path = follow(graph, law, strained(SHEAR), closure="packing", interval=5e-6)
+    first = np.arange(graph.contact_count)
+    wanted = path.states[-1].forces[first]
+    ends = [replay(graph, law, SHEAR, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
+    fast, slow = (np.linalg.norm(end.forces[first] - wanted) for end in ends)
+    assert 1.8 < fast / slow < 2.2 and slow < 2e-4 * np.linalg.norm(wanted)
+
+
+def test_contacts_without_a_force_are_closed_where_they_overlap():
+    """Where the spring balances the attraction, and none is open for being pulled."""
+    graph = jammed(12, 1)
+    overlap = contact_state(graph).overlap
+    law = glued(float(overlap[3]))
+    start = start_state(graph)
+    state = with_normal_forces(start, contact_pairs(start, law))
+    assert state.normal_force[3] == 0.0 and state.closed[3]
+    np.testing.assert_array_equal(state.closed, overlap > 0)
+    assert (state.normal_force[state.closed] < 0).any()
+    path = follow(graph, law, strained(0 * SHEAR + 1e-9), closure="packing")
+    np.testing.assert_array_equal(path.states[0].closed[: len(overlap)], overlap > 0)
+
+
+def two(overlap, shear=0.0):
+    return GrainGraph(
+        x=[[0, 0], [1.0 - overlap, 0]], radii=[0.4, 0.6], contacts=[[0, 1]], images=[[0, 0]],
+        cell=4 * np.eye(2), normal_force=[1.0], shear_force=[shear],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("overlap", [0.05, 1e-5, -0.01])
+@pytest.mark.parametrize("reach", [0.0, 1e-3])
+@pytest.mark.parametrize("bond", [0.0, 0.002])
+def test_records_of_a_cohesive_law(overlap, reach, bond):
+    """They open with the force at touch; within reach force and strength are secants to it."""
+    law = RollingResistance(glued(0.01, bond), 0.02, 0.1)
+    start = start_state(two(overlap))
+    pairs = contact_pairs(start, law)
+    state = with_normal_forces(start, pairs)
+    assert state.closed[0] == (overlap > 0)
+    free, rolling = frame_of(state, pairs, True, reach)
+    assert free["at_touch"] == -0.01
+    # An open pair has its tangents at the reach, none without.
+    known = overlap > 0 or reach > 0
+    assert [free["kn"], free["mu"]] == pytest.approx([known * 1.0, known * 0.5], rel=1e-9)
+    assert free["mu"] * -0.01 + free["cohesion"] == pytest.approx(bond, abs=1e-16)
+    N = state.normal_force[0]
+    assert N == pytest.approx(max(overlap, 0) - 0.01 * (overlap > 0), rel=1e-12)
+    if overlap > 0:
+        assert strength(pairs, state)[0] == pytest.approx(0.5 * overlap + bond, rel=1e-11)
+        reached = rolling_strength(pairs, state)[0]
+        assert reached == pytest.approx(0.1 * 0.24 * overlap, rel=1e-9)
+        unit = state.mean_radius
+        assert unit * (rolling["mu"] * N + rolling["cohesion"]) == pytest.approx(reached, rel=1e-9)
+    size = 1e-6
+    at = np.array([[0.05 + size], [0.05 - size]])
+    rise = (normal_energy(pairs, at[0]) - normal_energy(pairs, at[1])) / (2 * size)
+    np.testing.assert_allclose(rise, normal_forces(pairs, np.array([0.05])), rtol=1e-8)
+
+
+def test_a_grain_that_hangs_on_an_attraction_is_held():
+    """One contact that can pull holds as two do; without attraction the grain carries nothing."""
+    start = start_state(two(0.02))
+    state = replace(start, normal_force=np.array([-0.004]))
+    assert carrying_nothing(state, 1e-4).tolist() == [True, True]
+    assert carrying_nothing(state, 1e-4, np.array([-0.01])).tolist() == [False, False]
+    # At rest under its attraction alone.
+    assert not carrying_nothing(replace(state, normal_force=np.zeros(1)), 1e-4, -0.01).any()
+
+
+def test_a_bond_that_breaks_under_shear_lets_its_energy_go():
+    """A contact that opens with shear left: its energy is released, not slip, and all closes."""
+    graph, law = at_rest(0.3, bond=1e-4)
+    how = {"closure": "packing", "interval": 4e-5}
+    path = follow(graph, law, strained(EXTENSION), **how)
+    assert path.status == "finished" and path.of_kind("opening")
+    work, *spent = path.work[-1]
+    left = work - sum(spent) - (path.energy[-1] - path.energy[0])
+    assert abs(left) < 2e-12 * np.abs(path.work).max()
