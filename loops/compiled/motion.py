@@ -61,10 +61,10 @@ class Discs(NamedTuple):
     mu: Floats
     hertz: bool
     by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
-    # (P, 5) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, then `N` where it opens;
+    # (P, 5) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, `N` at touch;
     # (0, 5) of known laws
     own: Floats
-    # (P,), or (0,) without rolling springs: stiffness, and `|M|` at the limit over `N` beyond opening
+    # (P,), or (0,) without rolling springs: stiffness, and `|M|` at the limit over `N - N at touch`
     k_r: Floats
     rolling_reach: Floats
 

@@ -319,7 +319,7 @@ class StrainIncrement:
         It begins with the force `at_touch`; one that has strength there sticks.
         """
         packing, rows = self.packing, self._springs(c)
-        self.N[rows] = packing.frame["at_touch"][rows]
+        self.N[rows] = packing.frame[c]["at_touch"]
         if self.strength_at_touch(c) > 0:
             for row in rows:
                 packing.set_regime(row, ELASTIC)

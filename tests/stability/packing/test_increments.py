@@ -52,9 +52,8 @@ class Rows:
 
     def __init__(self, rates, kt, mu):
         self.rates, self.regime, self.side = rates, [None] * len(rates), [None] * len(rates)
-        self.frame = [
-            {"kt": kt, "mu": mu, "kn": KN, "slides": True} for kt, mu in zip(kt, mu, strict=True)
-        ]
+        same = {"kn": KN, "slides": True, "at_touch": 0.0, "cohesion": 0.0}
+        self.frame = [{"kt": kt, "mu": mu} | same for kt, mu in zip(kt, mu, strict=True)]
 
     def set_regime(self, row, regime, side):
         self.regime[row], self.side[row] = regime, side

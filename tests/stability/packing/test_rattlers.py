@@ -8,7 +8,7 @@ import pytest
 from loops import GrainGraph, LinearFrictional
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
-from stability.packing.pairs import contact_pairs, normal_forces, overlaps, with_normal_forces
+from stability.packing.pairs import contact_pairs, overlaps, with_normal_forces
 from stability.packing.past import Passed
 from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
