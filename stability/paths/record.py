@@ -202,7 +202,7 @@ def record_changes(
     record: Record, old: Mode, new: Mode, parameter: float, problem: Regimes[EdgeTrial]
 ) -> None:
     """Record changes of regime, and whether the rate problem has several solutions."""
-    count = len(problem.solutions) if problem.status == "several" else 0
+    count = len(problem.solutions) if problem.status in ("several", "family") else 0
     was_open, is_open = old.regime == Regime.OPEN, new.regime == Regime.OPEN
     groups: list[tuple[EventKind, Flags]] = [
         ("yield", (new.regime == Regime.SLIDING) & (old.regime == Regime.ELASTIC)),
