@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, overload
+from typing import Any, Literal, TypeVar, get_args
 
 from loops import ContactLaw, GrainGraph, InputError
 from loops.boundary import former_boundary
@@ -16,36 +16,7 @@ from stability.paths.follow import follow_loop
 from stability.paths.loop_path import LoopPathOptions
 from stability.programmes import Stage
 
-if TYPE_CHECKING:
-    from stability.packing.path import PackingPath
-
 Options = TypeVar("Options")
-
-
-@overload
-def follow(
-    graph: GrainGraph,
-    law: ContactLaw,
-    stages: Sequence[Stage] | Stage,
-    *,
-    closure: Literal["packing"],
-    rows: int = 0,
-    max_steps: int = 20_000,
-    **options: Any,
-) -> PackingPath: ...
-
-
-@overload
-def follow(
-    graph: GrainGraph,
-    law: ContactLaw,
-    stages: Sequence[Stage] | Stage,
-    *,
-    closure: Closure = "affine",
-    rows: int = 0,
-    max_steps: int = 20_000,
-    **options: Any,
-) -> Path: ...
 
 
 @partial(former_boundary, former=("planes", "plane_force"))
@@ -58,7 +29,7 @@ def follow(
     rows: int = 0,
     max_steps: int = 20_000,
     **options: Any,
-) -> Path | PackingPath:
+) -> Path:
     """Integrate the rate equations of a graph under loading programmes, with exact events.
 
     Every contact is elastic, sliding or open (Nicot et al. 2016, equation (8)). The normal force is
@@ -142,7 +113,7 @@ def follow(
 
     Returns
     -------
-    Path, or PackingPath
+    Path
         Also where the path ends early: see `Path.status`.
 
     Raises

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from loops.shown import Shown
 from stability.programmes import Stage
 from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
+
+if TYPE_CHECKING:
+    from stability.packing.state import PackingState
 
 EventKind = Literal[
     "yield",
@@ -234,61 +237,97 @@ def reason(event: Event) -> str:
     return said
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Path(Shown):
-    """Path that `follow` returns for a loop: a row at every event and, with `rows`, between.
+def _none() -> Any:
+    """Return an empty array, for what a kind of path does not have."""
+    return np.zeros(0)
 
-    Components in the order (11, 12, 21, 22); forces, stresses and strains positive in compression.
-    Contacts that were added on the way are open before.
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Path(Shown):
+    """Path of a loop or a packing, or a replay: rows of what was met, and the events between.
+
+    Of a loop `follow` gives a row at every event and, with `rows`, between; of a packing, and
+    `replay`, a row at the start and wherever `rows` asks. Components in the order (11, 12, 21, 22);
+    forces, stresses and strains positive in compression. Arrays that a kind does not have are
+    empty.
 
     Attributes
     ----------
     status : str
-        'finished'; 'control_limit': the control has no continuation where the loading parameter
-        reaches an extremum; 'no_solution': the rate problem has none; 'no_load': the loop has come
-        apart and carries no force; 'opposite_contact': stopped there, by the option; 'lost': the
-        integration failed, see `message`.
+        'finished'; 'control_limit': the control has no continuation: the loading parameter reaches
+        an extremum, or asks for ever more strain; 'no_solution': the rate problem has none, or the
+        control moves nothing; 'no_load': it has come apart and carries no force; 'opposite_contact'
+        (loops): stopped there, by the option; 'instabilities' (packings): stopped at the stated
+        number of them, or at the first as asked; 'lost': the integration failed, forces or centres
+        jumped, or there was no rest after an instability, see `message`. The last row of a packing
+        is the state before.
     message : str
         The status in words.
     events : tuple of Event
-        In the order of the path.
+        In the order of the path; a replay has none. Events of a rejected interval are dropped,
+        except when the path is lost: then they lie beyond the last row.
     parameter : (R,) array
-        Loading parameter, counted from the start of the path.
+        Loading parameter, counted from the start of the path; of a replay of given strains the
+        share of the duration.
     stage : (R,) array of int
         Stage.
     H, P : (R, 4) array
-        Displacement gradient, and nominal stress over `volume`.
-    x : (R, G, 2) array
-        Centres.
-    normal_force, shear_force : (R, C) array
-        `N` and `T`.
-    regime : (R, C) array of int8
-        `loops.Regime`.
-    contacts : (C, 2) array of int
-        Grains of the contacts, added ones last.
-    A : (R, 4, 4) array
-        Tangent in the regimes of the row; nan where the closure has no single answer.
-    H_rate, P_rate : (R, 4) array
-        Direction of the path, per unit of its length in the space of `H`.
-    parameter_rate : (R,) array
-        Rate of the loading parameter in the same unit; zero at a limit of the control.
+        Displacement gradient, and nominal stress over `volume` (the reference cell of a packing).
+        Between walls their displacements over the sides of the box, and the forces on the right and
+        on the upper wall over its first sides.
     work : (R, 4) array
-        External work `V0 Int P:H'`, work of the moments that hold the spins, work spent on shear at
-        the contacts, and the part of it that slip dissipates; all since the start.
-    normal_energy, tangential_energy : (R,) array
-        `sum N^2/(2 kn)` and `sum T^2/(2 kt)`.
+        Of a loop: external work `V0 Int P:H'`, work of the moments that hold the spins, work spent
+        on shear at the contacts, and the part of it that slip dissipates; all since the start.
+        Of a packing: external work, with that of the load that balances the start; slip; `T` times
+        the difference between the motion at the contact and the law's shear increment (`branch`:
+        next to nothing), with what shear springs lose as their `kt` changes; and the work of
+        unbalanced forces, at instabilities and by rattlers. The first is the change of `energy` and
+        the other three, to rounding (Theory, equations (11.12) and (11.13)).
     imbalance : (R,) array
-        Largest unbalanced force on a grain over `kn sqrt(V0)`, the drift of the traction closure;
-        nan under the affine closure, which does not balance the grains.
+        Of a loop: largest unbalanced force on a grain over `kn sqrt(V0)`, the drift of the traction
+        closure; nan under the affine closure, which does not balance the grains. Of a packing:
+        largest drift of a grain's resultant over the mean contact force.
+    x : (R, G, 2) array
+        Loops: centres.
+    normal_force, shear_force : (R, C) array
+        Loops: `N` and `T`. Contacts that were added on the way are open before.
+    regime : (R, C) array of int8
+        Loops: `loops.Regime`.
+    contacts : (C, 2) array of int
+        Loops: grains of the contacts, added ones last.
+    A : (R, 4, 4) array
+        Loops: tangent in the regimes of the row; nan where the closure has no single answer.
+    H_rate, P_rate : (R, 4) array
+        Loops: direction of the path, per unit of its length in the space of `H`.
+    parameter_rate : (R,) array
+        Loops: rate of the loading parameter in the same unit; zero at a limit of the control.
+    normal_energy, tangential_energy : (R,) array
+        Loops: `sum N^2/(2 kn)` and `sum T^2/(2 kt)`.
     condition : (R,) array
-        Condition number of closure and control together, solved for the rates; large at a limit of
-        the control.
+        Loops: condition number of closure and control together, solved for the rates; large at a
+        limit of the control.
     volume : float
-        Reference area V0.
+        Loops: reference area V0.
     subspace : str
-        Where K is taken.
+        Loops: where K is taken.
     model : ModelChoice
-        Model that was solved, see `follow`.
+        Loops: model that was solved, see `follow`.
+    states : tuple of PackingState
+        Packings, replays: the packing at every row. Events number contacts as these do: those of
+        the graph first.
+    energy : (R,) array
+        Packings: energy of the springs, `sum N^2/(2 kn) + T^2/(2 kt) + M^2/(2 k_r)`; of Hertz's,
+        `2/5 N overlap`, of other laws their `normal_energy`.
+    intervals : int
+        Packings: number of intervals.
+    limit, limit_spread : float
+        Packings: loading parameter at which the path met its limit, by the smallest interval, and
+        its change as the interval was halved, over itself: infinite where it has not converged to
+        1 %. nan of paths that end otherwise than by 'control_limit' or a first instability.
+    velocity, spin : (G, 2), (G,) array
+        Replays: velocities beyond the affine motion, and spins, half a step before the end.
+    steps, time_step : int, float
+        Replays: steps made and their length, in the unit of time of the masses.
     """
 
     status: PathStatus
@@ -298,23 +337,32 @@ class Path(Shown):
     stage: Integers
     H: Floats
     P: Floats
-    x: Floats
-    normal_force: Floats
-    shear_force: Floats
-    regime: Regimes
-    contacts: Integers
-    A: Floats
-    H_rate: Floats
-    P_rate: Floats
-    parameter_rate: Floats
-    work: Floats
-    normal_energy: Floats
-    tangential_energy: Floats
-    imbalance: Floats
-    condition: Floats
-    volume: float
-    subspace: str
-    model: ModelChoice
+    work: Floats = field(default_factory=_none)
+    imbalance: Floats = field(default_factory=_none)
+    x: Floats = field(default_factory=_none)
+    normal_force: Floats = field(default_factory=_none)
+    shear_force: Floats = field(default_factory=_none)
+    regime: Regimes = field(default_factory=_none)
+    contacts: Integers = field(default_factory=_none)
+    A: Floats = field(default_factory=_none)
+    H_rate: Floats = field(default_factory=_none)
+    P_rate: Floats = field(default_factory=_none)
+    parameter_rate: Floats = field(default_factory=_none)
+    normal_energy: Floats = field(default_factory=_none)
+    tangential_energy: Floats = field(default_factory=_none)
+    condition: Floats = field(default_factory=_none)
+    volume: float = math.nan
+    subspace: str = ""
+    model: ModelChoice = None  # type: ignore[assignment]
+    states: tuple[PackingState, ...] = ()
+    energy: Floats = field(default_factory=_none)
+    intervals: int = 0
+    limit: float = math.nan
+    limit_spread: float = math.nan
+    velocity: Floats = field(default_factory=_none)
+    spin: Floats = field(default_factory=_none)
+    steps: int = 0
+    time_step: float = math.nan
 
     def __len__(self) -> int:
         return len(self.parameter)
@@ -323,6 +371,16 @@ class Path(Shown):
         """Facts shown at the prompt and in a notebook."""
         kinds = dict(Counter(event.kind for event in self.events))
         return {"status": self.status, "rows": len(self), "events": kinds}
+
+    @property
+    def state(self) -> PackingState:
+        """The packing at the end."""
+        return self.states[-1]
+
+    @property
+    def duration(self) -> float:
+        """Duration of a replay."""
+        return self.steps * self.time_step
 
     @cached_property
     def K(self) -> Floats:

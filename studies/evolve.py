@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -17,14 +17,15 @@ from loops import Faces, InputError
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow, programmes
-from stability.packing import LoopRates, PackingPath, Replay, loop_changes, replay
-from stability.packing.state import PackingState
-from stability.path import Event, Past, describe
+from stability import Path as FollowedPath
+from stability.packing import LoopRates, loop_changes, replay
+from stability.packing.state import nominal
+from stability.path import Past, describe
 from studies.output import UNITS, definitions, readable
 from studies.paths.options import PROGRAMMES
 from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
-from studies.series.loading import nominal, stress_of
+from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control, sample_boundary
 from studies.study import one_of, study
@@ -95,14 +96,14 @@ def run_evolve(
         graph, faces, (law, _) = snapshot.graph, snapshot.faces, snapshot.mechanics()
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         boundary, _ = sample_boundary(snapshot)
-        rate, ways = None, dict[str, Way]()
+        rate, ways = None, dict[str, FollowedPath]()
         if by != "replay":
             path = follow(
                 graph, law, stage, closure="packing", max_steps=INTERVALS, rows=rows,
                 interval=interval, instabilities=instabilities, past=past, progress=progress,
                 boundary=boundary,
             )  # fmt: skip
-            ways["events"] = path_rows(path)
+            ways["events"] = path
         if by != "events":
             known = Following(past, inertial_number, time_step, mean_mass)
             rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
@@ -110,7 +111,8 @@ def run_evolve(
                 graph, law, stage, boundary=boundary, rows=rows,
                 damping=damping, **rate.options,
             )  # fmt: skip
-            ways["replay"] = replay_rows(done, stage, rate)
+            said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
+            ways["replay"] = replace(done, message=said)
         # Tables and map are those of the first way; a replay beside a path has its own.
         way = next(iter(ways.values()))
         changes = [loop_changes(graph, state, faces) for state in way.states[1:]]
@@ -189,46 +191,15 @@ def stage_of(programme: str, axis: int, to: float) -> Stage:
     return Stage(EVOLVED[programme](**given), "parameter", abs(to))
 
 
-class Way(NamedTuple):
-    """A snapshot as it was followed by events or by a replay: rows, events, how it ended.
-
-    `works` are columns of the table of rows: work, energy, imbalance; a replay has none.
-    """
-
-    status: str
-    message: str
-    parameter: Floats
-    H: Floats
-    P: Floats
-    states: Sequence[PackingState]
-    events: Sequence[Event] = ()
-    intervals: int = 0
-    works: Mapping[str, Floats] = MappingProxyType({})
-    limit: float = math.nan
-    limit_spread: float = math.nan
+def works_of(way: FollowedPath) -> dict[str, Floats]:
+    """Return the columns of work, energy and imbalance; a replay has none."""
+    if not len(way.work):
+        return {}
+    works = dict(zip(("work", "slip_work", "shear_work", "released"), way.work.T, strict=True))
+    return works | {"energy": way.energy, "imbalance": way.imbalance}
 
 
-def path_rows(path: PackingPath) -> Way:
-    """A path by events in rows, and in its message how far it came beyond the last one."""
-    terms = ("work", "slip_work", "shear_work", "released")
-    works = dict(zip(terms, path.work.T, strict=True))
-    works |= {"energy": path.energy, "imbalance": path.imbalance}
-    rows = path.parameter, path.H, path.P, path.states
-    limit = path.limit, path.limit_spread
-    return Way(path.status, path.message, *rows, path.events, path.intervals, works, *limit)
-
-
-def replay_rows(done: Replay, stage: Stage, rate: Rate) -> Way:
-    """A replay of a stage in rows."""
-    strains = [state.strain for state in done.states]
-    stresses = [nominal(state.stress, state.strain) for state in done.states]
-    message = f"replayed in {done.steps} steps, inertial number {rate.inertial_number:.2g}"
-    parameter = np.linspace(0.0, stage.target, len(strains))
-    H, P = (np.reshape(values, (-1, 4)) for values in (strains, stresses))
-    return Way("finished", message, parameter, H, P, done.states)
-
-
-def row_table(way: Way, sense: float) -> pd.DataFrame:
+def row_table(way: FollowedPath, sense: float) -> pd.DataFrame:
     """One row per recorded state."""
     ends = np.sort([event.parameter for event in way.events])
     return pd.DataFrame(
@@ -237,14 +208,14 @@ def row_table(way: Way, sense: float) -> pd.DataFrame:
             "driven": sense * way.parameter,
             **components("H", way.H),
             **components("P", way.P),
-            **way.works,
+            **works_of(way),
             "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
             "events": np.searchsorted(ends, way.parameter, side="right"),
         }
     )
 
 
-def event_table(way: Way, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
+def event_table(way: FollowedPath, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
     """One row per event: kind, driven value, grains, continuation after an instability.
 
     A wall has the number -1.
@@ -332,7 +303,7 @@ def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot
 
 
 def forecast_table(
-    ways: dict[str, Way], dem: pd.DataFrame, driven: str, sense: float
+    ways: dict[str, FollowedPath], dem: pd.DataFrame, driven: str, sense: float
 ) -> pd.DataFrame:
     """One row per snapshot of the DEM: its driven stress and volume, and those of each way there.
 
@@ -394,7 +365,7 @@ def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]
 
 
 def replay_summary(
-    ways: Mapping[str, Way], tables: Mapping[str, pd.DataFrame], driven: str, contacts: int
+    ways: Mapping[str, FollowedPath], tables: Mapping[str, pd.DataFrame], driven: str, contacts: int
 ) -> dict[str, Any]:
     """End of a replay beside a path, and how far their contact forces are apart there.
 
@@ -419,7 +390,7 @@ def end_of(rows: pd.DataFrame, driven: str) -> dict[str, float]:
     return {name: float(rows[name].iloc[-1]) for name in names}
 
 
-def path_summary(way: Way, tables: dict[str, pd.DataFrame], driven: str) -> dict[str, Any]:
+def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str) -> dict[str, Any]:
     """Summary of a way and its tables."""
     last, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
     instabilities = [event for event in way.events if event.kind == "instability"]
@@ -438,5 +409,5 @@ def path_summary(way: Way, tables: dict[str, pd.DataFrame], driven: str) -> dict
         "reached": float(last["driven"]),
         "status": way.status,
         "unstable_contacts": len({event.contacts for event in instabilities}),
-        "work": float(last["work"]) if way.works else None,
+        "work": float(last["work"]) if len(way.work) else None,
     }

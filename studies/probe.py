@@ -16,8 +16,9 @@ from loops.boundary import Boundary
 from loops.errors import number
 from loops.laws import ContactLaw
 from patterns import Snapshot
+from stability import Path as FollowedPath
 from stability import Stage, follow
-from stability.packing import PackingPath, Probe
+from stability.packing import Probe
 from stability.packing.hold import HoldControl
 from stability.packing.increment import CANDIDATES
 from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
@@ -104,7 +105,7 @@ def run_probe(
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
-        paths: list[PackingPath] = []
+        paths: list[FollowedPath] = []
         reached: list[float] = []
         if amplitude is not None and by == "increment":
             wide = sample_edge(snapshot, checked_band(candidates, "candidates", CANDIDATES))
@@ -112,7 +113,7 @@ def run_probe(
         elif amplitude is not None:
             notes += balance_notes(snapshot)
 
-            def shared(stages: Sequence[Stage]) -> Sequence[PackingPath]:
+            def shared(stages: Sequence[Stage]) -> Sequence[FollowedPath]:
                 paths[:], reached[:] = _followed(snapshot, past, workers, scheduler, stages)
                 return paths
 
@@ -215,7 +216,7 @@ class _Direction:
         return f"direction {self.number}"
 
 
-def _follow(one: _Direction) -> tuple[int, tuple[PackingPath, float]]:
+def _follow(one: _Direction) -> tuple[int, tuple[FollowedPath, float]]:
     """The path of a direction, and what it has reached: its last row may lie before."""
     reached = [0.0]
     with one_blas_thread():
@@ -232,7 +233,7 @@ def _followed(
     workers: int | None,
     scheduler: str | None,
     stages: Sequence[Stage],
-) -> tuple[list[PackingPath], list[float]]:
+) -> tuple[list[FollowedPath], list[float]]:
     """Paths of all directions and what they reached, whatever the number of processes."""
     packing = (snapshot.graph, snapshot.mechanics()[0], sample_boundary(snapshot)[0])
     tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
@@ -269,7 +270,7 @@ def probe_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def path_table(found: Probe, paths: Sequence[PackingPath]) -> pd.DataFrame:
+def path_table(found: Probe, paths: Sequence[FollowedPath]) -> pd.DataFrame:
     """Every recorded row of the directions' paths, those that ended on the way too."""
     rows = [len(path) for path in paths]
     return pd.DataFrame(
@@ -286,7 +287,7 @@ def path_table(found: Probe, paths: Sequence[PackingPath]) -> pd.DataFrame:
     )
 
 
-def ended_paths(paths: Sequence[PackingPath], reached: Sequence[float]) -> list[dict[str, Any]]:
+def ended_paths(paths: Sequence[FollowedPath], reached: Sequence[float]) -> list[dict[str, Any]]:
     """Directions whose paths ended before the amplitude: their number, where and why."""
     return [
         {"direction": k, "reached": far, "status": path.status, "message": path.message}

@@ -1,6 +1,6 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
-from stability.packing.equations_of_motion import Replay as Replay
+from loops.lazy import old_names
 from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
@@ -10,7 +10,6 @@ from stability.packing.loop_quantities import LoopRates as LoopRates
 from stability.packing.loop_quantities import indicators as indicators
 from stability.packing.loop_quantities import loop_changes as loop_changes
 from stability.packing.loop_quantities import loop_rates as loop_rates
-from stability.packing.path import PackingPath as PackingPath
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
 from stability.packing.response import PackingRates as PackingRates
@@ -21,3 +20,5 @@ from stability.packing.sustain import LoadPath as LoadPath
 from stability.packing.sustain import Motion as Motion
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain
+
+__getattr__ = old_names(__name__, dict.fromkeys(("PackingPath", "Replay"), "stability.path.Path"))

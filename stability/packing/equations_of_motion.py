@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from loops.boundary import Boundary, former_boundary
 from loops.errors import InputError, number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw, Regime
-from loops.shown import Shown
 from stability.packing.pairs import (
     HERTZ,
     Pairs,
@@ -34,8 +33,9 @@ from stability.packing.pairs import (
     with_near,
     with_normal_forces,
 )
-from stability.packing.state import PackingState, start_state
+from stability.packing.state import PackingState, nominal, start_state
 from stability.packing.strain_increment import MixedControl
+from stability.path import Path
 from stability.programmes import Stage
 
 if TYPE_CHECKING:
@@ -63,33 +63,6 @@ REST_STRAIN = 1e-2
 CHECK_STEPS, MAX_CHECKS = 1000, 200
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Replay(Shown):
-    """A packing after its equations of motion have been integrated.
-
-    Attributes
-    ----------
-    state : PackingState
-        The packing at the end; its first contacts are those of the start.
-    velocity, spin : (G, 2), (G,) array
-        Velocities beyond the affine motion, and spins, half a step before the end.
-    steps, time_step
-        Steps made and their length.
-    duration : float
-        Duration of the motion, in the unit of the masses.
-    states : tuple of PackingState
-        The packing at the start and at the end of each of `rows` equal parts of the motion.
-    """
-
-    state: PackingState
-    velocity: Floats
-    spin: Floats
-    steps: int
-    time_step: float
-    duration: float
-    states: tuple[PackingState, ...]
-
-
 @former_boundary
 def replay(
     graph: GrainGraph,
@@ -109,7 +82,7 @@ def replay(
     viscous: float = 0.0,
     balanced: bool = False,
     rows: int = 1,
-) -> Replay:
+) -> Path:
     """Strain a packing as a DEM code would: inertia, damping, explicit steps.
 
     Normal forces are those of the geometry, shear forces start from the stored ones.
@@ -159,7 +132,8 @@ def replay(
 
     Returns
     -------
-    Replay
+    Path
+        Its `state` is the packing at the end, whose first contacts are those of the start.
 
     Raises
     ------
@@ -220,7 +194,21 @@ def replay(
             done += part
         states.append(moving.state())
     velocity, spin = motion.velocity[:count], motion.spin[:count]
-    return Replay(states[-1], velocity, spin, steps, dt, steps * dt, tuple(states))
+    whole = _span(strain) if isinstance(strain, Stage) else 1.0
+    return Path(
+        status="finished",
+        message=f"replayed in {steps} steps",
+        events=(),
+        parameter=np.linspace(0.0, whole, len(states)),
+        stage=np.zeros(len(states), dtype=np.int64),
+        H=np.array([state.strain.ravel() for state in states]),
+        P=np.array([nominal(state.stress, state.strain).ravel() for state in states]),
+        states=tuple(states),
+        velocity=velocity,
+        spin=spin,
+        steps=steps,
+        time_step=dt,
+    )
 
 
 def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: Floats) -> None:
@@ -307,7 +295,7 @@ def _span(stage: Stage) -> float:
 
 
 class Snap(NamedTuple):
-    """The packing at rest again, its pairs, and the work until then, as `PackingPath.work`."""
+    """The packing at rest again, its pairs, and the work until then, as `Path.work`."""
 
     state: PackingState
     pairs: Pairs
@@ -350,7 +338,7 @@ def snap_through(
 
 
 def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> Floats:
-    """Work until the end of a motion under a load (G, 3), as `PackingPath.work`.
+    """Work until the end of a motion under a load (G, 3), as `Path.work`.
 
     `energy` is that of the springs at the start. The last term is what damping took, and what the
     motion still has.

@@ -11,12 +11,11 @@ from typing import Any, get_args
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats
 from loops.boundary import Boundary
 from loops.errors import check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from loops.shown import Shown
 from stability.packing.equations_of_motion import require_upright, stored_energy
 from stability.packing.pairs import (
     AT_YIELD,
@@ -48,7 +47,7 @@ from stability.packing.strain_increment import (
     MixedControl,
     StrainIncrement,
 )
-from stability.path import FINISHED, Event, Past, PathStatus, follow_stages
+from stability.path import FINISHED, Event, Past, Path, PathStatus, follow_stages
 from stability.programmes import Stage
 from stability.spectra import COMPONENTS
 
@@ -75,74 +74,6 @@ Stop = tuple[PathStatus, str]
 
 class RejectedError(Exception):
     """The path ends in the state before the interval: status and message."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PackingPath(Shown):
-    """The path of a packing: a row at the start and wherever `rows` asks.
-
-    Attributes
-    ----------
-    status : str
-        'finished'; 'instabilities': stopped at the stated number of them, or at the first as asked;
-        'control_limit': the control asks for ever more strain; 'no_solution': it moves nothing;
-        'lost': forces or centres jumped, the system was singular, or the packing came to no rest
-        after an instability; 'no_load': it has come apart. The last row is the state before.
-    message : str
-        The status in words.
-    events : tuple of Event
-        'yield', 'unloading', 'opening', 'closing', and 'instability': no regimes of the contact
-        agree. `index` is the row before. Events of a rejected interval are dropped, except when the
-        path is lost: then they lie beyond the last row. Contacts are numbered as in the states:
-        those of the graph first.
-    parameter, stage : (R,) array
-        Loading parameter since the start, and stage.
-    H, P : (R, 4) array
-        Displacement gradient and nominal stress, over the reference cell; 11, 12, 21, 22. Between
-        walls their displacements over the sides of the box, and the forces on the right and on the
-        upper wall over its first sides.
-    states : tuple of PackingState
-        The packing at every row.
-    work : (R, 4) array
-        External work `Int V0 P:H'`, with that of the load that balances the start; slip;
-        `T` times the difference between the motion at the contact and the law's shear increment
-        (`branch`: next to nothing), with what shear springs lose as their `kt` changes; and the
-        work of unbalanced forces, at instabilities and by rattlers. The first is the change of
-        `energy` and the other three, to rounding (Theory, equations (11.12) and (11.13)).
-    energy : (R,) array
-        Of the springs, `sum N^2/(2 kn) + T^2/(2 kt) + M^2/(2 k_r)`; of Hertz's, `2/5 N overlap`, of
-        other laws their `normal_energy`.
-    imbalance : (R,) array
-        Largest drift of a grain's resultant over the mean contact force.
-    intervals : int
-        Number of intervals.
-    limit, limit_spread : float
-        Loading parameter at which the path met its limit, by the smallest interval, and its change
-        as the interval was halved, over itself: infinite where it has not converged to 1 %. nan of
-        paths that end otherwise than by 'control_limit' or a first instability.
-    """
-
-    status: PathStatus
-    message: str
-    events: tuple[Event, ...]
-    parameter: Floats
-    stage: Integers
-    H: Floats
-    P: Floats
-    states: tuple[PackingState, ...]
-    work: Floats
-    energy: Floats
-    imbalance: Floats
-    intervals: int
-    limit: float
-    limit_spread: float
-
-    def __len__(self) -> int:
-        return len(self.parameter)
-
-    def of_kind(self, kind: str) -> tuple[Event, ...]:
-        """Events of one kind."""
-        return tuple(event for event in self.events if event.kind == kind)
 
 
 @dataclass(frozen=True)
@@ -173,7 +104,7 @@ def follow_packing(
     *,
     rows: int = 0,
     max_steps: int = 20_000,
-) -> PackingPath:
+) -> Path:
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
     solver = PackingPathSolver(graph, law, stages, o.interval, o.past, o.boundary, o.load_kept)
@@ -613,10 +544,10 @@ class PackingPathSolver:
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
         self.rows.append(row)
 
-    def path(self, status: PathStatus, message: str) -> PackingPath:
+    def path(self, status: PathStatus, message: str) -> Path:
         """The path so far."""
         parameter, stage, H, P, states, work, energy, imbalance = zip(*self.rows, strict=True)
-        return PackingPath(
+        return Path(
             status=status,
             message=message,
             events=tuple(self.events),
@@ -629,8 +560,6 @@ class PackingPathSolver:
             energy=np.array(energy),
             imbalance=np.array(imbalance),
             intervals=self.intervals,
-            limit=math.nan,
-            limit_spread=math.nan,
         )
 
 

@@ -27,7 +27,7 @@ from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes, loop_sums
 from stability.packing.pairs import at_limit, contact_pairs, require_movable
-from stability.packing.path import PackingPath, PackingPathOptions, follow_packing
+from stability.packing.path import PackingPathOptions, follow_packing
 from stability.packing.regime_regions import (
     NEUTRAL,
     Cones,
@@ -45,11 +45,12 @@ from stability.packing.response import (
     yield_response,
 )
 from stability.packing.state import start_state
+from stability.path import Path
 from stability.programmes import Programme, Stage
 from stability.spectra import subspace_basis
 
 # Function that follows stages and returns their paths in order.
-FollowStages = Callable[[Sequence[Stage]], Sequence[PackingPath]]
+FollowStages = Callable[[Sequence[Stage]], Sequence[Path]]
 
 # Turn from one point of the spiral on the sphere to the next.
 GOLDEN = np.pi * (3.0 - 5.0**0.5)
@@ -498,9 +499,7 @@ def probe_to(
         require_upright(at_start, *stage.programme.equations(np.zeros(4)))
     if follow is None:
         options = PackingPathOptions(boundary=boundary)
-        paths: Sequence[PackingPath] = [
-            follow_packing(graph, law, [stage], options) for stage in stages
-        ]
+        paths: Sequence[Path] = [follow_packing(graph, law, [stage], options) for stage in stages]
     else:
         paths = follow(stages)
     done = np.array([path.status == "finished" for path in paths])

@@ -206,6 +206,12 @@ def start_state(
     )
 
 
+def nominal(stress: Floats, H: Floats) -> Floats:
+    """Return the nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
+    F = np.eye(2) - H
+    return np.asarray(np.linalg.det(F) * stress @ np.linalg.inv(F).T)
+
+
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:
     """The jump of the stress or of a centre in a short strain; empty if there is none.
 

@@ -41,7 +41,7 @@ from stability.path import Event, EventKind, Spring, reason
 CHATTER = 12
 # Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
 GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
-# Columns of `PackingPath.work`.
+# Columns of `Path.work`.
 SLIP, INCREMENT, RELEASED = 1, 2, 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
@@ -111,7 +111,7 @@ class Goal(NamedTuple):
 
 
 class End(NamedTuple):
-    """A packing after the increment, with exact normal forces; work as in `PackingPath.work`."""
+    """A packing after the increment, with exact normal forces; work as in `Path.work`."""
 
     state: PackingState
     regime: Regimes
@@ -161,7 +161,7 @@ class StrainIncrement:
         self.rates = np.empty((len(self.N), 4))
         self.time, self.reached = 0.0, False
         self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
-        # As in `PackingPath.work`; the last is that of held contacts, of grains it is `released`.
+        # As in `Path.work`; the last is that of held contacts, of grains it is `released`.
         self.work, self.released = np.zeros(4), np.zeros(packing.count)
         # Pairs without events: absent ones, and contacts that are held.
         self.held = np.resize(self.absent, len(self.N))

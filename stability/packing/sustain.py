@@ -185,7 +185,7 @@ class LoadPath(Shown):
     H, P : (R, 4) array
         Displacement gradient and nominal stress.
     work : (R, 4) array
-        As `PackingPath.work`.
+        As `Path.work`.
     energy : (R,) array
         Energy of the springs.
     """
@@ -627,7 +627,7 @@ class _DeadLoad:
         return "no rest"
 
     def work(self) -> Floats:
-        """Work since the start, as `PackingPath.work`."""
+        """Work since the start, as `Path.work`."""
         return work_of(self.moving, self.moving.state(), self.load, self.energy)
 
     def told(self, status: MotionStatus, lost: float, load: float, faces: Faces | None) -> Motion:

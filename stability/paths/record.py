@@ -109,7 +109,7 @@ class Record:
             volume=model.volume,
             subspace=subspace,
             model=chosen,
-            **{name: np.array(values) for name, values in table.items()},
+            **cast(Any, {name: np.array(values) for name, values in table.items()}),
         )
 
 

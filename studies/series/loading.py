@@ -19,7 +19,7 @@ from loops.arrays import Floats
 from patterns import Snapshot
 from patterns.snapshots.tables import read_table
 from stability import COMPONENTS, Programme, Stage
-from stability.packing.state import start_state
+from stability.packing.state import nominal, start_state
 from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain
 from studies.snapshot.in_packing import sample_boundary
@@ -179,9 +179,3 @@ def strain_stages(ends: Floats) -> list[Stage]:
 def stress_of(snapshot: Snapshot) -> Floats:
     """(2, 2) stress of a snapshot, walls included."""
     return start_state(snapshot.graph, sample_boundary(snapshot)[0]).stress
-
-
-def nominal(stress: Floats, H: Floats) -> Floats:
-    """Nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
-    F = np.eye(2) - H
-    return np.asarray(np.linalg.det(F) * stress @ np.linalg.inv(F).T)

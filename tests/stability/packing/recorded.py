@@ -36,6 +36,7 @@ from stability.packing.loop_quantities import indicators, least_squares_nonaffin
 from stability.packing.probe import probe_to
 from stability.packing.state import PackingState, start_state
 from stability.path import Event, describe
+from stability.path import Path as AnyPath
 from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small
@@ -47,7 +48,12 @@ STORED = Path(__file__).with_suffix(".json")
 LEFT_OUT = {"residual", "system", "cell0", "radii", "slopes", "rolling_moment"}
 # Fields that are younger than the stored answers.
 LEFT_OUT |= {"families", "singular", "at_yield"}
-# Fields of an event that are stored; the others are in its words.
+# Fields of a path of a packing and of an event that are stored; its words tell the others.
+OF_PATHS = (
+    "status message events parameter stage H P states work energy imbalance intervals limit "
+    "limit_spread"
+).split()
+OF_REPLAYS = "state velocity spin steps time_step duration states".split()
 OF_EVENTS = "kind parameter stage index contacts subspace H P".split()
 PURE = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 DRAINED = programmes.drained_biaxial()
@@ -70,6 +76,10 @@ def plain(value):
         return {name: one for name, one in named(value).items() if name != "boundary"} | {
             "planes": plain(None if walls is None else replace(walls, force=None)),
             "plane_force": plain(np.zeros((0, 2)) if walls is None else walls.force),
+        }
+    if isinstance(value, AnyPath):
+        return {
+            name: plain(getattr(value, name)) for name in (OF_REPLAYS if value.steps else OF_PATHS)
         }
     if is_dataclass(value) and not isinstance(value, type):
         return named(value)

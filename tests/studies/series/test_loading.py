@@ -11,6 +11,7 @@ from loops import InputError
 from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import replay
+from stability.packing.state import nominal
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import sample_strain, track_loops
@@ -18,7 +19,6 @@ from studies.series.loading import (
     StrainTable,
     in_parts,
     loading_between,
-    nominal,
     read_strains,
 )
 from studies.series.packing import (
