@@ -12,8 +12,8 @@ from loops.boundary import former_boundary
 from loops.closures import Closure
 from loops.errors import check_choice, whole_number
 from stability.path import Path
-from stability.paths.follow import follow_loop
 from stability.paths.loop_path import LoopPathOptions
+from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage
 
 Options = TypeVar("Options")

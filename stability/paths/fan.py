@@ -30,9 +30,9 @@ from loops.assembly import translational_blocks
 from loops.closures import Spins
 from loops.laws.frictional import edge_rates, with_sides
 from loops.symmetry import identity
-from stability.paths.follow import follow_loop
 from stability.paths.loop_path import LoopPathOptions
 from stability.paths.model import PathModel
+from stability.paths.of_graph import follow_loop
 from stability.paths.state import PathContacts
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import restrict, symmetric_part

@@ -22,6 +22,7 @@ from stability.packing.equations_of_motion import (
     stored_energy,
 )
 from stability.packing.pairs import contact_pairs
+from stability.packing.past import dynamic
 from stability.packing.state import start_state
 from stability.programmes import Programme
 from tests.packings import BRANCH, jammed, strained
@@ -211,3 +212,20 @@ def test_a_path_does_not_depend_on_units(past):
     np.testing.assert_allclose(other.work / (force * length**2), path.work, **exact)
     np.testing.assert_allclose(other.energy / (force * length**2), path.energy, **exact)
     np.testing.assert_allclose(other.states[-1].x / length, path.states[-1].x, **exact)
+
+
+def test_a_way_of_ones_own_passes_an_instability():
+    """It meets the state at the end of the interval, and sends the path where it says."""
+    met = []
+
+    def own(here, instability, control):
+        met.append((here, instability, control))
+        return dynamic(here, instability, control)
+
+    path, wanted = passed(own), passed("dynamic")
+    (event,) = path.of_kind("instability")
+    np.testing.assert_array_equal(path.states[-1].forces, wanted.states[-1].forces)
+    ((here, instability, control),) = met
+    assert instability.contacts == event.contacts and instability.passed == ""
+    assert here.pairs.grains.shape == here.state.contacts.shape
+    assert np.linalg.norm(control.rate) > 0
