@@ -27,7 +27,7 @@ from stability.packing import sustain
 from stability.packing.probe import probe_to
 from studies import domain as domains
 from studies.paths.options import PolygonOptions
-from studies.series.evolution import track_loops
+from studies.series.evolution import fate_columns, track_loops
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import yade_rest
 
@@ -53,11 +53,13 @@ def table() -> Answers:
 
 
 def in_place() -> Answers:
-    """Loops in their packing, by either method."""
+    """Loops in their packing, by either method; blocks that cut the larger one."""
     found = {}
     for name, graph, law in (("36", jammed(36, 5), LAW), ("2,000", *yade_rest("slow")[:2])):
         for method in ("whole", "blocks"):
-            place = loops_in_place(graph, law, gl.find_faces(graph), method=method, threads=1)
+            place = loops_in_place(
+                graph, law, gl.find_faces(graph), method=method, threads=1, block=25.0
+            )
             norm = np.linalg.norm(place.matrix, axis=(1, 2))
             found |= {f"{name} {method}": norm, f"{name} {method}~": place.matrix_error}
     return found
@@ -228,15 +230,13 @@ def verdicts() -> Answers:
 
 
 def tracking() -> Answers:
-    """Loops followed from one state of the sample series to the next."""
-    one, two = sample_state(10), sample_state(11)
-    found = track_loops(gl.planar(one), gl.planar(two))
-    kinetics = gl.order_kinetics([found]) if hasattr(gl, "order_kinetics") else None
-    fates = gl.fates(one, two)
-    answers: Answers = {"fates": list(fates["fate"]), "successor": fates["successor"].to_numpy()}
-    if kinetics is not None:
-        answers |= {k: v for k, v in vars(kinetics).items() if isinstance(v, np.ndarray)}
-    return answers
+    """Loops followed through the states of the sample series, and the kinetics of their orders."""
+    states = [gl.planar(sample_state(number)) for number in (10, 11, 12, 13)]
+    fates = [track_loops(*pair) for pair in zip(states, states[1:], strict=False)]
+    kinetics, table = gl.order_kinetics(fates), fate_columns(fates[0])
+    found: Answers = {key: vars(kinetics)[key] for key in ("pairs", "opened", "closed", "loops")}
+    found |= {"opening": kinetics.opening_rate, "steady": kinetics.steady().share}
+    return found | {"fates": list(table["fate"]), "successor": table["successor"]}
 
 
 def check() -> Answers:

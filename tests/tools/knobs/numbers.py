@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +23,7 @@ FIXED = re.compile(
     r"_?TURN|_?HALF|_?SPLITTER|_?EPS|GOLDEN|TOP|WALL(_ID)?|SPHERE|OUTSIDE|SLIP|INCREMENT|RELEASED|NONE"
     r"|UNDECIDED|OPEN|ELASTIC|SLIDING|ROLLS|SLIDES|HEADERS|COMMENT_LINES|OPPOSITE|RADII|KAPPA\w*"
     r"|MU\w*|SPOKES|OVERLAPS|SMALL|FLAT|ROW_HEIGHT|LARGEST_JITTER|UNLOADING|LARGEST|COLUMNS|BINS"
-    r"|FIRST|DENSE_STAGES|STAGES|WALL_NUMBERS|LONGEST_REPR|FEW|MOST_WORDS|SHOWN|EXPECTED|HERTZ|NUMBERINGS|[UD][NT]"
+    r"|ANGLE_STEPS|BITS|FIRST|DENSE_STAGES|STAGES|WALL_NUMBERS|LONGEST_REPR|FEW|MOST_WORDS|SHOWN|EXPECTED|HERTZ|NUMBERINGS|[UD][NT]"
 )
 
 
@@ -174,11 +175,14 @@ def code_called(work: Callable[[], Any]) -> tuple[Any, set[CodeType]]:
         if event == "call":
             seen.add(frame.f_code)
 
+    # Checks of snapshots run in threads.
     sys.setprofile(note)
+    threading.setprofile(note)
     try:
         return work(), seen
     finally:
         sys.setprofile(None)
+        threading.setprofile(None)
 
 
 def reads(number: Number, codes: set[CodeType]) -> bool:
