@@ -11,6 +11,7 @@ import pickle
 import sys
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -232,7 +233,7 @@ def verdicts() -> Answers:
 def tracking() -> Answers:
     """Loops followed through the states of the sample series, and the kinetics of their orders."""
     states = [gl.planar(sample_state(number)) for number in (10, 11, 12, 13)]
-    fates = [track_loops(*pair) for pair in zip(states, states[1:], strict=False)]
+    fates = [track_loops(*pair) for pair in pairwise(states)]
     kinetics, table = gl.order_kinetics(fates), fate_columns(fates[0])
     found: Answers = {key: vars(kinetics)[key] for key in ("pairs", "opened", "closed", "loops")}
     found |= {"opening": kinetics.opening_rate, "steady": kinetics.steady().share}
