@@ -23,8 +23,8 @@ def moving(number, *, sliding):
 def walled(*, sliding):
     """A box of 600 grains with the walls' contacts as planes."""
     snapshot = read_snapshot(sample_path())
-    planes, outline, _ = sample_boundary(snapshot)
-    return flagged(snapshot, sliding), snapshot.law, {"planes": planes, "held": outline}
+    boundary, _ = sample_boundary(snapshot)
+    return flagged(snapshot, sliding), snapshot.law, {"boundary": boundary}
 
 
 def flagged(snapshot, sliding):
