@@ -89,12 +89,14 @@ def test_an_answer_that_fails_is_an_effect(planted, monkeypatch):
 
 
 def test_numbers_are_changed_where_they_are_imported():
-    """`RANK` is read in another module too, `STARTS` is a default and frozen."""
+    """`RANK` is read in another module too, `UNLOADED_SHARE` is a default and frozen."""
     numbers = {one.name: one for one in numbers_of(ROOT, ["stability/packing"])}
     from stability.packing import strain_increment
 
     assert "PIVOT_STEPS" in numbers and "OPEN" not in numbers and not frozen(numbers["RANK"])
-    assert frozen(numbers["STARTS"]) and frozen(numbers_of(ROOT, ["loops/compiled/network.py"])[0])
+    assert frozen(numbers["UNLOADED_SHARE"]) and frozen(
+        numbers_of(ROOT, ["loops/compiled/network.py"])[0]
+    )
     old = numbers["RANK"].value
     change(numbers["RANK"], 11)
     assert strain_increment.RANK == regime_factor.RANK == 11
