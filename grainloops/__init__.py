@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
+    from loops import CohesiveFrictional as CohesiveFrictional
     from loops import FrictionalLaw as FrictionalLaw
     from loops import GrainGraph as GrainGraph
     from loops import HertzMindlin as HertzMindlin
@@ -84,8 +85,8 @@ if TYPE_CHECKING:
 # Each module with the names that are loaded from it.
 NAMES = {
     "loops": (
-        "FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional Regime "
-        "RollingResistance Support affine_tangent contact_forces contact_state find_faces "
+        "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
+        "Regime RollingResistance Support affine_tangent contact_forces contact_state find_faces "
         "force_chains from_networkx loop_fates loop_tangents love_weber_stress match_contacts "
         "order_kinetics to_networkx traction_tangent"
     ),

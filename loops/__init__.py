@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from loops.graph import to_networkx as to_networkx
     from loops.kinetics import OrderKinetics as OrderKinetics
     from loops.kinetics import order_kinetics as order_kinetics
+    from loops.laws import CohesiveFrictional as CohesiveFrictional
     from loops.laws import ContactLaw as ContactLaw
     from loops.laws import FrictionalLaw as FrictionalLaw
     from loops.laws import HertzMindlin as HertzMindlin
@@ -100,7 +101,10 @@ NAMES = {
         "reference_branch_vectors to_networkx"
     ),
     "loops.kinetics": "OrderKinetics order_kinetics",
-    "loops.laws": "ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime RollingResistance",
+    "loops.laws": (
+        "CohesiveFrictional ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime "
+        "RollingResistance"
+    ),
     "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
     "loops.pruning": "prune_dangling",
     "loops.stress_strain": (

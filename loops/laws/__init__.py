@@ -1,5 +1,6 @@
-"""Contact laws behind the protocol `ContactLaw`: linear and frictional, Hertz, rolling."""
+"""Contact laws behind the protocol `ContactLaw`: linear, cohesive, Hertz, rolling."""
 
+from loops.laws.cohesive import CohesiveFrictional as CohesiveFrictional
 from loops.laws.frictional import ContactLaw as ContactLaw
 from loops.laws.frictional import FrictionalLaw as FrictionalLaw
 from loops.laws.frictional import LinearFrictional as LinearFrictional

@@ -119,6 +119,10 @@ class ContactLaw(Protocol):
         """Return the law of the picked contacts, parameters shaped like `contacts`."""
         ...
 
+    def parted(self, opened: Flags) -> ContactLaw:
+        """Return the law once these contacts (C,) have opened: another one where bonds break."""
+        ...
+
 
 def require_law(law: object) -> None:
     """Raise `InputError` unless the law has everything that `ContactLaw` asks for."""
@@ -275,6 +279,10 @@ class FrictionalLaw(Shown):
             if np.ndim(value) > 0 and not isinstance(value, str):
                 object.__setattr__(law, name, np.asarray(value)[..., contacts])
         return law
+
+    def parted(self, opened: Flags) -> Self:
+        """Law once these contacts (C,) have opened: the same, unless an opening breaks a bond."""
+        return self
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.graph import ContactState
 from loops.laws.frictional import ContactLaw, Regime, parameter, require_law
 from loops.shown import Shown
@@ -104,3 +104,7 @@ class RollingResistance(Shown):
         """Law of the picked contacts; scalar parameters stay scalar."""
         picked = (k if k.ndim == 0 else k[..., contacts] for k in (self.k_r, self.mu_r))
         return RollingResistance(self.law.take(contacts), *picked)
+
+    def parted(self, opened: Flags) -> RollingResistance:
+        """Law whose law of forces has these contacts (C,) opened; springs come back at touch."""
+        return RollingResistance(self.law.parted(opened), self.k_r, self.mu_r)

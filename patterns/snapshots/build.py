@@ -8,7 +8,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, HertzMindlin, InputError, LinearFrictional, Regime
+from loops import (
+    CohesiveFrictional,
+    GrainGraph,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    Regime,
+)
 from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
@@ -31,7 +38,9 @@ from patterns.snapshots.geometry import (
 from patterns.snapshots.snapshot import Snapshot, WallContacts
 from patterns.snapshots.tables import Table, require_columns
 
-LawName = Literal["linear", "hertz"]
+LawName = Literal["linear", "hertz", "cohesive", "bonded"]
+# Those of `CohesiveFrictional`: attraction, and bonds.
+COHESIVE = ("cohesive", "bonded")
 # N over kn times the overlap (median) over Hertz's 2/3, less one, of tables of his law: 1e-9.
 HERTZ_BAND = 0.01
 # Multiples of the rounding of centres above which an overlap tells a law.
@@ -56,6 +65,8 @@ class Parameters(NamedTuple):
     young: float | None = None
     poisson: float | None = None
     shear_history: ShearHistory | None = None
+    adhesion: float | None = None
+    cohesion: float | None = None
 
 
 def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True) -> Snapshot:
@@ -92,11 +103,19 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         if _of_hertz(kn, normal, bodies.radii[pairs], branches.length, coarse):
             parameters = parameters._replace(law="hertz")
             notes.append(TOLD)
+    if parameters.law is None and table.has("kn", "adhesion") and force is not None:
+        kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
+        if pull.any():
+            overlap = bodies.radii[pairs].sum(axis=1) - branches.length
+            parameters = parameters._replace(law=_cohesive_law(kn * overlap, normal, pull))
+            notes.append(f"law {parameters.law!r}, told by the column 'adhesion' and the forces")
     hertz = parameters.law == "hertz"
     wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
     if hertz and (lacks or parameters.young is not None):
         lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
+    if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
+        lacks.append("adhesion")
     law, regime = None, None
     if force is None:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
@@ -148,6 +167,13 @@ def _of_hertz(kn: Floats, normal: Floats, radii: Floats, length: Floats, coarse:
     if len(kn) == 0 or not abs(float(np.median(share)) / HERTZ - 1) <= HERTZ_BAND:
         return False
     return goes_with_root(kn, radii, overlap)
+
+
+def _cohesive_law(spring: Floats, normal: Floats, adhesion: Floats) -> LawName:
+    """`cohesive` where most forces are those of the springs less the adhesion, else `bonded`."""
+    pulls = adhesion > 0
+    less = np.abs(normal - spring + adhesion)[pulls]
+    return "cohesive" if np.median(less) < np.median(np.abs(normal - spring)[pulls]) else "bonded"
 
 
 def _graph(
@@ -307,7 +333,7 @@ def _law(
     parameters: Parameters,
     of_source: ShearIncrement | None,
     notes: list[str],
-) -> tuple[LinearFrictional | HertzMindlin, NDArray[np.int8]]:
+) -> tuple[LinearFrictional | CohesiveFrictional | HertzMindlin, NDArray[np.int8]]:
     """Law and regime of every contact; assumptions are added to the notes.
 
     A contact is sliding where the table flags it, else from the forces. `radii` (C, 2).
@@ -316,11 +342,25 @@ def _law(
     mu: Floats | None = None
     if table.has("mu") or parameters.mu is not None:
         mu = _parameter(table, rows, "mu", parameters.mu, "--mu", notes)
+    adhesion = cohesion = np.zeros(len(rows))
+    cohesive = parameters.law in COHESIVE
+    if cohesive:
+        adhesion = _parameter(table, rows, "adhesion", parameters.adhesion, "--adhesion", notes)
+        cohesion = np.where(np.isfinite(mu), mu, 0.0) * adhesion if mu is not None else cohesion
+        if table.has("cohesion") or parameters.cohesion is not None:
+            given = parameters.cohesion
+            cohesion = _parameter(table, rows, "cohesion", given, "--cohesion", notes)
+        else:
+            notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
+    slides_at, strength = "mu N", cohesion if mu is None else mu * normal + cohesion
+    if cohesive:
+        slides_at = "cohesion + mu N"
+    carries = strength > 0 if cohesive else normal > 0
     if table.has("sliding"):
-        sliding = (table.column("sliding")[rows] != 0) & (normal > 0)
+        sliding = (table.column("sliding")[rows] != 0) & carries
     elif mu is not None:
-        sliding = (np.abs(shear) >= SLIDING_SHARE * mu * normal) & (normal > 0)
-        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} mu N")
+        sliding = (np.abs(shear) >= SLIDING_SHARE * strength) & carries
+        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} {slides_at}")
     else:
         sliding = np.zeros(len(rows), dtype=bool)
         notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
@@ -330,16 +370,16 @@ def _law(
         mu = np.where(sliding, np.abs(shear) / loaded, np.inf)
         if sliding.any():
             notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
-    given = parameters.shear_increment
-    increment = given or of_source or "branch"
-    if given is None and of_source == "radii":
+    chosen = parameters.shear_increment
+    increment = chosen or of_source or "branch"
+    if chosen is None and of_source == "radii":
         notes.append(
             "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
             "had avoidGranularRatcheting=False"
         )
-    elif given is not None and "radii" in (given, of_source):
-        other = "" if of_source in (None, given) else f", not {of_source!r}"
-        notes.append(f"shear increment {given!r} as given{other}")
+    elif chosen is not None and "radii" in (chosen, of_source):
+        other = "" if of_source in (None, chosen) else f", not {of_source!r}"
+        notes.append(f"shear increment {chosen!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     if parameters.law == "hertz":
         young, poisson, ratio = _moduli(table, rows, radii, normal, parameters, notes)
@@ -349,6 +389,10 @@ def _law(
         return HertzMindlin(young, poisson, mu, increment, history, ratio), regime
     kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
     kt = _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    if cohesive:
+        bonded = parameters.law == "bonded"
+        notes.append(f"law {parameters.law!r}: see CohesiveFrictional")
+        return CohesiveFrictional(kn, kt, mu, adhesion, cohesion, bonded, increment), regime
     return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
 
 

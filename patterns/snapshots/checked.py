@@ -9,10 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, contact_state
+from loops import (
+    CohesiveFrictional,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    Regime,
+    contact_state,
+)
 from loops.arrays import Flags, Floats, Integers
 from patterns.snapshots.findings import rounding
 
+# Laws that tables are read with.
+READ_LAWS = LinearFrictional | CohesiveFrictional | HertzMindlin
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
 LOADED = 0.1
 # Fewer contacts or grains than these are not judged together.
@@ -69,7 +78,7 @@ class Checked:
     graph: GrainGraph
     d: Floats
     length: Floats
-    law: LinearFrictional | HertzMindlin | None
+    law: LinearFrictional | CohesiveFrictional | HertzMindlin | None
     regime: NDArray[np.int8] | None
     given: Floats | None
     walls: tuple[Integers, Floats] | None
@@ -97,11 +106,24 @@ class Checked:
         assert self.law is not None
         return np.broadcast_to(self.law.mu, len(self.contacts))
 
+    @property
+    def strength(self) -> Floats:
+        """(C,) array: shear force at which contacts slide, `mu N` and the cohesion."""
+        limit = self.mu * self.normal
+        return limit + self.law.cohesion if isinstance(self.law, CohesiveFrictional) else limit
+
+    @cached_property
+    def pressed(self) -> Floats:
+        """(C,) array: force of the springs, `N` and the adhesion of contacts that attract."""
+        if isinstance(self.law, CohesiveFrictional) and not self.law.bonded:
+            return self.normal + self.law.adhesion
+        return self.normal
+
     @cached_property
     def stiffnesses(self) -> tuple[Floats, Floats]:
         """`kn` and `kt`, (C,) each; under Hertz's law of the tangents of `N`."""
         assert self.law is not None
-        if isinstance(self.law, LinearFrictional):
+        if isinstance(self.law, LinearFrictional | CohesiveFrictional):
             kn, kt = self.law.kn, self.law.kt
         else:
             kn, kt = self.law.stiffnesses(contact_state(self.graph))
@@ -136,17 +158,17 @@ class Checked:
             return None
         kn, overlap = self.stiffnesses[0], self.overlap
         rows = self.overlapping
-        rows = rows[(kn[rows] > 0) & (self.normal[rows] > 0)]
+        rows = rows[(kn[rows] > 0) & (self.pressed[rows] > 0)]
         if len(rows) == 0:
             return None
-        secant = self.normal[rows] / self.overlap[rows]
+        secant = self.pressed[rows] / self.overlap[rows]
         hertz = isinstance(self.law, HertzMindlin) or (
             # Secants of Hertz's law go with the root as well.
             bool(np.median(secant / kn[rows]) < np.sqrt(HERTZ))
             and self.goes_with_root(kn[rows], rows)
         )
         unit = (HERTZ if hertz else 1.0) * kn
-        needed = np.where(unit > 0, self.normal, 0.0) / np.where(unit > 0, unit, 1.0)
+        needed = np.where(unit > 0, self.pressed, 0.0) / np.where(unit > 0, unit, 1.0)
         by_force = needed[rows] / overlap[rows]
         scale = float(np.median(by_force))
         # Tangents of a given modulus grow with N themselves.
@@ -156,7 +178,7 @@ class Checked:
         scatter = float(np.subtract(*np.quantile(by_force, [0.75, 0.25])))
         needed = needed / scale
         off, size = needed - overlap, np.maximum(needed, overlap)
-        pushed = (self.normal > 0) & (size > 0)
+        pushed = (self.pressed > 0) & (size > 0)
         noise = [
             float(np.quantile(np.abs(off[pushed]) / of, 1 - FEW_WRONG))
             for of in (size[pushed], typical)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from loops import CohesiveFrictional
 from loops.arrays import Floats, Integers, in_threads
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, power_of_ten, rounding
@@ -116,8 +117,23 @@ def directions(state: Checked) -> Finding:
 PULLING = 0.02
 
 
+# Pull over the adhesion of the law that is allowed: rounding of the file.
+PULL = 1.0 + 1e-5
+
+
 def pulling(state: Checked) -> Finding:
-    """Share of the normal force that pulls."""
+    """Share of the normal force that pulls; under a cohesive law the pull over the adhesion."""
+    if isinstance(state.law, CohesiveFrictional):
+        adhesion = np.broadcast_to(state.law.adhesion, len(state.normal))
+        beyond = -state.normal > PULL * adhesion + rounding(state.normal)
+        count = int(np.count_nonzero(beyond))
+        most = float((-state.normal[adhesion > 0] / adhesion[adhesion > 0]).max(initial=0.0))
+        says = f"contacts pull with {most:.3g} of their adhesion at most, {count} with more than it"
+        return Finding("pulling", float(count), says).doubt(
+            f": between grains {state.names(np.flatnonzero(beyond))}",
+            "Check the adhesion, and that the forces are of this law.",
+            count > 0,
+        )
     size = np.abs(state.normal)
     share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
     found = Finding("pulling", share, f"{100 * share:.3g} % of the normal forces is tension")
@@ -219,6 +235,14 @@ def friction(state: Checked) -> Finding | None:
     rows = np.flatnonzero(state.loaded & (state.normal > 0))
     if len(rows) == 0 or not np.isfinite(state.mu).any():
         return None
+    if isinstance(state.law, CohesiveFrictional):
+        beyond = float(np.mean(np.abs(state.shear) > BEYOND * np.abs(state.strength)))
+        says = f"{100 * beyond:.3g} % of the contacts have |T| > cohesion + mu N"
+        return Finding("friction", beyond, says).doubt(
+            ": friction or cohesion too small, or forces of another law",
+            "Check mu, adhesion and cohesion.",
+            beyond > BEYOND_SHARE,
+        )
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], state.mu[rows]
     beyond = float(np.mean(ratio > BEYOND * mu))
     worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
@@ -240,6 +264,8 @@ AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
 
 def one_ratio(state: Checked) -> Finding | None:
     """Contacts that share one ratio |T| / (mu N) below 1: they slide, and their mu is smaller."""
+    if isinstance(state.law, CohesiveFrictional):
+        return None
     mu = state.mu
     rows = np.flatnonzero(state.loaded & (state.normal > 0) & (mu > 0) & np.isfinite(mu))
     least = int(max(np.ceil(AT_ONE_RATIO), np.ceil(AT_ONE_RATIO_SHARE * len(rows))))
@@ -270,7 +296,7 @@ def sliding(state: Checked) -> Finding | None:
     """Contacts flagged as sliding against Coulomb's limit."""
     if state.sliding is None:
         return None
-    mu, limit = state.mu, state.mu * state.normal
+    mu, limit = state.mu, state.strength
     rows = np.flatnonzero(state.sliding & state.loaded & np.isfinite(limit) & (limit > 0))
     if len(rows) == 0:
         return None
@@ -297,7 +323,7 @@ def flags(state: Checked) -> Finding | None:
     """Contacts at Coulomb's limit that the file does not flag as sliding."""
     if state.sliding is None:
         return None
-    limit = state.mu * state.normal
+    limit = state.strength
     rows = np.flatnonzero(np.isfinite(limit) & (limit > 0))
     at_limit = np.abs(state.shear[rows]) >= SLIDING_SHARE * limit[rows]
     count = int(np.count_nonzero(at_limit))

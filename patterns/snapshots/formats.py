@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, cast, get_args
 from numpy.typing import ArrayLike
 
 from loops import HertzMindlin, InputError
-from loops.errors import check_choice
+from loops.errors import check_choice, number
 from loops.laws.frictional import checked_increment
 from loops.laws.hertz_mindlin import ShearHistory
-from patterns.snapshots.build import LawName, Parameters, build_snapshot
+from patterns.snapshots.build import COHESIVE, LawName, Parameters, build_snapshot
 from patterns.snapshots.frame import (
     WALL_COLUMNS,
     Frames,
@@ -90,6 +90,8 @@ def read_snapshot(
     young: float | None = None,
     poisson: float | None = None,
     shear_history: str | None = None,
+    adhesion: float | None = None,
+    cohesion: float | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
@@ -104,8 +106,9 @@ def read_snapshot(
     normal `nx, ny`, from grain 1 to grain 2; the forces: `fn` (compression positive) and the shear
     force on grain 2, `fsx, fsy` or `ft` along the normal turned by 90 degrees counter-clockwise, or
     the total force `fx_on_2, fy_on_2` on grain 2; `kn`, `ks` (force per length); `mu`; `sliding` (0
-    or 1); `mz_on_2`, the moment of a rolling spring on grain 2; `cell_dx, cell_dy`, the image of
-    grain 2. Other formats are translated into these tables.
+    or 1); `adhesion`, `cohesion` (force) of `CohesiveFrictional`; `mz_on_2`, the moment of a
+    rolling spring on grain 2; `cell_dx, cell_dy`, the image of grain 2. Other formats are
+    translated into these tables.
 
     Parameters
     ----------
@@ -122,16 +125,21 @@ def read_snapshot(
     shear_increment : {'branch', 'radii'}, optional
         Shear increment of the code (see `LinearFrictional`); by default that of the source:
         `radii` for Yade, else `branch`.
-    law : {'linear', 'hertz'}, optional
+    law : {'linear', 'hertz', 'cohesive', 'bonded'}, optional
         Contact law of the simulation; by default that of the source, else Hertz's where `kn` goes
         with the root of the overlap and `N` is 2/3 of both, else linear. Under Hertz's law columns
-        `kn` and `ks` are tangents, from which modulus and kt/kn of each contact follow.
+        `kn` and `ks` are tangents, from which modulus and kt/kn of each contact follow. 'cohesive'
+        and 'bonded' are `CohesiveFrictional`, attraction or bonds that break; a column `adhesion`
+        that is not zero tells one of them, by the forces.
     young, poisson : float, optional
         Under Hertz's law Young's modulus of the grains (force per length squared) and Poisson's
         ratio, in place of columns `kn` and `ks`.
     shear_history : {'force', 'displacement'}, optional
         What a contact keeps under Hertz's law while its overlap changes, see `HertzMindlin`; by
         default that of the source, else `force`, as in Yade.
+    adhesion, cohesion : float, optional
+        Under a law with cohesion, where the file has no such columns: the largest pull of a contact
+        and what it adds to `mu N` (force); of the latter `mu` times the former if left out.
     format : str
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
     columns : mapping of str to str, optional
@@ -163,7 +171,9 @@ def read_snapshot(
     >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
     (600, 819, 61)
     """
-    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
+    parameters = _parameters(
+        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+    )
     found = _frames(path, contacts, format, columns, cell)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
@@ -189,6 +199,8 @@ def snapshot_from_tables(
     young: float | None = None,
     poisson: float | None = None,
     shear_history: str | None = None,
+    adhesion: float | None = None,
+    cohesion: float | None = None,
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
 ) -> Snapshot:
@@ -237,7 +249,9 @@ def snapshot_from_tables(
     if walls is not None:
         of_walls, notes = with_aliases(given_table("walls", walls), WALL_COLUMNS)
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
-    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
+    parameters = _parameters(
+        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+    )
     return build_snapshot(frame, parameters, strict=strict)
 
 
@@ -254,6 +268,8 @@ def read_frames(
     young: float | None = None,
     poisson: float | None = None,
     shear_history: str | None = None,
+    adhesion: float | None = None,
+    cohesion: float | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
@@ -284,7 +300,9 @@ def read_frames(
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
     [(0.0, 323)]
     """
-    parameters = _parameters(kn, kt, mu, shear_increment, law, young, poisson, shear_history)
+    parameters = _parameters(
+        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+    )
     for read in _frames(path, contacts, format, columns, cell):
         yield build_snapshot(read(), parameters, strict=strict)
 
@@ -341,6 +359,8 @@ def _parameters(
     young: float | None,
     poisson: float | None,
     shear_history: str | None,
+    adhesion: float | None,
+    cohesion: float | None,
 ) -> Parameters:
     """The options of the law, checked."""
     for name, value, known in (
@@ -355,6 +375,14 @@ def _parameters(
         remedy = "Give --law hertz, or leave them out."
         received = f"{', '.join(given)} under {law or 'the linear law'}"
         raise InputError("law", received, "options of that law", remedy)
+    of_pull = {"adhesion": adhesion, "cohesion": cohesion}
+    given_pull = {name: value for name, value in of_pull.items() if value is not None}
+    if given_pull and law not in COHESIVE:
+        remedy = "Give --law cohesive or --law bonded, or leave them out."
+        received = f"{', '.join(given_pull)} under {law or 'no named law'}"
+        raise InputError("law", received, "options of a law with cohesion", remedy)
+    for name, force in given_pull.items():
+        number(name, force, 0.0)
     if law == "hertz" and (kn is not None or kt is not None):
         remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
         raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
@@ -364,7 +392,7 @@ def _parameters(
         HertzMindlin(young, cast(float, poisson))  # raises for numbers out of range
     increment = None if shear_increment is None else checked_increment(shear_increment)
     chosen, history = cast(LawName | None, law), cast(ShearHistory | None, shear_history)
-    return Parameters(kn, kt, mu, increment, chosen, young, poisson, history)
+    return Parameters(kn, kt, mu, increment, chosen, young, poisson, history, adhesion, cohesion)
 
 
 def _frames(

@@ -48,6 +48,7 @@ GRAIN_COLUMNS = (
 CONTACT_COLUMNS = (
     *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
     *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
+    *("adhesion", "cohesion"),
     "mz_on_2",
 )
 Notes = tuple[str, ...]  # guesses, and data that a file lacks
@@ -117,7 +118,7 @@ class Frame:
     walls: Table | None = None
     measured: bool = False
     time: float | None = None
-    law: Literal["linear", "hertz"] | None = None
+    law: Literal["linear", "hertz", "cohesive", "bonded"] | None = None
     shear_history: ShearHistory | None = None
 
 
@@ -364,7 +365,7 @@ def _cell_beside(path: Path) -> dict[str, Any]:
         if given.get("shear_increment") is not None:
             found["shear_increment"] = checked_increment(given["shear_increment"])
         for name, known in (
-            ("law", ("linear", "hertz")),
+            ("law", ("linear", "hertz", "cohesive", "bonded")),
             ("shear_history", get_args(ShearHistory)),
         ):
             if given.get(name) is not None:

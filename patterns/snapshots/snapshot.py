@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import (
+    CohesiveFrictional,
     ContactLaw,
     Faces,
     GrainGraph,
     HertzMindlin,
     InputError,
-    LinearFrictional,
     Regime,
     branch_vectors,
     contact_forces,
@@ -28,10 +28,11 @@ from loops import (
 )
 from loops.arrays import Integers, Regimes
 from loops.shown import Shown
+from patterns.snapshots.checked import READ_LAWS
 from patterns.snapshots.findings import Finding
 
-# Options that give the stiffness of the contacts.
-STIFFNESS = ("kn", "kt", "young", "poisson")
+# Options that give the law of the contacts.
+STIFFNESS = ("kn", "kt", "young", "poisson", "adhesion")
 # Most pairs of crossing branches that are looked for, and that an error names.
 MOST_CROSSINGS, NAMED_CROSSINGS = 1_000_000, 3
 
@@ -81,7 +82,8 @@ class Snapshot(Shown):
         Grains and the contacts between them; forces compression positive; the reference is the
         current configuration; periodic if there is a cell.
     law : ContactLaw or None
-        Law of the contacts, `LinearFrictional` or `HertzMindlin` as it is read; None if the file
+        Law of the contacts as it is read, `LinearFrictional`, `CohesiveFrictional` or
+        `HertzMindlin`; None if the file
         lacks forces, their shear part or a stiffness, see `lacks`: then the graph has those forces
         that the file has, else zeros.
     regime : (C,) array of int8 or None
@@ -102,7 +104,7 @@ class Snapshot(Shown):
         Angle that each grain has turned by, up to full turns (rad); None if the file lacks it.
     lacks : tuple of str
         All that is missing for a law: 'forces', 'shear forces', 'kn', 'kt', 'young', 'poisson',
-        'balance' (of forces that were measured).
+        'adhesion', 'balance' (of forces that were measured).
     mass : (G,) array or None
         Masses of the grains (mass); None if the file lacks them.
     time : float or None
@@ -190,7 +192,7 @@ class Snapshot(Shown):
         law those of the geometry; `walls` a row a contact with a wall: `id` of the grain, `fx, fy`
         on it, `branch_x, branch_y` from the foot to the centre, `kn, ks, mu`; None if there is
         none. Besides `cell` (2, 2) and `shear_increment`, or None; under Hertz's law, whose
-        tangents are `kn` and `ks`, also `law` and `shear_history`.
+        tangents are `kn` and `ks`, also `law` and `shear_history`, under a cohesive one `law`.
 
         Examples
         --------
@@ -224,13 +226,15 @@ class Snapshot(Shown):
             contacts["fn"] = graph.normal_force
         if graph.rolling_moment is not None:
             contacts["mz_on_2"] = graph.rolling_moment
-        if self.law is not None and not isinstance(self.law, LinearFrictional | HertzMindlin):
-            expected = "LinearFrictional or HertzMindlin, which columns can hold"
+        if self.law is not None and not isinstance(self.law, READ_LAWS):
+            expected = "a law that columns can hold: linear, cohesive or Hertz's"
             received, remedy = type(self.law).__name__, "Keep the law beside the tables."
             raise InputError("law", received, expected, remedy)
         if self.law is not None and self.regime is not None:
             kn, kt = self.law.stiffnesses(contact_state(graph))
             law = {"kn": kn, "ks": kt, "mu": self.law.mu}
+            if isinstance(self.law, CohesiveFrictional):
+                law |= {"adhesion": self.law.adhesion, "cohesion": self.law.cohesion}
             # Friction that the file lacked is infinite here, which no file holds.
             known = {name: values for name, values in law.items() if np.isfinite(values).all()}
             contacts |= {n: np.broadcast_to(v, graph.contact_count) for n, v in known.items()}
@@ -243,16 +247,18 @@ class Snapshot(Shown):
             flags = None if walls.sliding is None else walls.sliding.astype(np.int8)
             springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu), ("sliding", flags))
             of_walls |= {n: v for n, v in springs if v is not None}
-        of_hertz = {}
+        named = {}
         if isinstance(self.law, HertzMindlin):
-            of_hertz = {"law": "hertz", "shear_history": self.law.shear_history}
+            named = {"law": "hertz", "shear_history": self.law.shear_history}
+        if isinstance(self.law, CohesiveFrictional):
+            named = {"law": "bonded" if self.law.bonded else "cohesive"}
         return {
             "grains": grains,
             "contacts": contacts,
             "walls": of_walls,
             "cell": graph.cell,
             "shear_increment": None if self.law is None else self.law.shear_increment,
-            **of_hertz,
+            **named,
         }
 
 

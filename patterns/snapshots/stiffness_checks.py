@@ -8,7 +8,7 @@ import numpy as np
 
 from loops import HertzMindlin, LinearFrictional, Regime, branch_vectors, contact_state
 from loops.arrays import Floats, Integers
-from patterns.snapshots.checked import FEWEST, HERTZ, ROUNDINGS, Checked
+from patterns.snapshots.checked import FEWEST, HERTZ, READ_LAWS, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
 from patterns.snapshots.geometry import index_of
 
@@ -27,7 +27,7 @@ def stiffness(state: Checked) -> Finding | None:
         return None
     rows = fit.rows
     kn, kt = (values[rows] for values in state.stiffnesses)
-    secant = state.normal[rows] / state.overlap[rows]
+    secant = state.pressed[rows] / state.overlap[rows]
     raw, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
     exceeds = float(np.median(kt / kn))
     off = abs(fit.ratio - 1) > STIFFNESS_OFF + fit.error
@@ -70,7 +70,7 @@ def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, bool]:
 
     A tangent of Hertz's law is 3/2 of the secant.
     """
-    secant = state.normal[rows] / state.overlap[rows]
+    secant = state.pressed[rows] / state.overlap[rows]
     hertz = isinstance(state.law, HertzMindlin) or state.goes_with_root(secant, rows)
     return float(np.median(secant)) / (HERTZ if hertz else 1.0), hertz
 
@@ -79,7 +79,7 @@ def _needed_modulus(state: Checked, rows: Integers) -> float:
     """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median)."""
     reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
     overlap = state.overlap[rows]
-    return float(np.median(state.normal[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap))))
+    return float(np.median(state.pressed[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap))))
 
 
 def needed_stiffness(state: Checked) -> Finding | None:
@@ -113,7 +113,7 @@ def wrong_radii(state: Checked) -> tuple[Integers, Floats]:
     fit = state.fit
     if fit is None or len(state.contacts) < FEWEST:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
-    pushed = state.normal > 0
+    pushed = state.pressed > 0
     allowed = fit.allowed(OF_GRAIN, ODD_SHARE, state.rounded)
     if not (np.abs(fit.off) > allowed).any():
         return np.zeros(0, dtype=np.int64), np.zeros(0)
@@ -200,7 +200,7 @@ def radii(state: Checked) -> Finding | None:
     rows = state.overlapping
     if len(rows) < FEWEST:
         return None
-    needed = state.normal[rows] / state.stiffnesses[0][rows]
+    needed = state.pressed[rows] / state.stiffnesses[0][rows]
     overlap, reach = state.overlap[rows], state.reach[rows]
     squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
     slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
@@ -236,7 +236,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     laws = before.law, after.law
     if before.regime is None or after.regime is None:
         return None
-    if not all(isinstance(law, LinearFrictional | HertzMindlin) for law in laws):
+    if not all(isinstance(law, READ_LAWS) for law in laws):
         return None
     # Loads sparse matrices, which a snapshot alone needs nowhere else.
     from loops.tracking import match_contacts
@@ -290,7 +290,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
 
 def _shear_stiffness(snapshot: Snapshot) -> Floats:
     """`kt` of each contact."""
-    assert isinstance(snapshot.law, LinearFrictional | HertzMindlin)
+    assert isinstance(snapshot.law, READ_LAWS)
     kt = snapshot.law.stiffnesses(contact_state(snapshot.graph))[1]
     return np.broadcast_to(kt, snapshot.graph.contact_count)
 
@@ -306,7 +306,7 @@ def _moved(
     pairs = before.graph.contacts[contacts]
     arms = before.graph.radii[pairs]
     reach = arms.sum(axis=1)
-    assert isinstance(before.law, LinearFrictional | HertzMindlin)
+    assert isinstance(before.law, READ_LAWS)
     if before.law.shear_increment == "branch":
         length = (np.hypot(*d.T) + np.hypot(*later.T)) / 2
         arms, reach = arms * (length / reach)[:, None], length

@@ -22,6 +22,7 @@ from typing import Any
 GRAINS = ("id", "type", "x", "y", "z", "radius", "mass", "vx", "vy", "omega_z")
 CONTACTS = ("id1", "id2", "cell_dx", "cell_dy", "branch_x", "branch_y", "nx", "ny")
 FORCES = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu")
+BONDS = ("adhesion", "cohesion")
 SPHERE, WALL = 0, 1
 
 
@@ -76,6 +77,10 @@ def export_tables(folder: str, number: int | None = None) -> str:
     rough = all(hasattr(i.phys, "tangensOfFrictionAngle") for i in real)
     columns = CONTACTS + (FORCES if rough else FORCES[:-1])
     contacts = [_contact(O, i)[: len(columns)] for i in real]
+    bonds = _bonds(real) if rough else None
+    if bonds:
+        columns += BONDS
+        contacts = [row + bond for row, bond in zip(contacts, bonds, strict=True)]
     os.makedirs(folder, exist_ok=True)
     if number is None:
         names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
@@ -85,6 +90,8 @@ def export_tables(folder: str, number: int | None = None) -> str:
         cell = [[float(O.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
     frame: dict[str, object] = {"cell": cell, "iteration": int(O.iter), "time": float(O.time)}
     frame["shear_increment"] = _shear_increment(O)
+    if bonds:
+        frame["law"] = "bonded"
     _write(os.path.join(folder, f"cell_{label}.json"), (json.dumps(frame) + "\n").encode())
     _write(os.path.join(folder, f"contacts_{label}.csv.gz"), _csv(columns, contacts))
     path = os.path.join(folder, f"grains_{label}.csv.gz")
@@ -130,6 +137,23 @@ def _contact(scene: Any, i: Any) -> tuple[float, ...]:
         *(one.id, two.id, image[0], image[1], *branch, *n),
         *(compression, *shear, *force, i.phys.kn, i.phys.ks, mu),
     )
+
+
+def _bonds(real: Sequence[Any]) -> list[tuple[float, float]] | None:
+    """Pull and shear strength of bonds of `CohFrictPhys`, zero of broken ones; None of other laws.
+
+    A bond that breaks in shear, stretches plastically or carries moments is another law.
+    """
+    found = []
+    for p in (i.phys for i in real):
+        if not hasattr(p, "normalAdhesion"):
+            return None
+        plastic = p.unp != 0 or p.unpMax != 0
+        other = p.fragile or plastic or p.cohesionDisablesFriction or p.momentRotationLaw
+        if not p.cohesionBroken and other:
+            return None
+        found.append((0.0, 0.0) if p.cohesionBroken else (p.normalAdhesion, p.shearAdhesion))
+    return found
 
 
 def _shear_increment(scene: Any) -> str:

@@ -255,6 +255,7 @@ class LoopPathSolver:
             stored = model.law.normal_energy(closed)
             lost = np.where(parting, stored, 0.0).sum()
             work = work + np.array([0.0, 0.0, lost, lost + np.where(parting, elastic, 0.0).sum()])
+            self.model = model = replace(model, law=model.law.parted(parting))
         self.y = pack(state.place, shear, state.parameter, work)
         here = self.at(stage.programme, trial.rates.gauge)
         if not self.record.rows:

@@ -316,7 +316,7 @@ def with_contact(model: PathModel, pairs: Integers) -> PathModel:
     return replace(
         model,
         symmetry=None,
-        law=model.law.take(parameters),
+        law=model.law.take(parameters).parted(np.arange(len(parameters)) >= model.contact_count),
         contacts=np.vstack([model.contacts, pairs]),
         d0=np.vstack([model.d0, model.x0[pairs[:, 1]] - model.x0[pairs[:, 0]]]),
     )

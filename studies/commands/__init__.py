@@ -159,9 +159,10 @@ class Reading:
     law: Annotated[
         str | None,
         Parameter(
-            metavar="linear|hertz",
+            metavar="linear|hertz|cohesive|bonded",
             help="Contact law of the simulation. Default: as the input or its kn tell. hertz "
-            "takes the input's kn and ks as tangents, or --young and --poisson.",
+            "takes the input's kn and ks as tangents, or --young and --poisson; cohesive contacts "
+            "attract while they touch, bonded ones hold until their pull and break for good.",
         ),
     ] = None
     young: Annotated[
@@ -176,6 +177,20 @@ class Reading:
             metavar="force|displacement",
             help="What a contact keeps under --law hertz while its overlap changes: T (Yade; the "
             "default) or T/kt (LIGGGHTS, LAMMPS).",
+        ),
+    ] = None
+    adhesion: Annotated[
+        float | None,
+        Parameter(
+            help="Largest pull of a contact (force), for --law cohesive or bonded, if the input "
+            "has no such column."
+        ),
+    ] = None
+    cohesion: Annotated[
+        float | None,
+        Parameter(
+            help="Shear force of a contact at its strength beside mu N, for --law cohesive or "
+            "bonded, if the input has no such column. Default: mu times the adhesion."
         ),
     ] = None
     format: Annotated[

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from loops import (
+    CohesiveFrictional,
     HertzMindlin,
     InputError,
     LinearFrictional,
@@ -122,6 +123,29 @@ def test_a_cohesive_contact_breaks_where_its_grains_part():
     np.testing.assert_allclose(path.normal_force[opening], -ADHESION, atol=1e-13)
     np.testing.assert_array_equal(path.normal_force[opening + 1], 0.0)
     np.testing.assert_allclose(path.normal_force[closing + 1], -ADHESION, atol=1e-13)
+    assert np.abs(path.energy_error).max() < 1e-11
+
+
+def test_a_bond_breaks_at_its_pull_for_good():
+    """It holds beyond touch; where the grains touch again it is a contact without cohesion."""
+    law = CohesiveFrictional(1.0, KAPPA, MU, adhesion=ADHESION, bonded=True)
+    graph = loaded(diamond(np.radians(45), E1=0.05, E2=0.05), law)
+    apart, together = (programmes.isotropic_strain(way) for way in (-1.0, 1.0))
+    ends = ((apart, -0.02), (together, 0.02), (apart, -0.02))
+    path = follow(graph, law, [Stage(way, "H11", end) for way, end in ends])
+    opening, closing, again = (
+        event.index for event in path.events if event.kind in ("opening", "closing")
+    )
+    # Side length 1: the gap of a/kn = 0.01 is a strain of 0.01.
+    touching = float(graph.radii[0] + graph.radii[1])
+    assert path.H[opening, 0] == pytest.approx(-ADHESION / touching, abs=1e-13)
+    np.testing.assert_allclose(path.normal_force[opening], -ADHESION, atol=1e-13)
+    for touch in (closing, again):
+        assert path.H[touch, 0] == pytest.approx(0.0, abs=1e-13)
+        np.testing.assert_allclose(path.normal_force[touch], 0.0, atol=1e-13)
+    # Four bonds let go of a^2/(2 kn) each.
+    released = path.work[again, 3] - path.work[opening, 3]
+    assert released == pytest.approx(4 * ADHESION**2 / 2, rel=1e-11)
     assert np.abs(path.energy_error).max() < 1e-11
 
 
