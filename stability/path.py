@@ -55,6 +55,7 @@ Cause = Literal[
     "chatters",
     "rattles",
     "unloaded",
+    "pulls_off",
 ]
 # Each cause of an event in words.
 CAUSES: dict[Cause, str] = {
@@ -72,6 +73,7 @@ CAUSES: dict[Cause, str] = {
     "chatters": "it changes regime again and again",
     "rattles": "a loose grain rattles",
     "unloaded": "its grain carries nothing",
+    "pulls_off": "it pulls off",
 }
 # What `Event.count` counts, in words, where it isn't eigenvalues.
 COUNTED: dict[EventKind, str] = {

@@ -61,8 +61,8 @@ class Discs(NamedTuple):
     mu: Floats
     hertz: bool
     by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
-    # (P, 5) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, `N` at touch;
-    # (0, 5) of known laws
+    # (P, 6) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, then `N` and the gap
+    # where it opens; (0, 6) of known laws
     own: Floats
     # (P,), or (0,) without rolling springs: stiffness, and `|M|` at the limit over `N - N at touch`
     k_r: Floats
@@ -210,7 +210,8 @@ def update_forces(
         radius_i, radius_j = discs.radii[i], discs.radii[j]
         touching = radius_i + radius_j
         square = d0 * d0 + d1 * d1
-        if square >= touching * touching:
+        parting = touching + discs.own[p, 5] if own else touching
+        if square >= parting * parting:
             if motion.shear[p] != 0.0:
                 kt = discs.kt[p] * motion.root[p] if varies else discs.kt[p]
                 if summed and kt > 0.0:
@@ -236,7 +237,7 @@ def update_forces(
         most = discs.mu[p] * normal
         first = before = motion.shear[p]
         if varies:
-            root, was = math.sqrt(touching - length), motion.root[p]
+            root, was = math.sqrt(parting - length), motion.root[p]
             if own:
                 normal, root, most = discs.own[p, 0], discs.own[p, 1], discs.own[p, 2]
             else:

@@ -560,9 +560,9 @@ class Moving:
         pairs = self.pairs
         kn = HERTZ * pairs.kn if pairs.hertz else pairs.kn
         kt = np.ones(len(pairs)) if pairs.own else pairs.kt
-        asked = np.empty((len(pairs) if pairs.own else 0, 5))
+        asked = np.empty((len(pairs) if pairs.own else 0, 6))
         if pairs.own:
-            asked[:, 4] = pairs.at_touch
+            asked[:, 4], asked[:, 5] = pairs.at_touch, pairs.reach
         self.discs = Discs(
             radii, walls, *self.lightness, grains, images, wraps, kn, kt, pairs.mu, pairs.hertz,
             pairs.by_displacement, asked, pairs.rolling.k_r if pairs.rolling else np.zeros(0),
@@ -570,11 +570,18 @@ class Moving:
         )  # fmt: skip
 
     def _ask_law(self) -> None:
-        """Ask a law of one's own for its forces where the grains are."""
+        """Ask a law of one's own for its forces where the grains are; bonds that part are gone."""
         if self.pairs.own:
             x, cell, out, own = self.motion.x, self.motion.cell, self.discs.own, self.pairs.own
             overlap = overlaps(replace(self.listed, x=x, cell=cell), self.pairs)
             touch, state = own.contacts(overlap, self.motion.shear)
+            if np.any((own.reach > 0) & ~touch):
+                self.pairs = self.pairs.parted((self.pairs.reach > 0) & (overlap == 0))
+                out[:, 4], out[:, 5] = self.pairs.at_touch, self.pairs.reach
+                assert self.pairs.own is not None
+                own = self.pairs.own
+                overlap = overlaps(replace(self.listed, x=x, cell=cell), self.pairs)
+                touch, state = own.contacts(overlap, self.motion.shear)
             D = own.stiffness(state, Regime.ELASTIC)
             # Walls are springs; what stands for pairs that are apart is not read.
             out[:, 0], out[:, 1] = self.pairs.kn * overlap, self.pairs.kt

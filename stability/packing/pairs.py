@@ -49,34 +49,39 @@ SMALL_OVERLAP = 1e-4
 # N over the overlap times Hertz's tangent; the law is his where most contacts are that close to it.
 HERTZ, HERTZ_BAND, MOSTLY = 2.0 / 3.0, 0.01, 0.9
 # Methods that a law of one's own may not change.
-LEFT = ("gap", "shear_kinematics", "rolling_stiffness", "regime", "take")
+LEFT = ("shear_kinematics", "rolling_stiffness", "regime")
 # Forces at touch below this share of those at overlap are rounding: the law has no cohesion.
 AT_TOUCH = 1e-9
 
 
 class OwnLaw(NamedTuple):
-    """A law of one's own between grains: parameters, pairs (R,) and radii (2, R)."""
+    """A law of one's own between grains: parameters, pairs (R,), radii (2, R), reach (R,).
+
+    The reach is the gap across which a closed contact still holds: overlaps here are measured from
+    there.
+    """
 
     law: FrictionalLaw
     rows: Integers
     radii: Floats
+    reach: Floats
 
     def contacts(self, overlap: Floats, T: Floats | float = 0.0) -> tuple[Flags, ContactState]:
         """(R,) which pairs touch, and contacts of overlaps (P,); those apart as at a small one."""
         i, j = self.radii
         own, n = overlap[self.rows], np.tile([1.0, 0.0], (len(i), 1))
-        length = (i + j) - np.where(own > 0, own, SMALL_OVERLAP * (i + j))
+        length = (i + j) + self.reach - np.where(own > 0, own, SMALL_OVERLAP * (i + j))
         T = np.broadcast_to(T, len(overlap))[self.rows]
         state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, i, j)
         return own > 0, replace(state, normal_force=np.asarray(self.law.closed_force(state)))
 
     def parting(self) -> ContactState:
-        """Return the contacts (R,) where their grains just touch, with the force there.
+        """Return the contacts (R,) where they open, with the force there.
 
         A force that is rounding beside that at a small overlap is zero.
         """
         _, pressed = self.contacts(np.zeros(int(self.rows.max(initial=-1)) + 1))
-        state = replace(pressed, length=pressed.touching_length)
+        state = replace(pressed, length=pressed.touching_length + self.reach)
         N = np.asarray(self.law.closed_force(state), dtype=float)
         least = AT_TOUCH * np.abs(pressed.normal_force)
         return replace(state, normal_force=np.where(np.abs(N) > least, N, 0.0))
@@ -84,6 +89,12 @@ class OwnLaw(NamedTuple):
     def stiffness(self, state: ContactState, regime: Regime) -> Floats:
         """(R, 2, 2) `D` of contacts."""
         return self.law.local_stiffness(state, np.full(len(state.length), regime, dtype=np.int8))
+
+
+def own_law(law: FrictionalLaw, rows: Integers, radii: Floats) -> OwnLaw:
+    """Return a law between the pairs `rows` of radii (2, R), with the reach that its gap tells."""
+    touching = OwnLaw(law, rows, radii, np.zeros(len(rows))).parting()
+    return OwnLaw(law, rows, radii, np.broadcast_to(-law.gap(touching), len(rows)))
 
 
 class Rolling(NamedTuple):
@@ -121,8 +132,25 @@ class Pairs:
         return not (self.hertz or self.own)
 
     @cached_property
+    def reach(self) -> Floats:
+        """(P,) gap at which a closed pair opens: zero but for bonds."""
+        gap = np.zeros(len(self))
+        if self.own:
+            gap[self.own.rows] = self.own.reach
+        return gap
+
+    def parted(self, opened: Flags) -> Pairs:
+        """Return the pairs once some of them (P,) have opened: bonds among these are gone."""
+        if not (self.own and opened[self.own.rows].any()):
+            return self
+        law = self.own.law.parted(opened[self.own.rows])
+        if law is self.own.law:
+            return self
+        return replace(self, own=own_law(law, self.own.rows, self.own.radii))
+
+    @cached_property
     def at_touch(self) -> Floats:
-        """(P,) normal force where the grains just touch: zero without cohesion, else below."""
+        """(P,) normal force where a closed pair opens: zero without cohesion, else below."""
         force = np.zeros(len(self))
         if self.own:
             force[self.own.rows] = self.own.parting().normal_force
@@ -130,7 +158,7 @@ class Pairs:
 
     @cached_property
     def strength_at_touch(self) -> Floats:
-        """(P,) shear force that pairs can carry where their grains just touch."""
+        """(P,) shear force that pairs can carry where they open."""
         most = np.zeros(len(self))
         if self.own:
             rows = self.own.rows
@@ -142,8 +170,8 @@ class Pairs:
 
 
 def touching_distances(state: PackingState, pairs: Pairs) -> Floats:
-    """(P,) distances of the centres at first touch."""
-    return np.asarray(state.radii[pairs.grains].sum(axis=1))
+    """(P,) distances of the centres at which pairs open: at touch, of bonds beyond it."""
+    return np.asarray(state.radii[pairs.grains].sum(axis=1) + pairs.reach)
 
 
 def overlaps(state: PackingState, pairs: Pairs) -> Floats:
@@ -193,7 +221,8 @@ def normal_energy(pairs: Pairs, overlap: Floats) -> Floats:
     energy = (0.4 if pairs.hertz else 0.5) * normal_forces(pairs, overlap) * overlap
     if pairs.own:
         touch, state = pairs.own.contacts(overlap)
-        energy[pairs.own.rows] = np.where(touch, pairs.own.law.normal_energy(state), 0.0)
+        parting = pairs.own.law.normal_energy(pairs.own.parting())
+        energy[pairs.own.rows] = np.where(touch, pairs.own.law.normal_energy(state), parting)
     return energy
 
 
@@ -277,8 +306,8 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
             remedy = "Leave them out, or use the law for single loops."
             raise InputError("law", f"{name} with {', '.join(changed)}", expected, remedy)
         ij = graph.radii[graph.contacts].T
-        own = OwnLaw(law, np.arange(len(closed)), ij)
         try:
+            own = own_law(law, np.arange(len(closed)), ij)
             _, pressed = own.contacts(state.overlap)
             D = own.stiffness(pressed, Regime.ELASTIC)
         except NotImplementedError as lacks:
@@ -286,6 +315,10 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
             remedy = "Add it to the class."
             raise InputError("law", f"{name} without {lacks}", expected, remedy) from None
         parting = own.parting()
+        rise = law.gap(pressed) - law.gap(parting)
+        if np.any(own.reach < 0) or not np.allclose(rise, pressed.length - parting.length):
+            expected = "a gap of the branch less its length where the contact opens, at touch or beyond"
+            raise InputError("law", f"{name} with gap", expected, "Use the law for single loops.")
         if np.any(parting.normal_force > 0) or np.any(D[:, 0, 1] != 0):
             expected = "a normal force of the overlap alone that vanishes or pulls at touch"
             raise InputError("law", name, expected, "Use the law for single loops.")
@@ -320,7 +353,7 @@ def contact_pairs(start: PackingState, law: MovableLaw, boundary: Boundary | Non
     elif type(law) is LinearFrictional:
         kn, kt = law.kn, law.kt
     else:
-        own = OwnLaw(law, np.arange(count), radii.T)
+        own = own_law(law, np.arange(count), radii.T)
     numbers = [np.broadcast_to(k, count).astype(float) for k in (kn, kt, law.mu)]
     planes = None if boundary is None else boundary.walls
     if len(start.walls) and planes is not None:
@@ -337,7 +370,8 @@ def contact_pairs(start: PackingState, law: MovableLaw, boundary: Boundary | Non
         numbers = [np.append(k, one) for k, one in zip(numbers, (kn, kt, mu), strict=True)]
     by_displacement = type(law) is HertzMindlin and law.shear_history == "displacement"
     kn, kt, mu = numbers
-    return Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement, own)
+    pairs = Pairs(start.contacts, start.images, kn, kt, mu, hertz, by_displacement, own)
+    return pairs.parted(overlaps(start, pairs) == 0)
 
 
 def law_of(law: MovableLaw, pairs: Pairs, rows: Flags, state: PackingState) -> MovableLaw:
@@ -385,7 +419,7 @@ def frame_of(state: PackingState, pairs: Pairs, by_radii: bool, reach: float = 0
     frame["mu"], frame["cohesion"] = np.where(frame["slides"], pairs.mu, 0.0), 0.0
     frame["at_touch"] = pairs.at_touch
     if not pairs.linear:
-        overlap = radii.sum(axis=1) - length
+        overlap = touching_distances(state, pairs) - length
         closed = overlap > 0
         at = np.where(closed, overlap, reach)
     if pairs.hertz:
@@ -469,7 +503,9 @@ def with_near(pairs: Pairs, state: PackingState, gap: float) -> Pairs:
         typical = np.full(len(added_rows), np.argsort(stiff)[len(stiff) // 2])
         law = own.law.take(np.append(np.arange(len(stiff)), typical))
         rows = np.append(own.rows, added_rows)
-        own = OwnLaw(law, rows, radii[every[rows]].T)
+        # What touches later was never bonded.
+        law = law.parted(np.arange(len(rows)) >= len(stiff))
+        own = own_law(law, rows, radii[every[rows]].T)
     at, rolling = np.concatenate([pairs.images, images]), pairs.rolling
     if rolling:
         at_wall = grains[:, 1] >= count

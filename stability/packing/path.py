@@ -431,7 +431,7 @@ class PackingPathSolver:
 
     def _take(self, increment: StrainIncrement, relief: float) -> None:
         """Take over the state that an increment has reached; `relief` of the load a time."""
-        state, self.regime, self.side, work = increment.end()
+        state, self.pairs, self.regime, self.side, work = increment.end()
         if not state.closed.any():
             raise RejectedError("no_load", "the packing has come apart and carries no force")
         self._add_events(increment.events, increment.released)
@@ -523,10 +523,10 @@ class PackingPathSolver:
         return Goal(left, none, self._to_reference()[k], 0.0)
 
     def _add_events(self, events: list[Event], released: Floats | None = None) -> None:
-        """Add events after the current state, instabilities with the energy of their grains."""
+        """Add events after the current state, those of grains with the energy that these let go."""
         left = None if released is None else released.copy()
         for event in events:
-            if event.kind == "instability" and left is not None:
+            if event.grains and left is not None:
                 grains = list(event.grains)
                 event = replace(event, released=float(left[grains].sum()))
                 # The energy of a grain belongs to its first instability.

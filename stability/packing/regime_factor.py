@@ -89,6 +89,7 @@ class RegimeFactor:
     ) -> None:
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
+        self.by_radii, self.reach = by_radii, reach
         self.frame: NDArray[Any] = frame_of(state, pairs, by_radii, reach)
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(pairs)
         self.stiffest = float(self.frame["kn"].max())

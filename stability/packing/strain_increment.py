@@ -16,6 +16,7 @@ from stability.packing.pairs import (
     AT_TOUCH,
     AT_YIELD,
     Pairs,
+    frame_of,
     normal_energy,
     normal_forces,
     overlaps,
@@ -56,7 +57,10 @@ class ControlLimitError(Exception):
 
 
 class InstabilityError(Exception):
-    """No regimes of a contact agree with its rates: the event that it is."""
+    """Equilibrium is lost at a contact: the event that it is.
+
+    No regimes of the contact agree with its rates, or it opens under a pull that drops at once.
+    """
 
     def __init__(self, event: Event) -> None:
         super().__init__(f"contact {event.contacts[0]}: {reason(event)}")
@@ -114,6 +118,7 @@ class End(NamedTuple):
     """A packing after the increment, with exact normal forces; work as in `Path.work`."""
 
     state: PackingState
+    pairs: Pairs
     regime: Regimes
     side: Floats
     work: Floats
@@ -240,19 +245,30 @@ class StrainIncrement:
     def _change(self, c: int, kind: EventKind, rates: Combination) -> None:
         """Change the regime of a contact at its event; end its rattling."""
         self.event_count[c] += 1
+        packing = self.packing
         if self.event_count[c] <= CHATTER:
             if kind == "yield":
                 self._pivot(c, rates)
             else:
                 # A contact that opens under shear lets its energy go; others have slipped to none.
                 broken = kind == "opening" and self.strength_at_touch(c) > 0
+                pulls = kind == "opening" and packing.frame["at_touch"][c] < 0
                 self._end_forces(c, RELEASED if broken else SLIP)
                 self._close(c) if kind == "closing" else self._open(c)
-                self._tell(kind, c)
+                if kind == "opening":
+                    self._break(np.arange(len(self.pairs)) == c)
+                facts: dict[str, Any] = {}
+                if pulls:
+                    ends = tuple(packing.frame["grains"][c].tolist())
+                    facts = {"cause": "pulls_off", "grains": ends}
+                    if self.past is None:
+                        raise InstabilityError(self._event(kind, c, **facts))
+                    facts["passed"] = "dragged"
+                self._tell(kind, c, **facts)
                 if kind == "opening":
                     self._free(c)
             return
-        self.event_count[c], packing = 0, self.packing
+        self.event_count[c] = 0
         if self._free(c, LIGHT_SHARE):
             return
         # A grain of fewer than three contacts is held by a ground spring; else the contact is.
@@ -277,7 +293,8 @@ class StrainIncrement:
         self.rattlers[grains] = True
         rows = np.flatnonzero(self.rattlers[pairs.grains].any(axis=1) & ~self.absent)
         if len(rows):
-            energy = normal_energy(pairs, overlaps(self._moved(), pairs))
+            self._break(np.isin(np.arange(len(pairs)), rows))
+            energy = normal_energy(self.pairs, overlaps(self._moved(), self.pairs))
             self.work[RELEASED] += float(energy[rows].sum())
         for row in rows.tolist():
             self.absent[row] = self.held[self._springs(row)] = True
@@ -312,6 +329,25 @@ class StrainIncrement:
     def _open(self, c: int) -> None:
         for row in self._springs(c):
             self.packing.set_regime(row, OPEN)
+
+    def _break(self, opened: Flags) -> None:
+        """Take the bonds of pairs that have opened: these touch again where the grains do."""
+        whole, pairs = self.pairs, self.pairs.parted(opened)
+        if pairs is whole:
+            return
+        moved = self._moved()
+        before, after = (normal_energy(one, overlaps(moved, one))[opened] for one in (whole, pairs))
+        self.work[RELEASED] += float(np.sum(before - after))
+        gained, self.pairs = whole.reach - pairs.reach, pairs
+        self.touching = np.where(self.absent, 0.0, touching_distances(self.state, pairs))
+        self.gap += gained
+        frame = frame_of(self.state, pairs, self.packing.by_radii, self.packing.reach)
+        rows = np.flatnonzero(np.resize(opened, len(frame)))
+        was = self.packing.frame[rows]
+        self.packing.frame[rows] = frame[rows]
+        # Their stiffness is in the factors.
+        if any((frame[rows][name] != was[name]).any() for name in ("kn", "kt", "mu", "coupling")):
+            self.packing.factorise()
 
     def _close(self, c: int) -> None:
         """Make a contact stick or slide to either side, whichever agrees with its closing.
@@ -438,8 +474,12 @@ class StrainIncrement:
 
     def end(self) -> End:
         """The packing after the increment: exact normal forces, shear forces within the cone."""
-        packing, pairs, moved = self.packing, self.pairs, self._moved()
-        overlap = np.where(self.absent, 0.0, overlaps(moved, pairs))
+        packing, moved = self.packing, self._moved()
+        overlap = np.where(self.absent, 0.0, overlaps(moved, self.pairs))
+        # Bonds that have opened by then are gone, with the energy that they had left.
+        pairs, work = self.pairs.parted(overlap == 0), self.work.copy()
+        left = normal_energy(self.pairs, overlap) - normal_energy(pairs, overlap)
+        work[RELEASED] += float(left[overlap == 0].sum())
         N = normal_forces(pairs, overlap)
         touch = overlap > 0
         moved = replace(moved, normal_force=N, closed=touch)
@@ -455,7 +495,6 @@ class StrainIncrement:
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
         kt = packing.frame["kt"]
         relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
-        work = self.work.copy()
         if not pairs.linear:
             # Under the same force a stiffer spring stores less.
             now = tangents(pairs, overlap)[1]
@@ -471,7 +510,7 @@ class StrainIncrement:
         end = replace(moved, shear_force=T[:count])
         if pairs.rolling:
             end = replace(end, rolling_moment=T[count:] * packing.length)
-        return End(end, regime, side, work)
+        return End(end, pairs, regime, side, work)
 
 
 def pivot(
