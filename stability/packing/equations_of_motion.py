@@ -435,7 +435,7 @@ def largest_step(
 
 def duration_of(H: ArrayLike, masses: Floats, state: PackingState, inertial_number: float) -> float:
     """Duration of a strain, or of one of this size, at an inertial number."""
-    pressure = 0.5 * float(np.trace(state.stress))
+    pressure = state.pressure
     if not pressure > 0:
         raise InputError("pressure", f"{pressure:g}", "forces", "Give the duration of the strain.")
     return float(np.linalg.norm(H)) * math.sqrt(masses.mean() / pressure) / inertial_number

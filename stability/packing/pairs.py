@@ -317,7 +317,9 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
         parting = own.parting()
         rise = law.gap(pressed) - law.gap(parting)
         if np.any(own.reach < 0) or not np.allclose(rise, pressed.length - parting.length):
-            expected = "a gap of the branch less its length where the contact opens, at touch or beyond"
+            expected = (
+                "a gap of the branch less its length where the contact opens, at touch or beyond"
+            )
             raise InputError("law", f"{name} with gap", expected, "Use the law for single loops.")
         if np.any(parting.normal_force > 0) or np.any(D[:, 0, 1] != 0):
             expected = "a normal force of the overlap alone that vanishes or pulls at touch"

@@ -110,6 +110,14 @@ class PackingState(Shown):
         """
         return self.forces.T @ self.apart / abs(np.linalg.det(self.cell))
 
+    @property
+    def pressure(self) -> float:
+        """Half the trace of the stress; where contacts pull, of the sizes of the normal forces."""
+        if not (self.normal_force < 0).any():
+            return 0.5 * float(np.trace(self.stress))
+        carried = np.abs(self.normal_force) @ np.linalg.norm(self.branches, axis=1)
+        return 0.5 * float(carried) / abs(float(np.linalg.det(self.cell)))
+
     @cached_property
     def resultants(self) -> Floats:
         """(B, 3) contact forces and moments on the grains; walls need no balance."""

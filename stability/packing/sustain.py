@@ -381,9 +381,9 @@ def sustain(
     if not 0.0 < damping < 1.0:
         raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
     unit = probe_directions(directions, subspace)
-    stress = start_state(graph, boundary).stress
+    start = start_state(graph, boundary)
     if largest is None:
-        largest = DEFAULT_LARGEST * 0.5 * float(np.trace(stress))
+        largest = DEFAULT_LARGEST * start.pressure
     number("largest", largest, 0.0, open_low=True)
     loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
     found = find_faces(graph) if faces is None else faces
@@ -393,7 +393,7 @@ def sustain(
         ]
     else:
         paths = follow(unit, loading)
-    return Sustained(subspace, unit, largest, tuple(paths), stress)
+    return Sustained(subspace, unit, largest, tuple(paths), start.stress)
 
 
 def load_path(
@@ -598,7 +598,7 @@ class _DeadLoad:
         self.moving.load(self.load)
         self.count, self.damping = count, damping
         # Strain rate of an inertial number of one.
-        self.pace = math.sqrt(0.5 * float(np.trace(state.stress)) / self.masses.mean())
+        self.pace = math.sqrt(state.pressure / self.masses.mean())
         self.start, self.pairs = state, pairs
         self.energy, self.steps, self.kinetic = stored_energy(state, pairs), 0, 0.0
         self.mode: tuple[PackingState, Pairs] | None = None

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from loops import FrictionalLaw, HertzMindlin, LinearFrictional, RollingResistance, contact_state
+from loops import (
+    CohesiveFrictional,
+    FrictionalLaw,
+    HertzMindlin,
+    LinearFrictional,
+    RollingResistance,
+    contact_state,
+)
 from loops.packing import loops_in_place
 from patterns import Snapshot, WallContacts
 from stability import Stage, follow, programmes
@@ -42,6 +49,10 @@ LAWS = {
         HertzMindlin(5.0, 0.2, 0.5),
         HertzMindlin(5.0, 0.2, 0.5, shear_history="displacement"),
     ],
+    "cohesive": [
+        CohesiveFrictional(1.0, 0.5, 0.5, 1e-4, bonded=bonded, shear_increment="radii")
+        for bonded in (False, True)
+    ],
     "own": [Power(2.0, 0.2, 0.5, 1.2)],
     "rolling": [
         RollingResistance(LinearFrictional(1.0, 0.5, 0.5), 0.02),
@@ -53,6 +64,11 @@ LAWS = {
 
 def fitted(law, graph):
     """The law with moduli, one a contact, under which the packing keeps the forces it rests in."""
+    if isinstance(law, CohesiveFrictional):
+        attraction = 0.0 if law.bonded else law.adhesion
+        kn = (graph.normal_force + attraction) / contact_state(graph).overlap
+        how = law.adhesion, law.cohesion, law.bonded, law.shear_increment
+        return CohesiveFrictional(kn, law.kt, law.mu, *how)
     closed = np.asarray(law.closed_force(contact_state(graph)))
     share = np.where(graph.normal_force > 0, graph.normal_force / closed, 1.0)
     if isinstance(law, HertzMindlin):

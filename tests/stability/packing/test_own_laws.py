@@ -189,7 +189,7 @@ def class_with(**changes):
 REFUSED = {
     "without Mine.stiffnesses": lambda: type("Mine", (Springs,), {})(k=1.0, mu=0.5),
     "without Mine.closed_force": lambda: type("Mine", (FrictionalLaw,), {})(kn=1.0, kt=0.5),
-    "Mine with gap": lambda: class_with(gap=lambda self, state: -state.overlap),
+    "Mine with gap": lambda: class_with(gap=lambda self, state: -2.0 * state.overlap),
     "Mine with keeps_strength": lambda: class_with(keeps_strength=False),
     "vanishes or pulls": lambda: class_with(closed_force=lambda self, state: state.overlap + 0.01),
     "not negative where": lambda: class_with(closed_force=lambda self, state: state.overlap - 0.01),
