@@ -2,8 +2,8 @@
 
 `yade -n -x -j1 yade_bonded.py OUT`, with `yade_export.py` beside it (three minutes). Discs are
 compressed without cohesion to an isotropic pressure and come to rest; then every contact becomes a
-bond. The cell is strained at constant area, `STEPS` times by `STRAIN`, and comes to rest before
-each table is written. Bonds are those of `gl.CohesiveFrictional(bonded=True)`.
+bond (`grains_00`). The cell is strained at constant area, `STEPS` times by `STRAIN`, and comes to
+rest before each table is written; the sample has those from `grains_01` on. Bonds are those of `gl.CohesiveFrictional(bonded=True)`.
 """
 
 # ruff: noqa: F403, F405
@@ -133,6 +133,7 @@ for i in contacts():
     i.phys.cohesionBroken, i.phys.fragile, i.phys.unpMax = False, False, 0.0
 rest(AT_REST)
 print("pull", pull, flush=True)
+write("bonded")
 rate = INERTIAL / time_unit
 strain(BEFORE, 5 * rate)
 for step in range(STEPS + 1):

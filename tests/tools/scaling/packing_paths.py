@@ -11,7 +11,9 @@
   steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction;
 - `walls`, `hertz`: skill between walls, over the steps of `yade-walls-linear` or `yade-walls-hertz`
   that the collection's `scripts/yade_walls.py` makes: the path with `dynamic`, the replay from rest
-  at the sample's rate.
+  at the sample's rate;
+- `bonded`: the sample `bonded` of the project, discs with bonds that break: stress, contacts lost
+  and skill of the path with `dynamic` and of a replay, interval by interval.
 
 Times are the processor's.
 """
@@ -35,13 +37,14 @@ from matplotlib.ticker import NullLocator
 
 from loops import GrainGraph, InputError, LinearFrictional, find_faces
 from loops.arrays import Floats
-from patterns import Snapshot, read_snapshot
+from patterns import Snapshot, read_snapshot, sample_path
 from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
 from studies.reading import cells_by_number
 from studies.series.evolution import loop_increments, sample_strain, track_loops
+from studies.series.loading import stress_of
 from studies.series.packing import packing_predictions
 from studies.series.run import run_series
 from studies.series.skill import mean_skill, score_skill
@@ -406,6 +409,81 @@ def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[st
         before[table["loop_after"]] = table["w2"]
 
 
+def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
+    """Yade's bonded discs against path and replay, each interval from Yade's own snapshot.
+
+    `through_11`, `through_22` is the stress of the path that goes on from the first snapshot.
+    """
+    states = [read_snapshot(folder / f"grains_{k:02d}.csv.gz") for k in range(1, 7)]
+    first, before, strain = states[0], None, 0.0
+    yield {"interval": 0, "strain": 0.0} | _of_stress("yade", stress_of(first))
+    for k, (one, two) in enumerate(pairwise(states), 1):
+        graph, law, H = one.graph, one.mechanics()[0], _strain(one, two)
+        path = followed(graph, law, strained(H), instabilities=1000, past="dynamic")
+        again = replay(graph, law, H, inertial_number=1e-5, mass=one.mass, damping=0.2)
+        whole = _strain(first, two)
+        through = followed(
+            first.graph, first.law, strained(whole), instabilities=1000, past="dynamic"
+        )
+        strain = whole[1, 1]
+        row: dict[str, Any] = {"interval": k, "strain": strain, "status": path.status}
+        row |= _of_stress("yade", stress_of(two)) | _of_stress("through", through.states[-1].stress)
+        was, now = _contacts(graph), _contacts(two.graph)
+        torn = [event for event in path.of_kind("opening") if event.detail.startswith("it pulls")]
+        row |= {"events": len(path.events), "pulled_off": len(torn), "lost": len(was - now)}
+        row["slid"] = sum(event.kind == "yield" for event in path.events)
+        for name, end in (("path", path.states[-1]), ("replay", again.state)):
+            left = stress_of(two) - end.stress
+            row[f"{name}_error"] = np.linalg.norm(left) / np.linalg.norm(
+                stress_of(two) - stress_of(one)
+            )
+            row[f"{name}_of_stress"] = np.linalg.norm(left) / np.linalg.norm(stress_of(two))
+            lost = was - _contacts(end.graph())
+            row[f"{name}_lost"], row[f"{name}_lost_too"] = len(lost), len(lost & (was - now))
+            row[f"{name}_auc"] = _auc(one, two, loop_changes(graph, end, one.faces).normalised_work)
+        if before is not None:
+            row["persistence_auc"] = _auc(one, two, before)
+        table = loop_increments(one, two, track_loops(one, two))
+        before = np.full(len(two.faces.loops), np.nan)
+        before[table["loop_after"]] = table["w2"]
+        yield row
+
+
+@styled()
+def bonded_figure(rows: Rows) -> Figure:
+    """Stress over the strain, and what an interval is off by."""
+    figure = new_figure(TWO_COLUMNS, 2.6)
+    left, right = figure.subplots(1, 2)
+    strain = [row["strain"] for row in rows]
+    for component, colour in zip(("11", "22"), LINE_COLOURS, strict=False):
+        yade = [row[f"yade_{component}"] for row in rows]
+        left.plot(strain, yade, "o", color=colour, label=f"$\\sigma_{{{component}}}$, Yade")
+        path = [yade[0], *(row[f"through_{component}"] for row in rows[1:])]
+        left.plot(strain, path, "-", color=colour, label=f"$\\sigma_{{{component}}}$, path")
+    left.set(xlabel="axial strain since the first snapshot", ylabel="stress (N/m)")
+    left.legend()
+    for name, colour, mark in zip(("path", "replay"), LINE_COLOURS, "os", strict=False):
+        errors = [row[f"{name}_error"] for row in rows[1:]]
+        right.semilogy(range(1, len(rows)), errors, mark, color=colour, label=name)
+    right.set(xlabel="interval", ylabel="error over the change of stress")
+    right.set_xticks(range(1, len(rows)))
+    right.legend()
+    return figure
+
+
+def _of_stress(name: str, stress: Floats) -> dict[str, float]:
+    return {f"{name}_11": float(stress[0, 0]), f"{name}_22": float(stress[1, 1])}
+
+
+def _contacts(graph: GrainGraph) -> set[tuple[int, ...]]:
+    """Contacts as pairs of grains with the image of the second one, in one order."""
+    assert graph.images is not None
+    found = set()
+    for (i, j), image in zip(graph.contacts.tolist(), graph.images.tolist(), strict=True):
+        found.add((i, j, *image) if i < j else (j, i, *(-k for k in image)))
+    return found
+
+
 def _spent(work: Callable[..., Any], *given: Any, **options: Any) -> tuple[Any, float]:
     found: list[Any] = []
     _, cpu = _timed(lambda: found.append(work(*given, **options)))
@@ -438,6 +516,7 @@ STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]
     "past": (by_way, None),
     "walls": (between_walls, None),
     "hertz": (partial(between_walls, springs="hertz"), None),
+    "bonded": (lambda _: of_bonds(sample_path("bonded")), bonded_figure),
 }
 
 
