@@ -429,7 +429,7 @@ def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
         row: dict[str, Any] = {"interval": k, "strain": strain, "status": path.status}
         row |= _of_stress("yade", stress_of(two)) | _of_stress("through", through.states[-1].stress)
         was, now = _contacts(graph), _contacts(two.graph)
-        torn = [event for event in path.of_kind("opening") if event.detail.startswith("it pulls")]
+        torn = [event for event in path.of_kind("opening") if event.cause == "pulls_off"]
         row |= {"events": len(path.events), "pulled_off": len(torn), "lost": len(was - now)}
         row["slid"] = sum(event.kind == "yield" for event in path.events)
         for name, end in (("path", path.states[-1]), ("replay", again.state)):
