@@ -3,7 +3,8 @@
 `yade -n -x -j1 yade_bonded.py OUT`, with `yade_export.py` beside it (three minutes). Discs are
 compressed without cohesion to an isotropic pressure and come to rest; then every contact becomes a
 bond (`grains_00`). The cell is strained at constant area, `STEPS` times by `STRAIN`, and comes to
-rest before each table is written; the sample has those from `grains_01` on. Bonds are those of `gl.CohesiveFrictional(bonded=True)`.
+rest before each table is written; the sample has those from `grains_01` on. Bonds are those of
+`gl.CohesiveFrictional(bonded=True)`.
 """
 
 # ruff: noqa: F403, F405
