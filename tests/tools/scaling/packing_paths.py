@@ -416,7 +416,7 @@ def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
     """
     states = [read_snapshot(folder / f"grains_{k:02d}.csv.gz") for k in range(1, 7)]
     first, before, strain = states[0], None, 0.0
-    yield {"interval": 0, "strain": 0.0} | _of_stress("yade", stress_of(first))
+    yield {"interval": 0, "strain": 0.0, "status": "start"} | _of_stress("yade", stress_of(first))
     for k, (one, two) in enumerate(pairwise(states), 1):
         graph, law, H = one.graph, one.mechanics()[0], _strain(one, two)
         path = followed(graph, law, strained(H), instabilities=1000, past="dynamic")
