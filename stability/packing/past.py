@@ -52,7 +52,7 @@ class Passed(NamedTuple):
         return math.nan if self.work is None else float(self.work[RELEASED])
 
 
-# A way past an instability; the control is the whole change of stress and strain ahead.
+# What is done past an instability; the control is the whole change of stress and strain ahead.
 PassBy = Callable[[Any, Event, MixedControl], Passed]
 
 
@@ -85,5 +85,5 @@ WAYS: dict[str, PassBy] = {"viscous": viscous, "dynamic": dynamic, "stop": stop}
 
 
 def past_of(way: Past | PassBy) -> PassBy:
-    """Return the function of a way past instabilities, which options give by its name."""
+    """Return the function for what is done past instabilities, which options give by its name."""
     return WAYS[way] if isinstance(way, str) else way

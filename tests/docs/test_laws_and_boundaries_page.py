@@ -148,7 +148,7 @@ DONE = {
     "`--hold`": at_rest,
     '`evolve`, `follow(closure="packing")`': packing_path,
     "`replay`": motion,
-    "`sustain`": lambda one: gl.sustain(one, 2, largest=1e-3).limit,
+    "`sustain`": lambda one: gl.sustain(one, 2, largest=1e-3).paths[0].load,
     "`series --in-packing`": predicted,
     "`series --in-packing events`": lambda one: predicted(one, by_events=True),
 }
