@@ -1,0 +1,324 @@
+"""The kernel of motion as it was before laws were asked by a pointer: an oracle of steps.
+
+A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
+(symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
+cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. All kernels
+that a kernel calls stand in this file.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops.arrays import Flags, Floats
+from loops.compiled import kernel
+
+
+class MovingDiscs(NamedTuple):
+    """State of the motion, changed in place."""
+
+    x: Floats  # (G, 2)
+    velocity: Floats  # (G, 2) `c`
+    angle: Floats  # (G,)
+    spin: Floats  # (G,)
+    cell: Floats  # (2, 2)
+    shear: Floats  # (P,) `T`
+    # (P,) what `kt` is multiplied with, zero where open: root of the overlap under Hertz's law, the
+    # tangent of a law of one's own
+    root: Floats
+    rolled: Floats  # (P,) moment of the rolling spring on the second grain; (0,) without any
+    resultant: Floats  # (G, 3) forces and moments of the state
+    speed: Floats  # (G, 2) `L x + c` in the last step
+    gradient: Floats  # (2, 2) `L`
+    load: Floats  # (G, 3) constant forces and moments on the grains
+    # Under a servo, else zero:
+    moment: Floats  # (4,) forces times branches, 11, 12, 21, 22: stress times area
+    # (3,) of the cell's strain, of slip, of `T` in the law's shear less the motion's with the
+    # energy `T^2/(2 kt)` that goes as `kt` changes
+    work: Floats
+    closer: Floats  # (1,) largest possible approach of grains since the pairs were listed
+
+
+class Discs(NamedTuple):
+    """Constants: grains, pairs that touch or might touch, their springs and friction.
+
+    Walls are the last bodies: points that go with the cell, without radius and lightness.
+    """
+
+    radii: Floats
+    walls: Floats  # (W, 2) normals, which stay
+    lightness: Floats  # one over masses
+    slenderness: Floats  # one over moments of inertia
+    pairs: NDArray[np.uint32]  # (P, 2) unsigned: no index counts from the end
+    images: Floats  # (P, 2)
+    wraps: Flags  # (P,) whether an image isn't zero, or the second one is a wall
+    kn: Floats  # under Hertz's law over the root of the overlap, as `kt`
+    kt: Floats
+    mu: Floats
+    hertz: bool
+    by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
+    # (P, 4) at these positions `N`, tangent, strength, and `-dT` by `d(l)`; (0, 4) of known laws
+    own: Floats
+    # (P,), or (0,) without rolling springs: stiffness, and `|M|/N` at the limit
+    k_r: Floats
+    rolling_reach: Floats
+
+
+class Servo(NamedTuple):
+    """Servo that steers `L` so that `stress @ (P - start) + strain @ H = rate t`.
+
+    With the error `r` of that, `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`, critically
+    damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False `L` is
+    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none.
+    """
+
+    on: bool
+    back: Floats  # (2, 2) inverse of the first cell
+    stress: Floats  # (4, 4)
+    strain: Floats  # (4, 4)
+    rate: Floats  # (4,)
+    gain: Floats  # (4, 4)
+    lag: float
+    isochoric: int
+    start: Floats  # (4,) nominal
+    z: Floats  # (4,) changed in place
+    ask: Floats  # (4,) changed in place
+    whole: float  # time at which the rate ends
+    clock: Floats  # (1,) changed in place
+
+
+@kernel
+def run(
+    motion: MovingDiscs,
+    discs: Discs,
+    servo: Servo,
+    steps: int,
+    dt: float,
+    cundall: float,
+    viscous: float,
+    by_radii: bool,
+    reach: float,
+) -> int:
+    """Make some steps, fewer where grains have come `reach` closer; the number of steps made.
+
+    `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`.
+    """
+    widest = 2.0 * discs.radii.max()
+    for step in range(steps):
+        motion.closer[0] += dt * (2.0 * move(motion, discs, dt, cundall, viscous))
+        finish(motion, discs, servo, dt, by_radii, widest)
+        if motion.closer[0] > reach:
+            return step + 1
+    return steps
+
+
+@kernel
+def finish(
+    motion: MovingDiscs, discs: Discs, servo: Servo, dt: float, by_radii: bool, widest: float
+) -> None:
+    """Forces where a step has moved the grains, work of the cell, and its gradient of the next.
+
+    `widest` is the largest diameter.
+    """
+    stretch = work = 0.0
+    for k in range(4):
+        part = motion.gradient[k // 2, k % 2]
+        stretch += abs(part)
+        work -= part * motion.moment[k]
+    motion.closer[0] += dt * stretch * widest
+    update_forces(motion, discs, dt, by_radii, servo.on)
+    for k in range(4):
+        work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
+    motion.work[0] += 0.5 * dt * work
+    if servo.on:
+        _steer(motion, servo, dt)
+
+
+@kernel
+def _damped(a: float, speed: float, dt: float, cundall: float) -> float:
+    """Change of a speed, less by the share `cundall` if along the motion, more if against it."""
+    along = a * (speed + 0.5 * dt * a)
+    # Without a branch: the sign is as good as random.
+    return dt * a * (1.0 - math.copysign(cundall, along))
+
+
+@kernel
+def move(motion: MovingDiscs, discs: Discs, dt: float, cundall: float, viscous: float) -> float:
+    """Update velocities, then positions and cell; the largest `|c|`."""
+    x, c, w, cell = motion.x, motion.velocity, motion.spin, motion.cell
+    resultant, L = motion.resultant, motion.gradient
+    fastest = 0.0
+    for g in range(len(x)):
+        light = discs.lightness[g]
+        for a in range(2):
+            c[g, a] += _damped(resultant[g, a] * light - viscous * c[g, a], c[g, a], dt, cundall)
+        turning = resultant[g, 2] * discs.slenderness[g] - viscous * w[g]
+        w[g] += _damped(turning, w[g], dt, cundall)
+        motion.angle[g] += dt * w[g]
+        x0, x1 = x[g, 0], x[g, 1]
+        motion.speed[g, 0] = v0 = L[0, 0] * x0 + L[0, 1] * x1 + c[g, 0]
+        motion.speed[g, 1] = v1 = L[1, 0] * x0 + L[1, 1] * x1 + c[g, 1]
+        x[g, 0] = x0 + dt * v0
+        x[g, 1] = x1 + dt * v1
+        fastest = max(fastest, c[g, 0] * c[g, 0] + c[g, 1] * c[g, 1])
+    for b in range(2):
+        h0, h1 = cell[0, b], cell[1, b]
+        cell[0, b] += dt * (L[0, 0] * h0 + L[0, 1] * h1)
+        cell[1, b] += dt * (L[1, 0] * h0 + L[1, 1] * h1)
+    return math.sqrt(fastest)
+
+
+@kernel
+def update_forces(
+    motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool
+) -> None:
+    """Update shear forces over a step of `dt`, and the resultants on all grains.
+
+    If `summed`, moments and works as well: mean forces times increments, closed to `dt` squared.
+    """
+    x, v, w, resultant = motion.x, motion.speed, motion.spin, motion.resultant
+    L00, L01, L10, L11 = motion.gradient.flat
+    h00, h01, h10, h11 = motion.cell.flat
+    # Periodic images of a grain are faster by this, times the image.
+    g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
+    g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
+    s00 = s01 = s10 = s11 = 0.0
+    slipped = beyond = 0.0
+    first_wall = len(x) - len(discs.walls)
+    own = len(discs.own) > 0
+    varies = discs.hertz or own
+    rolls = len(discs.k_r) > 0
+    resultant[:] = motion.load
+    for p in range(len(discs.pairs)):
+        i, j = discs.pairs[p, 0], discs.pairs[p, 1]
+        e0, e1 = d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
+        if discs.wraps[p]:
+            m0, m1 = discs.images[p, 0], discs.images[p, 1]
+            d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
+            v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
+            e0, e1 = d0, d1
+            if j >= first_wall:
+                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
+                away = n0 * d0 + n1 * d1
+                d0, d1 = away * n0, away * n1
+        radius_i, radius_j = discs.radii[i], discs.radii[j]
+        touching = radius_i + radius_j
+        square = d0 * d0 + d1 * d1
+        if square >= touching * touching:
+            if motion.shear[p] != 0.0:
+                kt = discs.kt[p] * motion.root[p] if varies else discs.kt[p]
+                if summed and kt > 0.0:
+                    slipped += 0.5 * motion.shear[p] ** 2 / kt
+                motion.shear[p] = 0.0
+            motion.root[p] = 0.0
+            if rolls and motion.rolled[p] != 0.0:
+                if summed:
+                    slipped += 0.5 * motion.rolled[p] ** 2 / discs.k_r[p]
+                motion.rolled[p] = 0.0
+            continue
+        length = math.sqrt(square)
+        over = 1.0 / length
+        n0, n1 = d0 * over, d1 * over
+        arm_i = 0.5 * (length + radius_i - radius_j)
+        arm_j = length - arm_i
+        normal, kt = discs.kn[p] * (touching - length), discs.kt[p]
+        across = n0 * v1 - n1 * v0
+        if by_radii:
+            slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
+        else:
+            slip = across - arm_i * w[i] - arm_j * w[j]
+        most = discs.mu[p] * normal
+        first = before = motion.shear[p]
+        if varies:
+            root, was = math.sqrt(touching - length), motion.root[p]
+            if own:
+                normal, root, most = discs.own[p, 0], discs.own[p, 1], discs.own[p, 2]
+            else:
+                normal *= root
+                most *= root
+            motion.root[p] = root
+            kt *= root
+            if before != 0.0 and kt > 0.0:
+                stored = before * before / was
+                if own:
+                    before -= discs.own[p, 3] * (n0 * v0 + n1 * v1) * dt
+                if discs.by_displacement:
+                    before *= root / was
+                beyond += 0.5 * (stored - before * before / root) / discs.kt[p]
+        stuck = before - kt * slip * dt
+        shear = min(max(stuck, -most), most)
+        motion.shear[p] = shear
+        f0, f1 = normal * n0 - shear * n1, normal * n1 + shear * n0
+        resultant[j, 0] += f0
+        resultant[j, 1] += f1
+        resultant[j, 2] -= arm_j * shear
+        resultant[i, 0] -= f0
+        resultant[i, 1] -= f1
+        resultant[i, 2] -= arm_i * shear
+        if rolls and discs.k_r[p] > 0.0:
+            rolled = motion.rolled[p]
+            moment = elastic = rolled - discs.k_r[p] * (w[j] - w[i]) * dt
+            limit = discs.rolling_reach[p] * normal
+            if abs(elastic) > limit:
+                moment = math.copysign(limit, elastic)
+                if summed:
+                    slipped += 0.5 * (rolled + moment) * (elastic - moment) / discs.k_r[p]
+            motion.rolled[p] = moment
+            resultant[j, 2] += moment
+            resultant[i, 2] -= moment
+        if summed:
+            s00 += f0 * e0
+            s01 += f0 * e1
+            s10 += f1 * e0
+            s11 += f1 * e1
+            if shear != stuck and kt > 0.0:
+                slipped += 0.5 * (before + shear) * (stuck - shear) / kt
+            # The motion did its work on the force that the step began with.
+            beyond -= 0.5 * (first - before) * slip * dt
+            if by_radii:
+                beyond += 0.5 * (first + shear) * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
+    motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
+    motion.work[1] += slipped
+    motion.work[2] += beyond
+
+
+@kernel
+def _steer(motion: MovingDiscs, servo: Servo, dt: float) -> None:
+    """The velocity gradient of the next step."""
+    h00, h01, h10, h11 = motion.cell.flat
+    b00, b01, b10, b11 = servo.back.flat
+    F = (h00 * b00 + h01 * b10, h00 * b01 + h01 * b11, h10 * b00 + h11 * b10, h10 * b01 + h11 * b11)
+    det = F[0] * F[3] - F[1] * F[2]
+    share = abs(b00 * b11 - b01 * b10) / det
+    H = (1.0 - F[0], -F[1], -F[2], 1.0 - F[3])
+    m00, m01, m10, m11 = motion.moment.flat
+    P = (
+        share * (m00 * F[3] - m01 * F[1]),
+        share * (m01 * F[0] - m00 * F[2]),
+        share * (m10 * F[3] - m11 * F[1]),
+        share * (m11 * F[0] - m10 * F[2]),
+    )
+    servo.clock[0] = min(servo.clock[0] + dt, servo.whole)
+    # A sum of steps is rounded.
+    pace = 1.0 if servo.clock[0] < (1.0 - 1e-9) * servo.whole else 0.0
+    for row in range(4):
+        left = -servo.rate[row] * servo.clock[0]
+        for k in range(4):
+            left += servo.stress[row, k] * (P[k] - servo.start[k]) + servo.strain[row, k] * H[k]
+        if row == servo.isochoric:
+            left = 1.0 - det
+        servo.z[row] += left * dt / (4.0 * servo.lag * servo.lag)
+        servo.ask[row] = pace * servo.rate[row] - left / servo.lag - servo.z[row]
+    L = motion.gradient
+    for a in range(2):
+        one = two = 0.0
+        for k in range(4):
+            one -= servo.gain[2 * a, k] * servo.ask[k]
+            two -= servo.gain[2 * a + 1, k] * servo.ask[k]
+        L[a, 0] = (one * F[3] - two * F[2]) / det
+        L[a, 1] = (two * F[0] - one * F[1]) / det
