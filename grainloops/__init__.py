@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from loops import LinearFrictional as LinearFrictional
     from loops import Regime as Regime
     from loops import RollingResistance as RollingResistance
+    from loops import Scene as Scene
     from loops import Support as Support
     from loops import affine_tangent as affine_tangent
     from loops import contact_forces as contact_forces
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from stability import unstable_fraction as unstable_fraction
     from stability.packing import hold as hold
     from stability.packing import indicators as indicators
+    from stability.packing import replay as replay
     from studies import __version__ as __version__
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
@@ -86,7 +88,7 @@ if TYPE_CHECKING:
 NAMES = {
     "loops": (
         "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
-        "Regime RollingResistance Support affine_tangent contact_forces contact_state find_faces "
+        "Regime RollingResistance Scene Support affine_tangent contact_forces contact_state find_faces "
         "force_chains from_networkx loop_fates loop_tangents love_weber_stress match_contacts "
         "order_kinetics to_networkx traction_tangent"
     ),
@@ -100,7 +102,7 @@ NAMES = {
         "normalised_second_order_work plane_cone programmes rates_at restrict rotate_tangent "
         "second_order_work spectrum statuses symmetric_spectrum unstable_fraction"
     ),
-    "stability.packing": "hold indicators",
+    "stability.packing": "hold indicators replay",
     "studies": "__version__",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",

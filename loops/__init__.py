@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from loops.loop_batches import loop_batches as loop_batches
     from loops.loop_batches import loop_tangents as loop_tangents
     from loops.pruning import prune_dangling as prune_dangling
+    from loops.scene import Scene as Scene
     from loops.stress_strain import best_fit_strain as best_fit_strain
     from loops.stress_strain import contact_forces as contact_forces
     from loops.stress_strain import loop_strain as loop_strain
@@ -107,6 +108,7 @@ NAMES = {
     ),
     "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
     "loops.pruning": "prune_dangling",
+    "loops.scene": "Scene",
     "loops.stress_strain": (
         "best_fit_strain contact_forces loop_strain love_weber_stress nominal_stress "
         "rotation_and_stretch"

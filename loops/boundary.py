@@ -318,7 +318,9 @@ FORMER = ("planes", "plane_force", "held", "volume")
 Question = TypeVar("Question", bound=Callable[..., Any])
 
 
-def former_boundary(question: Question, former: Sequence[str] = FORMER) -> Question:
+def former_boundary(
+    question: Question, former: Sequence[str] = FORMER, stacklevel: int = 2
+) -> Question:
     """Take the former arguments in place of `boundary`, with a warning."""
 
     @wraps(question)
@@ -326,7 +328,9 @@ def former_boundary(question: Question, former: Sequence[str] = FORMER) -> Quest
         names = [name for name in former if name in options]
         if names:
             told = f"{question.__name__}: give boundary=boundary_of(graph, walls=, held=, volume=)"
-            warnings.warn(f"{told}, not {', '.join(names)}", DeprecationWarning, stacklevel=2)
+            warnings.warn(
+                f"{told}, not {', '.join(names)}", DeprecationWarning, stacklevel=stacklevel
+            )
             given = [options.pop(n, None) if n in former else None for n in FORMER]
             planes, force, held, volume = given
             if planes is not None and force is not None:

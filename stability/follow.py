@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import partial
 from typing import Any, Literal, TypeVar, get_args
 
-from loops import ContactLaw, GrainGraph, InputError
-from loops.boundary import former_boundary
+from loops import InputError
 from loops.closures import Closure
 from loops.errors import check_choice, whole_number
+from loops.scene import Scene, of_scene
 from stability.path import Path
 from stability.paths.loop_path import LoopPathOptions
 from stability.paths.of_graph import follow_loop
@@ -19,13 +18,12 @@ from stability.programmes import Stage
 Options = TypeVar("Options")
 
 
-@partial(former_boundary, former=("planes", "plane_force"))
+@of_scene(former=("planes", "plane_force"), closure="affine")
 def follow(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     stages: Sequence[Stage] | Stage,
     *,
-    closure: Closure | Literal["packing"] = "affine",
+    closure: Closure | Literal["packing"] | None = None,
     rows: int = 0,
     max_steps: int = 20_000,
     **options: Any,
@@ -45,7 +43,7 @@ def follow(
     normal forces are exact at their ends, so the error halves with the interval. What is out of
     balance at the start is balanced by a load, of which `load_kept` stays.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `load_kept`, `progress` and `boundary`.
+    `past`, `load_kept` and `progress`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -53,15 +51,18 @@ def follow(
 
     Parameters
     ----------
-    graph : GrainGraph
+    scene : Scene or Snapshot
         Initial state: a loop (contacts 0..n-1 are the ring, chords may follow); under the affine
-        closure also a packing, in a state that is an affine image of its reference.
-    law : ContactLaw
-        Contact law.
+        closure also a packing, in a state that is an affine image of its reference; or a packing
+        in a cell or between four walls along the axes (`boundary_of`), with their forces where
+        walls are rough. Walls move with the strain of the box and keep their directions
+        (`H12 = H21 = 0`); grains that touch a wall later have its mean stiffness over the radius,
+        or its mean stiffness where that varies less.
     stages : Stage or sequence of Stage
         Programmes and the values at which they end.
     closure : {'affine', 'traction', 'packing'}
-        How the surrounding medium drives the grains.
+        How the surrounding medium drives the grains. A scene in a cell or between walls is followed
+        as a packing if it is left out; a free one names its closure.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
     subspace : {'diagonal', 'symmetric', 'full'}, or several of them
@@ -105,11 +106,6 @@ def follow(
         at its rate, 0 for the limit of slow loading from this state.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
-    boundary : Boundary, optional
-        Of a packing without a cell: its contacts with four walls along the axes (`boundary_of`),
-        with their forces where walls are rough. They move with the strain of the box and keep their
-        directions (`H12 = H21 = 0`). Grains that touch a wall later have its mean stiffness over
-        the radius, or its mean stiffness where that varies less.
 
     Returns
     -------
@@ -119,13 +115,13 @@ def follow(
     Raises
     ------
     InputError
-        If an option is unknown, the graph does not fit the closure, or its forces do not fit the
-        law.
+        If an option is unknown, the scene does not fit the closure, a free one names none, or its
+        forces do not fit the law.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> from stability import Stage, follow, programmes
     >>> x = np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]) * np.sqrt(0.5)
     >>> ring = [[0, 1], [1, 2], [2, 3], [3, 0]]
@@ -133,7 +129,7 @@ def follow(
     >>> law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5)))
     >>> stages = [Stage(programmes.isotropic_strain(), "H11", 0.25),
     ...           Stage(programmes.drained_biaxial(), "H11", 0.4)]
-    >>> path = follow(square, law, stages)
+    >>> path = follow(Scene(square, law), stages, closure="affine")
     >>> path.status, [event.kind for event in path.events if not event.contacts]
     ('finished', ['det_Ks_zero', 'det_K_zero', 'programme_change'])
     >>> round(float(path.H[path.events[0].index, 0]), 12), path.of_kind("yield")[0].contacts
@@ -143,6 +139,11 @@ def follow(
     if not stages or stages[0].fallback:
         received = "no stage" if not stages else "a fallback as the first stage"
         raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
+    if closure is None:
+        if scene.boundary.kind not in ("cell", "walls"):
+            expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
+            raise InputError("closure", "none", expected, remedy)
+        closure = "packing"
     check_choice("closure", closure, (*get_args(Closure), "packing"))
     whole_number("max_steps", max_steps, 1)
     whole_number("rows", rows, 0)
@@ -150,9 +151,11 @@ def follow(
         from stability.packing.path import PackingPathOptions, follow_packing
 
         asked = _options(PackingPathOptions, options, closure)
-        return follow_packing(graph, law, stages, asked, rows=rows, max_steps=max_steps)
+        return follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
     chosen = _options(LoopPathOptions, options, closure)
-    return follow_loop(graph, law, stages, closure, chosen, rows=rows, max_steps=max_steps)
+    return follow_loop(
+        scene.graph, scene.law, stages, closure, chosen, rows=rows, max_steps=max_steps
+    )
 
 
 def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:

@@ -16,7 +16,7 @@ Five grains compressed along axis 1 at constant stress along axis 2:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,8 +114,9 @@ class Stage(Shown):
 
     Parameters
     ----------
-    programme : Programme
-        Controlled quantities.
+    programme : Programme or str
+        Controlled quantities; or the name of one of this module at its unit rate, such as
+        'isotropic_strain' or 'drained_biaxial'.
     quantity : str
         Quantity that ends the stage: a component 'H11', ..., 'P22', or 'parameter', the loading
         parameter counted from the start of the stage.
@@ -128,12 +129,14 @@ class Stage(Shown):
     Raises
     ------
     InputError
-        If the quantity is unknown or the target is not finite.
+        If the name or the quantity is unknown or the target is not finite.
 
     Examples
     --------
     >>> Stage(isotropic_strain(), "H11", 0.3).target
     0.3
+    >>> Stage("drained_biaxial", "H11", 0.3).programme.name
+    'drained biaxial'
     """
 
     programme: Programme
@@ -141,7 +144,15 @@ class Stage(Shown):
     target: float
     fallback: bool = False
 
+    # Names are taken too; what is kept is the programme.
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, programme: Programme | str, quantity: str, target: float, fallback: bool = False
+        ) -> None: ...
+
     def __post_init__(self) -> None:
+        object.__setattr__(self, "programme", programme_of(self.programme))
         if self.quantity not in (*QUANTITIES, "parameter"):
             expected = f"parameter or one of {', '.join(QUANTITIES)}"
             remedy = "Name the component that ends the stage."
@@ -310,3 +321,28 @@ def _axes(axis: int) -> tuple[str, str]:
     if axis not in get_args(Axis):
         raise InputError("axis", repr(axis), "1 or 2", "Name the axis along which strain grows.")
     return ("11", "22") if axis == 1 else ("22", "11")
+
+
+# Programmes that need nothing but their axis and rate, by name.
+BY_NAME = {
+    make.__name__: make
+    for make in (
+        isotropic_strain, isotropic_stress, drained_biaxial, oedometric, undrained, simple_shear
+    )
+}  # fmt: skip
+
+
+def programme_of(given: Programme | str) -> Programme:
+    """Return a programme, or that of a name at its unit rate.
+
+    Examples
+    --------
+    >>> programme_of("simple_shear").name
+    'simple shear'
+    """
+    if isinstance(given, Programme):
+        return given
+    if given not in BY_NAME:
+        remedy = "Pick one, or give a Programme of stability.programmes."
+        raise InputError("programme", repr(given), ", ".join(BY_NAME), remedy)
+    return BY_NAME[given]()

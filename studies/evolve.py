@@ -27,7 +27,7 @@ from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
-from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control, sample_boundary
+from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
@@ -93,24 +93,19 @@ def run_evolve(
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]
-        graph, faces, (law, _) = snapshot.graph, snapshot.faces, snapshot.mechanics()
+        graph, faces = snapshot.graph, snapshot.faces
         notes = [*snapshot.notes, *balance_notes(snapshot)]
-        boundary, _ = sample_boundary(snapshot)
         rate, ways = None, dict[str, FollowedPath]()
         if by != "replay":
             path = follow(
-                graph, law, stage, closure="packing", max_steps=INTERVALS, rows=rows,
+                snapshot, stage, closure="packing", max_steps=INTERVALS, rows=rows,
                 interval=interval, instabilities=instabilities, past=past, progress=progress,
-                boundary=boundary,
             )  # fmt: skip
             ways["events"] = path
         if by != "events":
             known = Following(past, inertial_number, time_step, mean_mass)
             rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
-            done = replay(
-                graph, law, stage, boundary=boundary, rows=rows,
-                damping=damping, **rate.options,
-            )  # fmt: skip
+            done = replay(snapshot, stage, rows=rows, damping=damping, **rate.options)
             said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
             ways["replay"] = replace(done, message=said)
         # Tables and map are those of the first way; a replay beside a path has its own.

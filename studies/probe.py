@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from loops import GrainGraph, InputError
-from loops.boundary import Boundary
+from loops import InputError
 from loops.errors import number
-from loops.laws import ContactLaw
+from loops.scene import Scene, Subject
 from patterns import Snapshot
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import Probe
+from stability.packing import probe as probe_packing
 from stability.packing.hold import HoldControl
 from stability.packing.increment import CANDIDATES
 from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
@@ -33,8 +33,8 @@ from studies.snapshot.in_packing import (
     balance_notes,
     held_snapshot,
     hold_control,
-    sample_boundary,
     sample_edge,
+    scene_at_rest,
 )
 from studies.study import one_of, study
 
@@ -117,8 +117,7 @@ def run_probe(
                 paths[:], reached[:] = _followed(snapshot, past, workers, scheduler, stages)
                 return paths
 
-            packing = (snapshot.graph, snapshot.mechanics()[0], faces)
-            found = probe_to(found, *packing, amplitude, shared, sample_boundary(snapshot)[0])
+            found = probe_to(found, snapshot.scene, amplitude, shared)
         if found.system.held:
             notes.append(OUTLINE)
         step = search_step(found.candidates, len(found.directions))
@@ -148,7 +147,7 @@ def run_probe(
 
 
 def probe(
-    snapshot: Snapshot,
+    scene: Subject,
     directions: ArrayLike = 72,
     *,
     control: Driven = "strain",
@@ -156,15 +155,15 @@ def probe(
     yield_band: float = 0.99,
     hold: HoldControl | None = None,
 ) -> Probe:
-    """Probe a snapshot: the response of its packing in many directions, from this one state.
+    """Probe a packing: its response in many directions, from this one state.
 
     The sample ends at its periodic cell or at its walls, which are planes that move with the
     strain; without either the grains of the outline follow the strain. Theory, section 11.
 
     Parameters
     ----------
-    snapshot : Snapshot
-        A snapshot with forces.
+    scene : Scene or Snapshot
+        The packing, with forces.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
     control : {'strain', 'stress'}
@@ -185,7 +184,7 @@ def probe(
     Raises
     ------
     InputError
-        If the snapshot has no forces, an option is unknown, or the sample does not come to rest.
+        If a snapshot has no forces, an option is unknown, or the sample does not come to rest.
 
     Examples
     --------
@@ -195,9 +194,9 @@ def probe(
     >>> int(found.determined.sum())
     8
     """
-    at_rest, _ = held_snapshot(snapshot, hold)
-    edge = sample_edge(at_rest, yield_band)
-    return probe_edge(edge, directions, control, subspace, at_rest.faces)
+    at_rest = scene_at_rest(scene, hold)
+    how: dict[str, Any] = {"control": control, "subspace": subspace, "yield_band": yield_band}
+    return probe_packing(at_rest, directions, **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +204,7 @@ class _Direction:
     """Task of a worker: one direction to follow."""
 
     number: int
-    graph: GrainGraph
-    law: ContactLaw
-    boundary: Boundary
+    scene: Scene
     past: Past
     stage: Stage
 
@@ -221,8 +218,8 @@ def _follow(one: _Direction) -> tuple[int, tuple[FollowedPath, float]]:
     reached = [0.0]
     with one_blas_thread():
         path = follow(
-            one.graph, one.law, one.stage, closure="packing", past=one.past,
-            boundary=one.boundary, progress=lambda done: reached.__setitem__(0, done),
+            one.scene, one.stage, closure="packing", past=one.past,
+            progress=lambda done: reached.__setitem__(0, done),
         )  # fmt: skip
     return one.number, (path, max(reached[0], float(path.parameter[-1])))
 
@@ -235,8 +232,7 @@ def _followed(
     stages: Sequence[Stage],
 ) -> tuple[list[FollowedPath], list[float]]:
     """Paths of all directions and what they reached, whatever the number of processes."""
-    packing = (snapshot.graph, snapshot.mechanics()[0], sample_boundary(snapshot)[0])
-    tasks = [_Direction(k, *packing, past, stage) for k, stage in enumerate(stages)]
+    tasks = [_Direction(k, snapshot.scene, past, stage) for k, stage in enumerate(stages)]
     with open_runner(workers, scheduler, []) as runner:
         found = dict(runner(_follow, tasks))
     paths, reached = zip(*(found[k] for k in range(len(stages))), strict=True)

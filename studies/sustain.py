@@ -15,23 +15,22 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from loops import Faces, GrainGraph, InputError
+from loops import Faces, InputError
 from loops.arrays import Floats
-from loops.boundary import Boundary
-from loops.laws import ContactLaw, FrictionalLaw, HertzMindlin, RollingResistance
-from patterns import Snapshot
+from loops.laws import FrictionalLaw, HertzMindlin, RollingResistance
+from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
 from stability.packing import LoadPath, Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
-from stability.packing.pairs import MovableLaw, require_movable
+from stability.packing.pairs import require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, one_blas_thread, open_runner
-from studies.snapshot.in_packing import held_snapshot, sample_boundary, sample_edge
+from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
 from studies.study import study
 
 UNITS = (
@@ -82,16 +81,14 @@ def run_sustain(
     require_folder(out, force=force)
     parts = _Parts(out.absolute(), "")
     with study("sustain", out, configuration, UNITS, force=force, csv=csv) as results:
-        snapshot, held = held_snapshot(_followable(read_planar(path, **how), subspace), control)
-        law = require_movable(snapshot.graph, snapshot.mechanics()[0])
-        faces = snapshot.faces
-        boundary, _ = sample_boundary(snapshot)
-        task = partial(_Direction, snapshot.graph, law, faces, boundary)
-        parts = _Parts(out.absolute(), _digest(snapshot.graph, law, boundary, asked))
+        moving = read_planar(path, **how)
+        _followable(moving.scene, subspace)
+        snapshot, held = held_snapshot(moving, control)
+        scene, faces = snapshot.scene, snapshot.faces
+        parts = _Parts(out.absolute(), _digest(scene, asked))
         with open_runner(workers, scheduler, []) as runner:
             found = sustain_packing(
-                snapshot.graph,
-                law,
+                scene,
                 directions,
                 subspace=subspace,
                 largest=largest,
@@ -99,9 +96,7 @@ def run_sustain(
                 large=large,
                 most_snaps=most_snaps,
                 spread=spread,
-                faces=faces,
-                follow=partial(_followed, runner, parts, task),
-                boundary=boundary,
+                follow=partial(_followed, runner, parts, partial(_Direction, scene)),
             )
         rates = probe_edge(
             sample_edge(snapshot, YIELD_BAND), found.directions, "stress", subspace, faces
@@ -134,7 +129,7 @@ def run_sustain(
 
 
 def sustain(
-    snapshot: Snapshot,
+    scene: Subject,
     directions: ArrayLike = 24,
     *,
     subspace: Subspace = "diagonal",
@@ -145,7 +140,7 @@ def sustain(
     spread: bool = True,
     hold: HoldControl = "strain",
 ) -> Sustained:
-    """Load a snapshot along directions of stress until its first large motion.
+    """Load a packing along directions of stress until its first large motion.
 
     The sample is brought to rest first. Each direction of the stress rate is followed from event to
     event; where its equilibrium is lost the load is kept constant and the equations of motion tell
@@ -154,8 +149,8 @@ def sustain(
 
     Parameters
     ----------
-    snapshot : Snapshot
-        A snapshot with forces, periodic or between known walls, under the linear frictional law or
+    scene : Scene or Snapshot
+        A packing with forces, periodic or between known walls, under the linear frictional law or
         Hertz and Mindlin's.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear), compression
@@ -187,7 +182,7 @@ def sustain(
     Raises
     ------
     InputError
-        If the snapshot has no forces, neither cell nor known walls, an option is out of its
+        If a snapshot has no forces, there is neither cell nor known walls, an option is out of its
         range, or the sample does not come to rest.
 
     Examples
@@ -200,18 +195,14 @@ def sustain(
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.001))
-    >>> snapshot = gl.Snapshot(lattice, gl.LinearFrictional(1.0, 0.5, 0.5),
-    ...     np.full(8, gl.Regime.ELASTIC, dtype=np.int8), np.arange(4), 0, ())
-    >>> found = gl.sustain(snapshot, [[-1, 0], [1, 0]], largest=0.002)
+    >>> scene = gl.Scene(lattice, gl.LinearFrictional(1.0, 0.5, 0.5))
+    >>> found = gl.sustain(scene, [[-1, 0], [1, 0]], largest=0.002)
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['large motion, no rest', 'held'], [0.001, nan])
     """
-    at_rest, _ = held_snapshot(_followable(snapshot, subspace), hold)
-    law, _ = at_rest.mechanics()
-    boundary, _ = sample_boundary(at_rest)
+    _followable(scene_of(scene), subspace)
     return sustain_packing(
-        at_rest.graph,
-        law,
+        scene_at_rest(scene, hold),
         directions,
         subspace=subspace,
         largest=largest,
@@ -219,32 +210,26 @@ def sustain(
         large=large,
         most_snaps=most_snaps,
         spread=spread,
-        faces=at_rest.faces,
-        boundary=boundary,
     )
 
 
-def _followable(snapshot: Snapshot, subspace: Subspace) -> Snapshot:
-    """The snapshot; refuse what can't be loaded before it is held."""
-    require_movable(snapshot.graph, snapshot.mechanics()[0])
-    if snapshot.graph.cell is None:
-        if snapshot.walls is None:
+def _followable(scene: Scene, subspace: Subspace) -> None:
+    """Refuse what can't be loaded before it is held."""
+    require_movable(scene.graph, scene.law)
+    if scene.graph.cell is None:
+        if scene.boundary.kind != "walls":
             expected, remedy = "either of them", "Give --cell, or the wall contacts."
             raise InputError("the sample", "no cell and no walls", expected, remedy)
         if subspace == "symmetric":
             remedy = "Walls can't shear the sample: leave --subspace out."
             raise InputError("subspace", "'symmetric'", "'diagonal' between walls", remedy)
-    return snapshot
 
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
     """Task of a worker: one direction to load."""
 
-    graph: GrainGraph
-    law: ContactLaw
-    faces: Faces
-    boundary: Boundary
+    scene: Scene
     number: int
     direction: Floats
     loading: Loading
@@ -255,9 +240,10 @@ class _Direction:
 
 
 def _load(one: _Direction) -> tuple[int, LoadPath]:
+    scene = one.scene
     with one_blas_thread():
-        how = one.loading, one.faces, one.boundary
-        return one.number, load_path(one.graph, one.law, one.direction, *how)
+        how = one.loading, scene.faces, scene.boundary
+        return one.number, load_path(scene.graph, scene.law, one.direction, *how)
 
 
 def _followed(
@@ -273,17 +259,13 @@ def _followed(
     return [found[k] for k in range(len(directions))]
 
 
-def _digest(
-    graph: GrainGraph,
-    law: MovableLaw,
-    boundary: Boundary,
-    asked: dict[str, Any],
-) -> str:
+def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     """Digest of all that the directions depend on."""
+    graph, law = scene.graph, require_movable(scene.graph, scene.law)
     numbers: list[Any] = [graph.x, graph.radii, graph.contacts, graph.normal_force]
     if graph.cell is not None:
         numbers += [graph.images, graph.cell]
-    planes = boundary.walls
+    planes = scene.boundary.walls
     if planes is not None:
         numbers += [planes.grain, planes.branch, planes.kn, planes.kt, planes.force]
         numbers += [] if planes.mu is None else [planes.mu]

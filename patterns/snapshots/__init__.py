@@ -7,8 +7,8 @@ from patterns.snapshots.formats import snapshot_from_tables as snapshot_from_tab
 from patterns.snapshots.frame import write_snapshot as write_snapshot
 from patterns.snapshots.snapshot import Snapshot as Snapshot
 from patterns.snapshots.snapshot import SnapshotLoop as SnapshotLoop
-from patterns.snapshots.snapshot import WallContacts as WallContacts
 from patterns.snapshots.snapshot import loop_of_snapshot as loop_of_snapshot
 from patterns.snapshots.snapshot import planar as planar
 from patterns.snapshots.snapshot import sample_cell as sample_cell
 from patterns.snapshots.snapshot import sample_path as sample_path
+from patterns.snapshots.walls import WallContacts as WallContacts

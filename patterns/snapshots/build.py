@@ -35,8 +35,9 @@ from patterns.snapshots.geometry import (
     rows_by_first_grain,
     some,
 )
-from patterns.snapshots.snapshot import Snapshot, WallContacts
+from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import Table, require_columns
+from patterns.snapshots.walls import WallContacts
 
 LawName = Literal["linear", "hertz", "cohesive", "bonded"]
 # Those of `CohesiveFrictional`: attraction, and bonds.

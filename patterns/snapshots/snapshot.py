@@ -25,51 +25,20 @@ from loops import (
     crossing_contacts_to_drop,
     find_crossings,
     find_faces,
+    outline_area,
 )
 from loops.arrays import Integers, Regimes
+from loops.boundary import Boundary, boundary_of, outline_grains
+from loops.scene import Scene
 from loops.shown import Shown
 from patterns.snapshots.checked import READ_LAWS
 from patterns.snapshots.findings import Finding
+from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
 # Options that give the law of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson", "adhesion")
 # Most pairs of crossing branches that are looked for, and that an error names.
 MOST_CROSSINGS, NAMED_CROSSINGS = 1_000_000, 3
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WallContacts(Shown):
-    """Contacts of grains with walls: they belong to no loop, but carry stress.
-
-    Attributes
-    ----------
-    grain : (W,) array of int
-        Grain of each, an index of the graph.
-    force : (W, 2) array
-        Force of the wall on the grain (force).
-    branch : (W, 2) array
-        From the foot on the wall to the centre of the grain (length).
-    kn, kt : (W,) array, optional
-        Stiffness, if the file has it; `kt` is zero where nothing sticks to the wall.
-    mu : (W,) array, optional
-        Friction, if the file has it; without it a contact with `kt` never slides in a path.
-    sliding : (W,) array of bool, optional
-        Contacts that the file flags as sliding; without it those at their strength slide.
-    """
-
-    grain: NDArray[np.int64]
-    force: NDArray[np.float64]
-    branch: NDArray[np.float64]
-    kn: NDArray[np.float64] | None = None
-    kt: NDArray[np.float64] | None = None
-    mu: NDArray[np.float64] | None = None
-    sliding: NDArray[np.bool_] | None = None
-
-    def facts(self) -> dict[str, object]:
-        """Facts shown at the prompt and in a notebook."""
-        total = ", ".join(f"{part:.4g}" for part in self.force.sum(axis=0))
-        stiffness = "known" if self.kn is not None else "not known"
-        return {"contacts": len(self.grain), "total force": f"({total})", "stiffness": stiffness}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,7 +111,17 @@ class Snapshot(Shown):
     @cached_property
     def faces(self) -> Faces:
         """The faces of its graph, as `find_faces` finds them."""
-        return find_faces(self.graph)
+        return self.scene.faces if "scene" in vars(self) else find_faces(self.graph)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Return graph, law and boundary; `InputError` that names what is missing for a law."""
+        law, _ = self.mechanics()
+        scene = Scene(self.graph, law, sample_boundary(self)[0])
+        if "faces" in vars(self):
+            # Already found.
+            vars(scene)["faces"] = self.faces
+        return scene
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
@@ -260,6 +239,30 @@ class Snapshot(Shown):
             "shear_increment": None if self.law is None else self.law.shear_increment,
             **named,
         }
+
+
+def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
+    """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held.
+
+    Stresses refer to the box of upright walls, else to the area within the outline.
+    """
+    graph, walls = snapshot.graph, snapshot.walls
+    if walls is None and graph.cell is not None:
+        return boundary_of(graph), []
+    area = None
+    if graph.cell is None:
+        area = None if walls is None else box_area(graph.x, walls)
+        area = area or outline_area(graph, snapshot.faces)
+    if walls is None:
+        held = outline_grains(graph, snapshot.faces)
+        note = (
+            f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
+            "motion; their own loops are not judged in the packing, loops beside them are judged "
+            "too stiff"
+        )
+        return boundary_of(graph, held=held, volume=area), [note]
+    planes, notes = wall_plates(graph, walls, snapshot.law)
+    return boundary_of(graph, walls=planes, volume=area), notes
 
 
 @dataclass(frozen=True, eq=False, repr=False)

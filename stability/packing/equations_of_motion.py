@@ -13,10 +13,9 @@ from scipy.linalg import expm, logm
 from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
-from loops.boundary import Boundary, former_boundary
-from loops.errors import InputError, number
-from loops.graph import GrainGraph
-from loops.laws import ContactLaw, Regime
+from loops.errors import InputError, number, whole_number
+from loops.laws import Regime
+from loops.scene import Scene, of_scene
 from stability.packing.pairs import (
     HERTZ,
     Pairs,
@@ -63,14 +62,13 @@ REST_STRAIN = 1e-2
 CHECK_STEPS, MAX_CHECKS = 1000, 200
 
 
-@former_boundary
+@of_scene()
 def replay(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     strain: ArrayLike | Stage,
     *,
-    boundary: Boundary | None = None,
     inertial_number: float = 2e-6,
+    steps: int | None = None,
     duration: float | None = None,
     time_step: float | None = None,
     mass: ArrayLike | None = None,
@@ -89,25 +87,24 @@ def replay(
 
     Parameters
     ----------
-    graph : GrainGraph
-        One state: periodic, or between walls.
-    law : FrictionalLaw or RollingResistance
-        Contact law: linear, Hertz and Mindlin's, or one of your own, which is asked in every step
-        (slower by far); with rolling springs between grains. Their moments start from the graph's.
+    scene : Scene or Snapshot
+        One state, periodic or between four walls along the axes, with their forces where walls are
+        rough. Grains that touch a wall later have its mean stiffness over the radius, or its mean
+        stiffness where that varies less. Walls are springs, under `HertzMindlin` of that law with
+        the modulus that their forces tell. The law is linear, Hertz and Mindlin's, or one of your
+        own, which is asked in every step (slower by far); with rolling springs between grains,
+        whose moments start from the graph's.
     strain : (2, 2) or (K, 2, 2) array, or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
         positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or `H` at the ends of K
         parts, each at a velocity gradient of its own. Or a programme and its end, 'parameter' or a
         component that is driven alone: strains are prescribed, stresses held by a servo on `H'`.
         Walls don't turn: `H12 = H21 = 0`.
-    boundary : Boundary, optional
-        Contacts with four walls along the axes, in place of a cell (`boundary_of`), with their
-        forces where walls are rough. Grains that touch a wall later have its mean stiffness over
-        the radius, or its mean stiffness where that varies less. Walls are springs, under
-        `HertzMindlin` of that law with the modulus that their forces tell.
     inertial_number : float
         Rate: `|H| / duration * sqrt(mean mass / pressure)`; of parts with the sum of their strains,
         of a programme with the elastic affine estimate of `H`. Slower is closer to quasi-static.
+    steps : int, optional
+        Number of steps, in place of the inertial number or the duration.
     duration : float, optional
         Time of the whole strain, in place of the inertial number.
     time_step : float, optional
@@ -145,14 +142,16 @@ def replay(
     Examples
     --------
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
     ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.01] * 2)
-    >>> end = replay(row, LinearFrictional(1.0, 0.5, 0.5), [[0.001, 0], [0, 0]]).state
+    >>> scene = Scene(row, LinearFrictional(1.0, 0.5, 0.5))
+    >>> end = replay(scene, [[0.001, 0], [0, 0]]).state
     >>> end.normal_force.round(6).tolist()
     [0.011, 0.011]
     """
-    checked = require_movable(graph, law)
+    graph, boundary = scene.graph, scene.boundary
+    checked = require_movable(graph, scene.law)
     by_radii = checked.shear_increment == "radii"
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
@@ -162,6 +161,11 @@ def replay(
     dt = time_step or step_of(masses, inertias, pairs, start, by_radii)
     servo, ends = _steering(start, pairs, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])
+    if steps is not None:
+        if duration is not None:
+            raise InputError("replay", "steps and duration", "one of them", "Leave one out.")
+        whole_number("steps", steps, 1)
+        duration = steps * dt
     if duration is None:
         number("inertial_number", inertial_number, 0.0, open_low=True)
         duration = duration_of(sizes.sum(), masses, start, inertial_number)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.boundary import Boundary, PlaneContacts, boundary_of, former_boundary
+from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.errors import InputError, check_choice, number
-from loops.graph import GrainGraph
-from loops.laws import ContactLaw
+from loops.graph import GrainGraph, contact_state
+from loops.laws import Regime
+from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     Moving,
@@ -119,6 +121,14 @@ class HeldPacking(Shown):
     strain_spread: float
     steps: int
 
+    @cached_property
+    def scene(self) -> Scene:
+        """Return the packing at rest; contacts within a thousandth of their strength slide."""
+        limit = SLIDING_SHARE * self.law.strength(contact_state(self.graph))
+        slides = np.abs(self.graph.shear_force) >= limit
+        regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+        return Scene(self.graph.replace(regime=regime), self.law, self.boundary)
+
     @property
     def planes(self) -> PlaneContacts | None:
         """Return the walls of the boundary, as before; with a warning."""
@@ -159,15 +169,13 @@ class _Run(NamedTuple):
     steps: int
 
 
-@former_boundary
+@of_scene()
 def hold(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     *,
     control: HoldControl = "strain",
     unbalanced: float = 1e-6,
     damping: tuple[float, float] = (0.2, 0.4),
-    boundary: Boundary | None = None,
     mass: ArrayLike | None = None,
     inertia: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
@@ -184,10 +192,12 @@ def hold(
 
     Parameters
     ----------
-    graph : GrainGraph
-        One state: periodic, or between walls.
-    law : FrictionalLaw or RollingResistance
-        Contact law: linear, Hertz and Mindlin's, or one of your own; with rolling springs between
+    scene : Scene or Snapshot
+        One state, periodic or between walls in any direction: one contact at least with each wall,
+        and the volume between them (`boundary_of`); forces of rough walls are no function of the
+        positions. Grains that touch a wall later have its mean stiffness over the radius, or its
+        mean stiffness where that varies less. A contact with a wall without `mu` does not slide.
+        The law is linear, Hertz and Mindlin's, or one of your own; with rolling springs between
         grains, whose moments start from the graph's.
     control : {'strain', 'stress'}
         What is held: the cell or the walls; or the stress of a periodic cell (11, 22 and the mean
@@ -197,11 +207,6 @@ def hold(
     damping : (float, float)
         Cundall's damping of the two runs, each between 0 and 1. The first one is the answer, or
         the second where it alone comes to rest.
-    boundary : Boundary, optional
-        Contacts with the walls in any direction, one at least for each wall, and the volume between
-        them (`boundary_of`); forces of rough walls are no function of the positions. Grains that
-        touch a wall later have its mean stiffness over the radius, or its mean stiffness where that
-        varies less. A contact with a wall without `mu` does not slide.
     mass, inertia, velocity, spin
         As in `replay`.
     most_steps : int
@@ -220,10 +225,10 @@ def hold(
     Examples
     --------
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> row = GrainGraph(x=[[0, 0], [1.002, 0]], radii=[0.505] * 2, contacts=[[0, 1], [1, 0]],
     ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]], normal_force=[0.008, 0.012])
-    >>> held = hold(row, LinearFrictional(1.0, 0.5, 0.5))
+    >>> held = hold(Scene(row, LinearFrictional(1.0, 0.5, 0.5)))
     >>> held.status, held.graph.normal_force.round(6).tolist()
     ('at rest', [0.01, 0.01])
     """
@@ -231,8 +236,8 @@ def hold(
     number("unbalanced", unbalanced, 0.0, open_low=True)
     if not all(0.0 < share < 1.0 for share in damping):
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
-    checked = require_movable(graph, law)
-    around = boundary_of(graph) if boundary is None else boundary
+    graph, around = scene.graph, scene.boundary
+    checked = require_movable(graph, scene.law)
     walled = around.kind == "walls"
     if walled and (control == "stress" or around.volume is None):
         received = "control='stress'" if control == "stress" else "no volume"

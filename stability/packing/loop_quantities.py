@@ -18,15 +18,15 @@ from scipy.spatial import Delaunay
 
 from loops.arrays import Flags, Floats, available_cores
 from loops.assembly import contact_tangent
-from loops.boundary import Boundary, boundary_of, former_boundary
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph, branch_vectors, contact_state
-from loops.laws.frictional import ContactLaw, Regime
+from loops.laws.frictional import Regime
 from loops.loop_batches import LoopBatch, loop_batches
 from loops.packing import System, packing_system, stiffness_matrix
 from loops.packing.in_place import inverse_at_contacts
+from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
 from stability.packing.response import PackingResponse
@@ -239,14 +239,11 @@ def _first_closing(x: Floats, radii: Floats, v: Floats) -> Floats:
     return first
 
 
-@former_boundary
+@of_scene()
 def indicators(
-    graph: GrainGraph,
-    law: ContactLaw,
-    faces: Faces,
+    scene: Scene,
+    faces: Faces | None = None,
     *,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
     nonaffinity: ArrayLike | None = None,
 ) -> dict[str, Floats]:
     """Structural indicators of every loop, from one snapshot and one linear system.
@@ -256,14 +253,10 @@ def indicators(
 
     Parameters
     ----------
-    graph : GrainGraph
+    scene : Scene or Snapshot
         The packing, one state, with forces.
-    law : ContactLaw
-        Contact law.
-    faces : Faces
-        Its faces.
-    regime, boundary
-        As in `packing_response`.
+    faces : Faces, optional
+        Faces of the graph; those of the scene if left out.
     nonaffinity : (G,) array, optional
         D2min of every grain over the interval before the snapshot, over the squared mean radius;
         not a number where it is unknown. Without it there is no `past_nonaffinity`.
@@ -297,20 +290,22 @@ def indicators(
     A square lattice of discs under uniform pressure; every contact carries the same:
 
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional, find_faces
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = indicators(lattice, LinearFrictional(1.0, 0.5, 0.5), find_faces(lattice))
+    >>> found = indicators(Scene(lattice, LinearFrictional(1.0, 0.5, 0.5)))
     >>> found["coordination"].tolist(), found["mobilisation"].tolist()
     ([4.0, 4.0, 4.0, 4.0], [0.0, 0.0, 0.0, 0.0])
     >>> (found["density"] - np.pi / 4).round(9).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
+    graph, law = scene.graph, scene.law
+    faces = scene.faces if faces is None else faces
     # No stress is asked for.
-    whole = replace(boundary_of(graph) if boundary is None else boundary, volume=1.0)
-    system = packing_system(graph, law, regime=regime, boundary=whole)
+    whole = replace(scene.boundary, volume=1.0)
+    system = packing_system(graph, law, boundary=whole)
     state, closed = contact_state(graph), np.zeros(graph.contact_count, dtype=bool)
     closed[system.contacts] = True
     coordination = np.bincount(graph.contacts[closed].ravel(), minlength=graph.grain_count)

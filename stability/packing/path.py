@@ -16,6 +16,7 @@ from loops.boundary import Boundary
 from loops.errors import check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
+from loops.scene import Scene
 from stability.packing.equations_of_motion import require_upright, stored_energy
 from stability.packing.pairs import (
     AT_YIELD,
@@ -85,7 +86,6 @@ class PackingPathOptions:
     past: Past | PassBy = "viscous"
     load_kept: float = 1.0
     progress: Callable[[float], None] | None = None
-    boundary: Boundary | None = None
 
     def __post_init__(self) -> None:
         number("interval", self.interval, 0.0, open_low=True)
@@ -97,8 +97,7 @@ class PackingPathOptions:
 
 
 def follow_packing(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     stages: Sequence[Stage],
     options: PackingPathOptions,
     *,
@@ -107,7 +106,8 @@ def follow_packing(
 ) -> Path:
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
-    solver = PackingPathSolver(graph, law, stages, o.interval, o.past, o.boundary, o.load_kept)
+    packing = scene.graph, scene.law, stages
+    solver = PackingPathSolver(*packing, o.interval, o.past, scene.boundary, o.load_kept)
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), o.instabilities, max_steps, o.progress

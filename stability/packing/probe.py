@@ -14,11 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
-from loops.boundary import Boundary, former_boundary
 from loops.errors import InputError, check_choice, number, whole_number
-from loops.graph import GrainGraph
-from loops.laws.frictional import ContactLaw
 from loops.packing import System
+from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.complementarity import STARTS, TURN
 from stability.destabilising import LinearControl, control_along, no_control
@@ -227,17 +225,14 @@ class Probe(Shown):
         )
 
 
-@former_boundary
+@of_scene()
 def probe(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     directions: ArrayLike = 72,
     *,
     control: Driven = "strain",
     subspace: Subspace = "diagonal",
     yield_band: float = 0.99,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
     faces: Faces | None = None,
     starts: int = STARTS,
 ) -> Probe:
@@ -248,8 +243,8 @@ def probe(
 
     Parameters
     ----------
-    graph, law, regime, boundary, starts
-        As in `packing_response`.
+    scene : Scene or Snapshot
+        The packing, in one state.
     directions : int or (D, m) array_like
         Number of directions, evenly around the circle from axis 11 on (`diagonal`) or on a spiral
         over the sphere (`symmetric`); or the directions themselves, of any length.
@@ -260,7 +255,9 @@ def probe(
     yield_band : float
         Contacts with `|T| >= yield_band mu N` may slide, 0 to 1. It stands for the amplitude.
     faces : Faces, optional
-        Faces of the graph.
+        Faces of the graph; those of the scene if left out.
+    starts : int
+        As in `packing_response`.
 
     Returns
     -------
@@ -276,23 +273,20 @@ def probe(
     A square lattice of discs carries either axis alone:
 
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = probe(lattice, LinearFrictional(1.0, 0.5, 0.5), 8)
+    >>> found = probe(Scene(lattice, LinearFrictional(1.0, 0.5, 0.5)), 8)
     >>> print(found)
     probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
     """
     yielding = yield_response(
-        graph,
-        law,
-        yield_band=yield_band,
-        regime=regime,
-        boundary=boundary,
+        scene.graph, scene.law, yield_band=yield_band, boundary=scene.boundary
     )
-    return probe_edge(yielding, directions, control, subspace, faces, starts)
+    found = scene.faces if faces is None else faces
+    return probe_edge(yielding, directions, control, subspace, found, starts)
 
 
 def probe_edge(
@@ -450,13 +444,7 @@ def _destabilising(
 
 
 def probe_to(
-    found: Probe,
-    graph: GrainGraph,
-    law: ContactLaw,
-    faces: Faces,
-    amplitude: float,
-    follow: FollowStages | None = None,
-    boundary: Boundary | None = None,
+    found: Probe, scene: Scene, amplitude: float, follow: FollowStages | None = None
 ) -> Probe:
     """The probe with each direction followed by events until what is driven has grown so much.
 
@@ -464,15 +452,13 @@ def probe_to(
     ----------
     found : Probe
         Directions, control, subspace and elastic answers are kept.
-    graph, law, faces
-        The packing that was probed, under `LinearFrictional`.
+    scene : Scene
+        The packing that was probed.
     amplitude : float
         Strain, or stress under stress control.
     follow : callable, optional
         Function that follows the stages, one a direction, and returns their paths in order; by
         default `stability.follow`, one after the other.
-    boundary
-        As in `stability.follow`.
 
     Returns
     -------
@@ -487,7 +473,8 @@ def probe_to(
     InputError
         If the amplitude isn't positive, or where `follow` refuses.
     """
-    checked = require_movable(graph, law)
+    graph, boundary = scene.graph, scene.boundary
+    checked = require_movable(graph, scene.law)
     number("amplitude", amplitude, 0.0, open_low=True)
     at_start = start_state(graph, boundary)
     pairs = contact_pairs(at_start, checked, boundary)
@@ -498,8 +485,9 @@ def probe_to(
     for stage in stages:
         require_upright(at_start, *stage.programme.equations(np.zeros(4)))
     if follow is None:
-        options = PackingPathOptions(boundary=boundary)
-        paths: Sequence[Path] = [follow_packing(graph, law, [stage], options) for stage in stages]
+        paths: Sequence[Path] = [
+            follow_packing(scene, [stage], PackingPathOptions()) for stage in stages
+        ]
     else:
         paths = follow(stages)
     done = np.array([path.status == "finished" for path in paths])
@@ -512,7 +500,7 @@ def probe_to(
     start = graph.replace(
         normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
     )
-    loops = [loop_changes(start, path.states[-1], faces).additive_work for path in paths]
+    loops = [loop_changes(start, path.states[-1], scene.faces).additive_work for path in paths]
     rows = ("contacts", "images", "normal_force", "shear_force", "rolling_moment", "closed")
     ends = [
         replace(end, **{name: getattr(end, name)[: len(pairs)] for name in rows})

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, Integers
-from loops.boundary import Boundary, former_boundary
+from loops.boundary import Boundary
 from loops.errors import InputError, check_choice, number, whole_number
-from loops.faces import Faces, find_faces
+from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
+from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
@@ -291,10 +292,9 @@ class Loading(NamedTuple):
     damping: float = 0.3
 
 
-@former_boundary
+@of_scene()
 def sustain(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     directions: ArrayLike = 24,
     *,
     subspace: Subspace = "diagonal",
@@ -305,7 +305,6 @@ def sustain(
     spread: bool = True,
     faces: Faces | None = None,
     follow: Follow | None = None,
-    boundary: Boundary | None = None,
     damping: float = 0.3,
 ) -> Sustained:
     """Load a packing along directions of stress until its first large motion.
@@ -319,11 +318,10 @@ def sustain(
 
     Parameters
     ----------
-    graph : GrainGraph
-        One state in equilibrium, periodic or between walls: bring another to rest with `hold`
-        first.
-    law : FrictionalLaw
-        Contact law: linear, Hertz and Mindlin's, or one of your own.
+    scene : Scene or Snapshot
+        One state in equilibrium, periodic or between walls, whose subspace is diagonal: bring
+        another to rest with `hold` first. The law is linear, Hertz and Mindlin's, or one of your
+        own.
     directions : int or (D, m) array_like
         How many, evenly spread; or the directions themselves (m = 2, or 3 with shear).
     subspace : {'diagonal', 'symmetric'}
@@ -345,8 +343,6 @@ def sustain(
         Faces of the graph, if known.
     follow : callable, optional
         Follows the directions (D, m), given a `Loading`, by default one after the other.
-    boundary
-        As in `stability.follow`; between walls the subspace is diagonal.
     damping : float
         Cundall's damping of the motions.
 
@@ -363,17 +359,18 @@ def sustain(
     Examples
     --------
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.505] * 4,
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = sustain(lattice, LinearFrictional(1.0, 0.5, 0.5), [[-1, 0], [1, 0]],
-    ...                 largest=0.02, interval=1e-4)
+    >>> scene = Scene(lattice, LinearFrictional(1.0, 0.5, 0.5))
+    >>> found = sustain(scene, [[-1, 0], [1, 0]], largest=0.02, interval=1e-4)
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['large motion, no rest', 'held'], [0.01, nan])
     """
-    checked = require_movable(graph, law)
+    graph, boundary = scene.graph, scene.boundary
+    checked = require_movable(graph, scene.law)
     check_choice("subspace", subspace, get_args(Subspace))
     number("interval", interval, 0.0, open_low=True)
     number("large", large, 0.0, open_low=True)
@@ -386,8 +383,8 @@ def sustain(
         largest = DEFAULT_LARGEST * start.pressure
     number("largest", largest, 0.0, open_low=True)
     loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
-    found = find_faces(graph) if faces is None else faces
     if follow is None:
+        found = scene.faces if faces is None else faces
         paths: Sequence[LoadPath] = [
             load_path(graph, checked, direction, loading, found, boundary) for direction in unit
         ]

@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D  # type: ignore[import-untyped]
 
-from loops import LinearFrictional
+from loops import LinearFrictional, Scene
 from loops.arrays import Floats
 from patterns import regular_polygon
 from stability import (
@@ -44,7 +44,7 @@ PATHS = {
 def states() -> dict[str, Floats]:
     """Tangent (3, 3) in the symmetric subspace at the end of each path."""
     how: dict[str, Any] = {"closure": "traction", "subspace": "symmetric"}
-    return {name: follow(regular_polygon(6), LAW, stages, **how).K[-1]
+    return {name: follow(Scene(regular_polygon(6), LAW), stages, **how).K[-1]
             for name, stages in PATHS.items()}  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from loops import LinearFrictional, macroscopic_tangent
+from loops import LinearFrictional, Scene, macroscopic_tangent
 from loops.arrays import Floats
 from patterns import regular_polygon
 from patterns.diamond import TABLE_2, diamond
@@ -60,7 +60,7 @@ def responses(name: str) -> list[dict[str, Any]]:
         along = subspace_basis(subspace).T @ control.direction
         for sense in (1.0, -1.0):
             stage = Stage(strain_driven(control, subspace, sense), "parameter", LENGTH)
-            path = follow(graph, law, [stage], closure=closure, subspace=subspace)
+            path = follow(Scene(graph, law), [stage], closure=closure, subspace=subspace)
             strain, strength = (sense * (a - a[0]) @ along for a in (path.H, path.P))
             row = {"loop": name, "control": label, "sense": sense, "slope": control.work}
             found.append({**row, "strain": strain, "strength": strength})

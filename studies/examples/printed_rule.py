@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from loops import LinearFrictional
+from loops import LinearFrictional, Scene
 from patterns.diamond import (
     PrintedRule,
     diamond,
@@ -45,9 +45,9 @@ def drained_test(table: int, rule: str) -> tuple[pd.DataFrame, float]:
     strains = (float(exact.end.E1) + AFTER_YIELD, LAST_STRAIN)
     drained = [Stage(programmes.drained_biaxial(), "H11", E) for E in strains]
     path = follow(
-        diamond(loop.alpha0),
-        RULES[rule](1.0, loop.kappa, loop.mu),
+        Scene(diamond(loop.alpha0), RULES[rule](1.0, loop.kappa, loop.mu)),
         [Stage(programmes.isotropic_strain(), "H11", loop.confinement), *drained],
+        closure="affine",
         volume=2.0 * np.sin(2.0 * loop.alpha0),
         rows=80,
     )

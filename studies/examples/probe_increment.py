@@ -62,7 +62,7 @@ def answers(
         began, ends = process_time(), []
         for direction in wanted:
             stage = stage_along(direction, "diagonal", "strain", amplitude)
-            path = follow(*given, stage, closure="packing")
+            path = follow(snapshot, stage, closure="packing")
             ends.append(path.P[-1] - path.P[0])
         yield (
             "events",

@@ -47,12 +47,11 @@ def convected(H: Floats, stress: Floats) -> Floats:
 def compared_state(name: str) -> pd.DataFrame:
     """One row per band, amplitude and direction: measured and predicted stress, error, both W2."""
     (snapshot, measured), parts = state(name), []
-    law, regime = snapshot.mechanics()
     stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
     wanted = np.column_stack([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
     for label, band in BANDS.items():
         if band is not None:
-            found = probe(snapshot.graph, law, wanted, yield_band=band, regime=regime)
+            found = probe(snapshot, wanted, yield_band=band)
         P = found.elastic_stress if label == "elastic" else found.stress_rate
         H, more = found.elastic_strain, convected(found.elastic_strain, stress)
         for amplitude, rows in measured.groupby("amplitude"):

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from loops import ContactLaw, GrainGraph, Regime, contact_state, macroscopic_tangent
+from loops import ContactLaw, GrainGraph, Regime, Scene, contact_state, macroscopic_tangent
 from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from stability import (
@@ -230,8 +230,7 @@ def follow_path(
     """Path of a study, with the spectral events of every subspace, and the names of its stages."""
     names, stages = zip(*options.stages(), strict=True)
     path = follow(
-        options.graph(),
-        options.law(),
+        Scene(options.graph(), options.law()),
         stages,
         closure=options.closure,
         spins=options.spins,

@@ -31,10 +31,11 @@ from loops.stress_strain import (
 )
 from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
+from patterns.snapshots.walls import box_sides
 from stability import COMPONENTS, RTOL
 from stability.packing.probe import probe_edge
 from studies.output import Columns
-from studies.snapshot.in_packing import box_sides, sample_edge
+from studies.snapshot.in_packing import sample_edge
 from studies.snapshot.summary import judges
 from studies.snapshot.table import LAST_ORDER
 

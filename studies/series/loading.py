@@ -17,12 +17,12 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats
 from patterns import Snapshot
+from patterns.snapshots.snapshot import sample_boundary
 from patterns.snapshots.tables import read_table
 from stability import COMPONENTS, Programme, Stage
 from stability.packing.state import nominal, start_state
 from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain
-from studies.snapshot.in_packing import sample_boundary
 
 WAYS = ("straight", "1-first", "2-first", "mixed-1", "mixed-2")
 # Strains of a table and of the snapshots differ by at most this share of the largest on the way:

@@ -23,6 +23,8 @@ from loops.packing import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
+from patterns.snapshots.snapshot import sample_boundary
+from patterns.snapshots.walls import box_corners
 from stability import COMPONENTS, follow
 from stability.packing import (
     LoopRates,
@@ -45,9 +47,7 @@ from studies.series.evolution import sample_strain
 from studies.series.loading import Loading, StrainTable, loading_between, stress_of
 from studies.snapshot.in_packing import (
     balance_notes,
-    box_corners,
     fixed_point,
-    sample_boundary,
     sample_edge,
 )
 
@@ -259,7 +259,7 @@ def _by_events(
     following: Following,
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions of the packing's path and of its replay, columns, notes on failures."""
-    graph, (law, _) = before.graph, before.mechanics()
+    graph = before.graph
     ends, notes = dict[str, PackingState](), list[str]()
     row: dict[str, Any] = {"replay_inertial_number": None, "replay_rate_from": None}
     row |= {"path_status": "refused", "path_instabilities": 0}
@@ -270,11 +270,9 @@ def _by_events(
         rate = interval_rate(before, after, H, times, following, loading)
         row |= {"replay_inertial_number": rate.inertial_number, "replay_rate_from": rate.source}
         notes += balance_notes(before)
-        boundary, _ = sample_boundary(before)
         path = follow(
-            graph, law, loading.stages, closure="packing", instabilities=PASSED,
-            past=following.past, boundary=boundary,
-        )  # fmt: skip
+            before, loading.stages, closure="packing", instabilities=PASSED, past=following.past
+        )
         work = path.work[-1]
         row |= {
             "path_status": path.status,
@@ -286,8 +284,8 @@ def _by_events(
         else:
             notes.append(f"path by events {path.status}: {path.message}")
         ends["replay"] = replay(
-            graph, law, loading.strain, boundary=boundary, shares=loading.shares,
-            damping=following.damping, **rate.options,
+            before, loading.strain, shares=loading.shares, damping=following.damping,
+            **rate.options,
         ).state  # fmt: skip
         row["replay_stress_error"] = stress_error(ends["replay"], after)
         if "path" in ends:
@@ -345,8 +343,7 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
     `previous` is the snapshot before it, from which the grains moved there: without it, and for a
     packing that floats, there are no numbers.
     """
-    graph, (law, regime) = before.graph, before.mechanics()
-    boundary, _ = sample_boundary(before)
+    graph = before.graph
     nonaffinity = np.full(graph.grain_count, np.nan)
     if previous is not None:
         strain, _ = sample_strain(previous, before)
@@ -354,9 +351,8 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
         ids = before.ids, previous.ids
         _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
         nonaffinity[here] = moved[there]
-    given: Any = {"regime": regime, "boundary": boundary}
     try:
-        found = indicators(graph, law, before.faces, nonaffinity=nonaffinity, **given)
+        found = indicators(before, nonaffinity=nonaffinity)
     except InputError:
         found = {name: np.full(len(before.faces.loops), np.nan) for name in EXPECTED}
     return {f"indicator_{name}": values for name, values in found.items()}

@@ -7,109 +7,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from loops import HertzMindlin, InputError, Regime, contact_state, outline_area
+from loops import InputError
 from loops.arrays import Floats
-from loops.boundary import (
-    Boundary,
-    PlaneContacts,
-    boundary_of,
-    outline_grains,
-    plane_contacts,
-)
+from loops.scene import Scene, Subject, scene_of
 from patterns import Snapshot, WallContacts, planar
-from patterns.snapshots.checks import SLIDING_SHARE
+from patterns.snapshots.snapshot import sample_boundary
+from patterns.snapshots.walls import box_area, box_corners
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns
 from studies.snapshot.table import EIGENVALUES
 
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method
-    from stability.packing.hold import HoldControl
+    from stability.packing.hold import HeldPacking, HoldControl
     from stability.packing.response import YieldResponse
 
 PLACE = "packing"
 # Unbalanced force over the mean contact force: above the first a note says so, above the second
 # the sample flows and isn't followed.
 UNBALANCED, FLOWS = 1e-3, 0.1
-# Walls of an upright box lean by less than this sine, and are flat within this share of a side.
-UPRIGHT = 1e-6
-
-
-def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
-    """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held.
-
-    Stresses refer to the box of upright walls, else to the area within the outline.
-    """
-    graph, walls = snapshot.graph, snapshot.walls
-    if walls is None and graph.cell is not None:
-        return boundary_of(graph), []
-    area = None
-    if graph.cell is None:
-        area = None if walls is None else box_area(graph.x, walls)
-        area = area or outline_area(graph, snapshot.faces)
-    if walls is None:
-        held = outline_grains(graph, snapshot.faces)
-        note = (
-            f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
-            "motion; their own loops are not judged in the packing, loops beside them are judged "
-            "too stiff"
-        )
-        return boundary_of(graph, held=held, volume=area), [note]
-    planes, notes = _plates(snapshot, walls)
-    return boundary_of(graph, walls=planes, volume=area), notes
-
-
-def _plates(snapshot: Snapshot, walls: WallContacts) -> tuple[PlaneContacts, list[str]]:
-    """Return the contacts of a sample with its walls, which strain as plates, and notes."""
-    if walls.kn is not None and walls.kt is not None:
-        sliding, notes = walls.sliding, []
-        if walls.mu is not None and sliding is None:
-            n = walls.branch / np.linalg.norm(walls.branch, axis=1, keepdims=True)
-            N = np.sum(walls.force * n, axis=1)
-            T = n[:, 0] * walls.force[:, 1] - n[:, 1] * walls.force[:, 0]
-            sliding = np.abs(T) >= SLIDING_SHARE * walls.mu * N
-        if walls.mu is None and walls.kt.any():
-            notes = ["walls: no friction known, contacts with a shear stiffness stick"]
-        given = walls.kn, walls.kt, walls.mu, walls.force, sliding
-        return PlaneContacts(walls.grain, -walls.branch, *given), notes
-    planes = plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch)
-    if isinstance(snapshot.law, HertzMindlin):
-        # A tangent is 3/2 of the force over the overlap.
-        planes = replace(planes, kn=1.5 * planes.kn)
-    return planes, ["walls: frictionless, with the stiffness that their forces and overlaps give"]
-
-
-def box_area(x: Floats, walls: WallContacts) -> float | None:
-    """Area within upright walls if grains touch all four of them; else None."""
-    sides = box_sides(x, walls)
-    return None if sides is None else float(np.prod(sides))
-
-
-def box_sides(x: Floats, walls: WallContacts) -> Floats | None:
-    """(2,) width and height within upright walls if grains touch all four of them; else None."""
-    corners = box_corners(x, walls)
-    return None if corners is None else corners[1] - corners[0]
-
-
-def box_corners(x: Floats, walls: WallContacts) -> Floats | None:
-    """(2, 2) lower left and upper right corner within four upright walls; else None."""
-    feet = x[walls.grain] - walls.branch
-    length = np.hypot(*walls.branch.T)
-    across = np.abs(walls.branch) > UPRIGHT * length[:, None]
-    if across.all(axis=1).any():
-        return None
-    ends = []
-    for axis in (0, 1):
-        own = across[:, axis]
-        low = own & (walls.branch[:, axis] > 0)
-        high = own & (walls.branch[:, axis] < 0)
-        if not (low.any() and high.any()):
-            return None
-        near, far = float(feet[low, axis].mean()), float(feet[high, axis].mean())
-        if max(np.ptp(feet[low, axis]), np.ptp(feet[high, axis])) > UPRIGHT * (far - near):
-            return None
-        ends.append((near, far))
-    return np.array(ends).T
 
 
 def fixed_point(before: Snapshot, after: Snapshot, H: Floats) -> Floats | None:
@@ -135,11 +51,11 @@ def sample_edge(
     """
     from stability.packing.response import yield_response
 
-    graph, (law, regime) = snapshot.graph, snapshot.mechanics()
-    boundary, _ = sample_boundary(snapshot)
+    scene = snapshot.scene
+    boundary = scene.boundary
     if boundary.walls is not None:
         boundary = replace(boundary, walls=replace(boundary.walls, fixed=fixed))
-    return yield_response(graph, law, yield_band=yield_band, regime=regime, boundary=boundary)
+    return yield_response(scene.graph, scene.law, yield_band=yield_band, boundary=boundary)
 
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
@@ -147,9 +63,9 @@ def balance_notes(snapshot: Snapshot) -> list[str]:
     from stability.packing.pairs import contact_pairs, require_movable, with_normal_forces
     from stability.packing.state import start_state
 
-    graph, law = snapshot.graph, require_movable(snapshot.graph, snapshot.mechanics()[0])
-    boundary, _ = sample_boundary(snapshot)
-    state = start_state(graph, boundary)
+    scene = snapshot.scene
+    boundary, law = scene.boundary, require_movable(scene.graph, scene.law)
+    state = start_state(scene.graph, boundary)
     pairs = contact_pairs(state, law, boundary)
     # Paths begin with the normal forces of the overlaps.
     share = with_normal_forces(state, pairs).unbalanced
@@ -168,9 +84,10 @@ def add_in_packing(
     # Loaded only when loops are judged in place.
     from loops.packing import loops_in_place
 
-    law, _ = snapshot.mechanics()
-    boundary, notes = sample_boundary(snapshot)
-    place = loops_in_place(snapshot.graph, law, snapshot.faces, method=method, boundary=boundary)
+    scene, (_, notes) = snapshot.scene, sample_boundary(snapshot)
+    place = loops_in_place(
+        scene.graph, scene.law, scene.faces, method=method, boundary=scene.boundary
+    )
     for name, values in place_columns(place, snapshot.mean_kn).items():
         table[name] = values
     if not np.isfinite(place.matrix).any():
@@ -224,10 +141,8 @@ def held_snapshot(
     """
     from stability.packing.hold import hold, unbalanced_force
 
-    law, _ = snapshot.mechanics()
-    boundary, _ = sample_boundary(snapshot)
-    outline = boundary.kind == "outline"
-    walls = snapshot.walls
+    scene, walls = snapshot.scene, snapshot.walls
+    boundary, outline = scene.boundary, scene.boundary.kind == "outline"
     if control is None:
         if outline:
             return snapshot, None
@@ -252,10 +167,8 @@ def held_snapshot(
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
     if walls is not None and snapshot.graph.cell is None:
         boundary = replace(boundary, volume=box_area(snapshot.graph.x, walls))
-    held = hold(snapshot.graph, law, control=control, boundary=boundary)
-    if held.status != "at rest":
-        expected = "a sample that comes to rest"
-        raise InputError("--hold", str(held), expected, "Take another state of the series.")
+    held = hold(replace(scene, boundary=boundary), control=control)
+    _require_rest(held)
     notes = [str(held)]
     if held.spread > SPREAD:
         notes.append(
@@ -263,17 +176,14 @@ def held_snapshot(
             f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "
             "the state at rest that was found"
         )
-    graph = held.graph
-    limit = SLIDING_SHARE * held.law.strength(contact_state(graph))
-    regime = np.where(np.abs(graph.shear_force) >= limit, Regime.SLIDING, Regime.ELASTIC)
     planes = held.boundary.walls
     if planes is not None:
         force, springs = np.asarray(planes.force), (planes.kn, planes.kt, planes.mu)
         walls = WallContacts(planes.grain, force, -planes.branch, *springs)
     at_rest = Snapshot(
-        graph=graph.replace(regime=regime.astype(np.int8)),
+        graph=held.scene.graph,
         law=held.law,
-        regime=regime.astype(np.int8),
+        regime=held.scene.graph.regime,
         ids=snapshot.ids,
         wall_contacts=0 if walls is None else len(walls.grain),
         notes=(*snapshot.notes, *notes),
@@ -286,3 +196,24 @@ def held_snapshot(
     arrays = ("graph", "law", "boundary")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
     return planar(at_rest, "the held sample"), changes
+
+
+def _require_rest(held: HeldPacking) -> None:
+    """Raise `InputError` where a sample does not come to rest."""
+    if held.status != "at rest":
+        expected = "a sample that comes to rest"
+        raise InputError("--hold", str(held), expected, "Take another state of the series.")
+
+
+def scene_at_rest(subject: Subject, control: HoldControl | None) -> Scene:
+    """Return the scene of a question, brought to rest first where a control is named."""
+    if isinstance(subject, Snapshot):
+        return held_snapshot(subject, control)[0].scene
+    scene = scene_of(subject)
+    if control is None:
+        return scene
+    from stability.packing.hold import hold
+
+    held = hold(scene, control=control)
+    _require_rest(held)
+    return held.scene

@@ -28,9 +28,10 @@ from loops.fabric import (
     principal,
 )
 from patterns import Snapshot
+from patterns.snapshots.walls import box_area
 from stability import RTOL
 from studies.output import Columns, definitions
-from studies.snapshot.in_packing import PLACE, box_area
+from studies.snapshot.in_packing import PLACE
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER
 
 Groups = dict[str, Integers | slice]

@@ -1,0 +1,124 @@
+"""A scene: grains, contacts, their law and what they end at; every question takes it first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, wraps
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
+
+from loops.boundary import FORMER, Boundary, boundary_of, former_boundary
+from loops.errors import InputError
+from loops.faces import Faces, find_faces
+from loops.graph import GrainGraph
+from loops.laws.frictional import ContactLaw
+from loops.shown import Shown
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Shown):
+    """A loop, a cluster or a whole packing, with its law and its boundary.
+
+    Attributes
+    ----------
+    graph : GrainGraph
+        Grains and contacts, with forces and the regimes that are known; compression is positive.
+    law : ContactLaw
+        Law of the contacts between grains.
+    boundary : Boundary
+        What the sample ends at: if left out the graph's periodic cell, or nothing.
+
+    Examples
+    --------
+    >>> from loops import GrainGraph, LinearFrictional, Scene
+    >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1], [1, 0]],
+    ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]])
+    >>> scene = Scene(row, LinearFrictional(1.0, 0.5, 0.5))
+    >>> scene.boundary.kind, scene.boundary.volume
+    ('cell', 6.0)
+    """
+
+    graph: GrainGraph
+    law: ContactLaw
+    boundary: Boundary = cast(Boundary, None)
+
+    def __post_init__(self) -> None:
+        graph, boundary = cast("tuple[object, object]", (self.graph, self.boundary))
+        if not isinstance(graph, GrainGraph):
+            remedy = "Give Scene(graph, law); a Snapshot has .scene."
+            raise InputError("graph of a scene", type(graph).__name__, "a GrainGraph", remedy)
+        if boundary is None:
+            object.__setattr__(self, "boundary", boundary_of(self.graph))
+
+    @cached_property
+    def faces(self) -> Faces:
+        """Return the faces of the graph, found when they are first asked for."""
+        return find_faces(self.graph)
+
+    def facts(self) -> dict[str, object]:
+        """Return the facts that the prompt and a notebook show."""
+        law, boundary = type(self.law).__name__, self.boundary.kind
+        return {**self.graph.facts(), "law": law, "boundary": boundary}
+
+
+class HasScene(Protocol):
+    """What has a scene, and stands for it: a snapshot, or a packing at rest."""
+
+    @property
+    def scene(self) -> Scene:
+        """Return graph, law and boundary."""
+        ...
+
+
+Subject = Scene | HasScene
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
+
+
+def scene_of(subject: Subject) -> Scene:
+    """Return the scene of a question's first argument: itself, or that of a snapshot.
+
+    `InputError` for anything else.
+    """
+    if isinstance(subject, Scene):
+        return subject
+    # Asked of the type: a snapshot without a law says itself what it lacks.
+    if not hasattr(type(subject), "scene"):
+        received, expected = type(subject).__name__, "a Scene or a Snapshot"
+        raise InputError("first argument", received, expected, "Give Scene(graph, law).")
+    return subject.scene
+
+
+def of_scene(
+    former: Sequence[str] = FORMER, **defaults: Any
+) -> Callable[
+    [Callable[Concatenate[Scene, Asked], Answer]], Callable[Concatenate[Subject, Asked], Answer]
+]:
+    """Let a question about a scene take a snapshot too, and for this release a graph and its law.
+
+    Of that form are also the options `boundary` and `regime`, which the scene has now, those that
+    `former_boundary` replaces, and its `defaults`.
+    """
+
+    def of(
+        question: Callable[Concatenate[Scene, Asked], Answer],
+    ) -> Callable[Concatenate[Subject, Asked], Answer]:
+        loose = cast(Callable[..., Answer], question)
+
+        @wraps(question)
+        def of_graph(graph: GrainGraph, law: ContactLaw, *args: Any, **options: Any) -> Answer:
+            boundary, regime = options.pop("boundary", None), options.pop("regime", None)
+            given = graph if regime is None else graph.replace(regime=regime)
+            return loose(Scene(given, law, boundary), *args, **(defaults | options))
+
+        of_pair: Callable[..., Answer] = former_boundary(of_graph, former, stacklevel=3)
+
+        @wraps(question)
+        def asked(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
+            if isinstance(subject, GrainGraph):
+                return of_pair(subject, *args, **options)
+            return loose(scene_of(subject), *args, **options)
+
+        return asked
+
+    return of
