@@ -88,9 +88,9 @@ if TYPE_CHECKING:
 NAMES = {
     "loops": (
         "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
-        "Regime RollingResistance Scene Support affine_tangent contact_forces contact_state find_faces "
-        "force_chains from_networkx loop_fates loop_tangents love_weber_stress match_contacts "
-        "order_kinetics to_networkx traction_tangent"
+        "Regime RollingResistance Scene Support affine_tangent contact_forces contact_state "
+        "find_faces force_chains from_networkx loop_fates loop_tangents love_weber_stress "
+        "match_contacts order_kinetics to_networkx traction_tangent"
     ),
     "patterns": (
         "Snapshot diamond loop_of_snapshot planar polydisperse_polygon random_loop "

@@ -116,8 +116,10 @@ class Snapshot(Shown):
     @cached_property
     def scene(self) -> Scene:
         """Return graph, law and boundary; `InputError` that names what is missing for a law."""
-        law, _ = self.mechanics()
-        scene = Scene(self.graph, law, sample_boundary(self)[0])
+        (law, regime), graph = self.mechanics(), self.graph
+        if graph.regime is not regime:
+            graph = graph.replace(regime=regime)
+        scene = Scene(graph, law, sample_boundary(self)[0])
         if "faces" in vars(self):
             # Already found.
             vars(scene)["faces"] = self.faces

@@ -106,7 +106,7 @@ def in_place(one):
 def amplitude(one):
     found = probe_edge(sample_edge(one, BAND), 2, faces=one.faces)
     boundary, _ = sample_boundary(one)
-    return probe_to(found, one.graph, one.law, one.faces, 1e-6, None, boundary).strain_rate
+    return probe_to(found, one.scene, 1e-6).strain_rate
 
 
 def at_rest(one):

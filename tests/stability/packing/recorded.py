@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from loops import LinearFrictional, find_faces
+from loops import LinearFrictional, Scene, find_faces
 from loops.boundary import boundary_of
 from stability import Stage, complementarity, follow, programmes
 from stability.packing import (
@@ -410,7 +410,7 @@ def probes_to_an_amplitude():
     faces = find_faces(graph)
     for control, amplitude in (("strain", 1e-4), ("stress", 1e-4)):
         start = probe(graph, LAW, [[1.0, 0.3], [-1, -0.2]], control=control, faces=faces)
-        yield plain(probe_to(start, graph, LAW, faces, amplitude))
+        yield plain(probe_to(start, Scene(graph, LAW), amplitude))
 
 
 @case

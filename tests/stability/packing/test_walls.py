@@ -11,8 +11,8 @@ from loops import (
     HertzMindlin,
     InputError,
     LinearFrictional,
+    Scene,
     contact_state,
-    find_faces,
 )
 from loops.packing import PlaneContacts
 from stability import Programme, Stage, follow, programmes
@@ -161,7 +161,7 @@ def test_probes_are_followed_between_walls():
     graph, planes, force = jammed_in_box(*which)
     area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
     rates = probe(graph, which[2], 4, boundary=between(planes, volume=area), yield_band=1 - 1e-6)
-    found = probe_to(rates, graph, which[2], find_faces(graph), 1e-7, None, between(planes, force))
+    found = probe_to(rates, Scene(graph, which[2], between(planes, force)), 1e-7)
     assert (found.status == "finished").all()
     np.testing.assert_allclose(
         found.stress_rate[:, [0, 1], [0, 1]], rates.stress_rate[:, [0, 1], [0, 1]],

@@ -82,7 +82,7 @@ def probe() -> Answers:
     graph, law, _ = yade_rest("slow")
     first = rates(graph, law, [[0.6, -0.8], [-0.6, 0.8], [1.0, 0.0], [0.0, -1.0]])
     small = rates(jammed(36, 5), LAW, 8, control="stress", subspace="symmetric")
-    ended = probe_to(first, graph, law, gl.find_faces(graph), 1e-5)
+    ended = probe_to(first, gl.Scene(graph, law), 1e-5)
     parts = {"2,000": first, "36": small, "ended": ended}
     return {f"{n} {key}": value for n, one in parts.items() for key, value in _probed(one).items()}
 
