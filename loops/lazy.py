@@ -17,6 +17,10 @@ class LazyFace(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         places = self.__dict__["places"]
+        former = self.__dict__["former"]
+        if name in former:
+            warn_of_old_name(f"{self.__name__}.{name}", former[name])
+            return getattr(import_module(former[name].rpartition(".")[0]), name)
         if name not in places:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         module = import_module(places[name])
@@ -34,11 +38,16 @@ class LazyFace(ModuleType):
         return sorted({*self.__dict__, *self.places})
 
 
-def lazy_face(package: str, names: Mapping[str, str]) -> None:
-    """Make a package a `LazyFace`: `names` are the names of each module, separated by blanks."""
+def lazy_face(
+    package: str, names: Mapping[str, str], former: Mapping[str, str] | None = None
+) -> None:
+    """Make a package a `LazyFace`: `names` are the names of each module, separated by blanks.
+
+    `former` are names that have left, with where they are now: they work with a warning.
+    """
     face = sys.modules[package]
     places = {name: module for module, several in names.items() for name in several.split()}
-    face.__dict__.update(places=places, __all__=sorted(places))
+    face.__dict__.update(places=places, former=dict(former or {}), __all__=sorted(places))
     face.__class__ = LazyFace
 
 

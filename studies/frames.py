@@ -13,18 +13,22 @@ from patterns import Snapshot, planar
 from stability import Path
 from studies.output import SIGNS, UNITS, provenance
 from studies.snapshot import table as tables
+from studies.snapshot.in_packing import add_in_packing
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
 
 
-def loop_table(snapshot: Snapshot) -> pd.DataFrame:
+def loop_table(snapshot: Snapshot, *, in_packing: bool = False) -> pd.DataFrame:
     """One row per loop: shape, stress and stability, as `grainloops snapshot` writes them.
 
     Parameters
     ----------
     snapshot : Snapshot
         Without forces only the geometry is there.
+    in_packing : bool
+        Whether to judge each loop inside its packing too, in the columns `packing_*` and
+        `surroundings_lambda_min` of `grainloops snapshot --in-packing`.
 
     Returns
     -------
@@ -41,7 +45,8 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If branches cross: faces mean nothing then; `planar` leaves contacts out.
+        If branches cross: faces mean nothing then; `planar` leaves contacts out. In the packing if
+        there are no forces or it floats.
 
     Examples
     --------
@@ -51,8 +56,10 @@ def loop_table(snapshot: Snapshot) -> pd.DataFrame:
     (309, 3)
     """
     snapshot = planar(snapshot)
-    columns = pa.table(tables.loop_columns(snapshot))
-    frame: pd.DataFrame = columns.to_pandas()
+    columns = tables.loop_columns(snapshot)
+    if in_packing:
+        add_in_packing(snapshot, columns, "auto")
+    frame: pd.DataFrame = pa.table(columns).to_pandas()
     frame.attrs = provenance("loop_table", {}, UNITS["snapshot"])
     return frame
 

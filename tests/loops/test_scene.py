@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import grainloops as gl
+import stability
 from loops import InputError
 from loops.boundary import boundary_of
 from loops.scene import of_scene, scene_of
 from patterns.snapshots.snapshot import sample_boundary
 from stability import programmes
 from stability.packing import probe, replay
-from tests.packings import packing
+from tests.packings import jammed
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
 LOOP = gl.regular_polygon(5, strain=0.1)
@@ -22,7 +23,7 @@ def box():
 
 
 def test_a_scene_ends_at_the_cell_of_its_graph():
-    graph = packing(0)
+    graph = jammed(24, 3)
     assert gl.Scene(graph, LAW).boundary.kind == "cell"
     assert gl.Scene(LOOP, LAW).boundary.kind == "free"
     own = boundary_of(graph, volume=2.0)
@@ -61,14 +62,14 @@ def test_probes_of_a_scene_are_those_of_its_snapshot(box):
 
 def test_a_regime_that_is_given_is_that_of_the_graph():
     seen = []
-    graph = packing(0)
+    graph = jammed(24, 3)
     flags = np.full(graph.contact_count, gl.Regime.SLIDING, dtype=np.int8)
     of_scene()(seen.append)(graph, LAW, regime=flags)
     np.testing.assert_array_equal(seen[0].graph.regime, flags)
 
 
 def test_a_replay_of_so_many_steps():
-    scene = gl.Scene(packing(0), LAW)
+    scene = gl.Scene(jammed(24, 3), LAW)
     done = replay(scene, 1e-4 * np.eye(2), steps=7)
     again = replay(scene, 1e-4 * np.eye(2), duration=7 * replay_step(scene))
     np.testing.assert_array_equal(done.states[-1].x, again.states[-1].x)
@@ -89,7 +90,7 @@ def replay_step(scene):
 
 
 def test_a_scene_in_a_cell_is_followed_as_a_packing():
-    scene, stage = gl.Scene(packing(0), LAW), gl.Stage("oedometric", "H11", 1e-5)
+    scene, stage = gl.Scene(jammed(24, 3), LAW), gl.Stage("oedometric", "H11", 1e-5)
     first = gl.follow(scene, stage)
     second = gl.follow(scene, stage, closure="packing")
     np.testing.assert_array_equal(first.P, second.P)
@@ -105,7 +106,7 @@ def test_a_free_scene_names_its_closure():
 
 
 def test_what_is_held_is_a_scene():
-    held = gl.hold(gl.Scene(packing(0), LAW))
+    held = gl.hold(gl.Scene(jammed(24, 3), LAW))
     assert held.status == "at rest" and held.scene.graph.regime is not None
     assert gl.hold(held).unbalanced_before <= 1e-5
 
@@ -132,3 +133,8 @@ def test_a_snapshot_without_a_law_says_what_it_lacks():
 
 def test_the_front_door_holds_at_most_72_names():
     assert len(gl.__all__) <= 72 and {"Scene", "replay"} <= set(gl.__all__)
+
+
+def test_names_that_left_the_front_door_work_with_a_warning():
+    with pytest.warns(DeprecationWarning, match=r"use stability.spectrum"):
+        assert gl.spectrum is stability.spectrum
