@@ -40,7 +40,7 @@ class Scene(Shown):
 
     graph: GrainGraph
     law: ContactLaw
-    boundary: Boundary = cast(Boundary, None)
+    boundary: Boundary = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         graph, boundary = cast("tuple[object, object]", (self.graph, self.boundary))

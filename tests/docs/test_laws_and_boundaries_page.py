@@ -105,7 +105,6 @@ def in_place(one):
 
 def amplitude(one):
     found = probe_edge(sample_edge(one, BAND), 2, faces=one.faces)
-    boundary, _ = sample_boundary(one)
     return probe_to(found, one.scene, 1e-6).strain_rate
 
 

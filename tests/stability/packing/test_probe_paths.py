@@ -24,7 +24,7 @@ def case():
 @pytest.mark.parametrize("control", ["strain", "stress"])
 @pytest.mark.parametrize("subspace", ["diagonal", "symmetric"])
 def test_small_amplitudes_are_rates(case, control, subspace):
-    graph, faces = case
+    graph, _faces = case
     rates = probe(graph, LAW, 6, control=control, subspace=subspace, yield_band=1 - 1e-6)
     found = probe_to(rates, Scene(graph, LAW), 1e-7)
     assert set(found.status) == {"finished"} and found.determined.all()
@@ -40,7 +40,7 @@ def test_small_amplitudes_are_rates(case, control, subspace):
 
 
 def test_a_row_is_the_path_itself(case):
-    graph, faces = case
+    graph, _faces = case
     found = probe_to(probe(graph, LAW, [[3.0, -4.0]]), Scene(graph, LAW), 1e-3)
     strain = Programme("strain", np.zeros((4, 4)), np.eye(4), [0.6, 0, 0, -0.8])
     path = follow(graph, LAW, Stage(strain, "parameter", 1e-3), closure="packing")
@@ -50,7 +50,7 @@ def test_a_row_is_the_path_itself(case):
 
 
 def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
-    graph, faces = case
+    graph, _faces = case
     short = functools.partial(follow_packing, max_steps=2)
     monkeypatch.setattr(sys.modules["stability.packing.probe"], "follow_packing", short)
     found = probe_to(probe(graph, LAW, 2), Scene(graph, LAW), 1e-4)
@@ -62,6 +62,6 @@ def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
 
 @pytest.mark.parametrize("amplitude", [0.0, -1e-5, np.nan])
 def test_amplitudes_are_positive(case, amplitude):
-    graph, faces = case
+    graph, _faces = case
     with pytest.raises(InputError, match="amplitude: got"):
         probe_to(probe(graph, LAW, 1), Scene(graph, LinearFrictional(1.0, 0.5, 0.5)), amplitude)
