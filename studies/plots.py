@@ -27,8 +27,8 @@ from studies.paths.figures import (
     draw_grains,
     draw_polar,
     forces_key,
-    operator_diagram,
 )
+from studies.paths.polygon import operator_diagram
 from studies.snapshot.figures import draw_orders, draw_values, loop_drawer
 from studies.style import (
     BLACK,

@@ -2,7 +2,6 @@
 
 import ast
 import functools
-from collections.abc import Iterator
 from pathlib import Path
 
 import networkx as nx
@@ -31,18 +30,6 @@ def room_modules(root: Path) -> dict[str, Path]:
 @functools.cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Every node that can run: all but the body of ``if TYPE_CHECKING``."""
-    for node in ast.iter_child_nodes(tree):
-        yield node
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            for other in node.orelse:
-                yield other
-                yield from executed_nodes(other)
-        else:
-            yield from executed_nodes(node)
 
 
 def import_targets(node: ast.AST, module: str, is_package: bool) -> list[str]:
@@ -75,13 +62,11 @@ def room_violations(root: Path) -> list[str]:
 
 
 def import_graph(root: Path) -> "nx.DiGraph[str]":
-    """Module to module, as far as imports are executed, at once or later inside a function."""
+    """Module to module, wherever in a file the import stands: in a function, or for types alone."""
     modules = room_modules(root)
     graph = nx.DiGraph()
     for module, path in modules.items():
-        tree = tree_of(path)
-        # What a face shows it imports sooner or later.
-        for node in ast.walk(tree) if path.stem == "__init__" else executed_nodes(tree):
+        for node in ast.walk(tree_of(path)):
             for name in import_targets(node, module, path.stem == "__init__"):
                 # `from a import b` depends on the module a.b, or on a where b is a name within it.
                 target = name if name in modules else name.rpartition(".")[0]
@@ -182,7 +167,7 @@ def test_imports_that_run_downwards_pass(tmp_path):
         ("from loops.a import f", 1),
         ("def g():\n    from .a import f", 1),
         ("from . import a", 1),
-        ("if TYPE_CHECKING:\n    from loops.a import f", 0),
+        ("if TYPE_CHECKING:\n    from loops.a import f", 1),
         ("from loops.c import f", 0),
     ],
 )

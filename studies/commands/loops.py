@@ -66,9 +66,9 @@ def diamond_command(
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, contact_on_touch, model)
     with clock("grainloops diamond"):
-        from studies.paths.diamond import run_diamond
         from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
+        from studies.paths.run import run_diamond
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
         summary = run_diamond(options, out, **writing.files())
@@ -171,7 +171,7 @@ def polygon_command(
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):
         from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
-        from studies.paths.polygon import run_comparison, run_polygon
+        from studies.paths.run import run_comparison, run_polygon
 
         if snapshot is not None:
             options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -52,16 +51,15 @@ from stability import (
     statuses,
     symmetric_part,
 )
-from studies.output import UNITS, definitions
-from studies.paths.figures import diamond_figures, operator_diagram
+from studies.output import definitions
 from studies.paths.options import DiamondOptions
 from studies.paths.polygon import (
     YIELD_RTOL,
     Followed,
     follow_path,
+    operator_diagram,
     plane_columns,
 )
-from studies.study import study
 
 # Named states by the event at which each is reached.
 NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
@@ -86,26 +84,6 @@ ADDED_COLUMNS = [
 NAMED_STATES = ("I", "A", "B")
 EVENT_VALUES = ("E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks")
 STATE_VALUES = ("E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks")
-
-
-def run_diamond(
-    options: DiamondOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
-    """Follow a diamond and write `summary.json`, tables and figures; return the summary.
-
-    Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
-    `contacts_A`; with contacts added, `added_contact`.
-    """
-    made = ("diamond", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
-        found, ignored = follow_diamond(options), None
-        if options.contact_on_touch == "add":
-            ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
-        tables, summary = diamond_tables(found, ignored), diamond_summary(found)
-        figures = diamond_figures(found, ignored, tables["path_dependence"])
-        summary = results.write_results(tables, summary)
-        results.save_figures(figures)
-    return summary
 
 
 def state_columns(states: DiamondStates) -> pd.DataFrame:

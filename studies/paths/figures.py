@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,14 +20,13 @@ from loops import Regime
 from loops.arrays import Flags, Floats, Integers, Regimes
 from patterns.diamond.closed_form import isotropic_tangents
 from stability import (
-    RTOL,
     PolarDiagram,
     alpha_e,
-    operator_norm,
-    polar_diagram,
     spectrum,
     symmetric_spectrum,
 )
+from studies.paths.diamond import FollowedDiamond
+from studies.paths.polygon import RADIUS, Compared, Followed, operator_diagram
 from studies.style import (
     BLACK,
     BLUE,
@@ -49,18 +48,12 @@ from studies.style import (
     styled,
 )
 
-if TYPE_CHECKING:
-    from studies.paths.diamond import FollowedDiamond
-    from studies.paths.polygon import Compared, Followed
-
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
-# Directions of a polar diagram, and its radius where the second-order work is zero.
-DIRECTIONS, RADIUS = 720, 2.0
 # Width of the largest force in points, its arrow in diameters, and the most grains with arrows.
 WIDEST, ARROW, MOST_WITH_ARROWS = 4.0, 0.45, 12
 SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
@@ -226,20 +219,6 @@ def true_runs(where: Flags) -> list[slice]:
 
 
 # ---- polar diagrams
-
-
-def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
-    """Polar diagram of one operator, or of a given second-order work along its directions.
-
-    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
-    alone decides the sign of w2 in the kernel of K.
-    """
-    diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
-    stress = np.einsum("ij,nj->ni", K, diagram.direction)
-    annulled = np.linalg.norm(stress, axis=-1) <= RTOL * operator_norm(K)
-    work = np.where(annulled, 0.0, diagram.work if work is None else work)
-    outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
-    return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
 
 
 @styled()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from stability import (
     judge,
     operator_norm,
     plane_cone,
+    polar_diagram,
     restrict,
     spectrum,
     symmetric_spectrum,
@@ -32,10 +32,8 @@ from stability import (
 )
 from stability import Path as LoopPath
 from stability.path import describe
-from studies.output import UNITS, definitions
-from studies.paths.figures import comparison_figures, operator_diagram, polygon_figures
+from studies.output import definitions
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
-from studies.study import study
 
 SUBSPACES = ("diagonal", "symmetric", "full")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
@@ -60,34 +58,12 @@ EVENT_WORDS = {
 }
 # Ks is not definite if its smallest eigenvalue at the first load is at most this share of the norm.
 DEFINITE_RTOL = 1e-12
+# Directions of a polar diagram: one each half degree.
+DIRECTIONS = 720
+# Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
+RADIUS = 2.0
 # Most numbers in a list column of a table, grains times rows.
 MOST_NUMBERS = 100_000
-
-
-def run_polygon(
-    options: PolygonOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
-    """Follow a polygon and write `summary.json`, the table `path` and figures."""
-    made = ("polygon", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
-        found = follow_polygon(options)
-        summary = results.write_results({"path": polygon_table(found)}, polygon_summary(found))
-        critical = summary["critical_strain"]["diagonal"]
-        results.save_figures(polygon_figures(found, polygon_diagrams(found, critical)))
-    return summary
-
-
-def run_comparison(
-    options: ComparisonOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
-    """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
-    made = ("polygon --compare", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
-        compared = compare_orders(options)
-        tables = {"compare": compared.table, "paths": compared.curves()}
-        summary = results.write_results(tables, compared.summary())
-        results.save_figures(comparison_figures(compared))
-    return summary
 
 
 @dataclass(frozen=True, eq=False)
@@ -519,6 +495,20 @@ def _notes(
 
 
 # ---- polar diagrams
+
+
+def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
+    """Polar diagram of one operator, or of a given second-order work along its directions.
+
+    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
+    alone decides the sign of w2 in the kernel of K.
+    """
+    diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
+    stress = np.einsum("ij,nj->ni", K, diagram.direction)
+    annulled = np.linalg.norm(stress, axis=-1) <= RTOL * operator_norm(K)
+    work = np.where(annulled, 0.0, diagram.work if work is None else work)
+    outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
+    return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
 
 
 def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, PolarDiagram]:

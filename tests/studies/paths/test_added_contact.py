@@ -18,10 +18,10 @@ from patterns.diamond.closed_form import (
 from stability import restrict, symmetric_spectrum
 from studies.paths.diamond import (
     energy_imbalance,
-    run_diamond,
     verification,
 )
 from studies.paths.options import DiamondOptions
+from studies.paths.run import run_diamond
 from tests.studies.paths.followed import followed, summary_of
 
 

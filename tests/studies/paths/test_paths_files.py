@@ -12,18 +12,19 @@ from matplotlib.figure import Figure
 
 from loops import InputError, find_faces
 from patterns import read_snapshot
-from studies.paths.diamond import run_diamond, snapshot_tables
+from studies.paths.diamond import snapshot_tables
 from studies.paths.figures import (
     draw_cone,
     draw_determinant,
     draw_eigenvalues,
     draw_polar,
     draw_stress,
-    operator_diagram,
 )
 from studies.paths.options import DiamondOptions
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
+from studies.paths.polygon import operator_diagram
+from studies.paths.run import run_diamond
 from tests.studies.paths.followed import followed
 
 EVENT_KEYS = {

@@ -25,10 +25,9 @@ from studies.paths.polygon import (
     follow_polygon,
     polygon_summary,
     polygon_table,
-    run_comparison,
-    run_polygon,
     thresholds,
 )
+from studies.paths.run import run_comparison, run_polygon
 from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {
