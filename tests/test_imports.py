@@ -2,6 +2,7 @@
 
 import ast
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import networkx as nx
@@ -30,6 +31,18 @@ def room_modules(root: Path) -> dict[str, Path]:
 @functools.cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Every node that can run: all but the body of ``if TYPE_CHECKING``."""
+    for node in ast.iter_child_nodes(tree):
+        yield node
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            for other in node.orelse:
+                yield other
+                yield from executed_nodes(other)
+        else:
+            yield from executed_nodes(node)
 
 
 def import_targets(node: ast.AST, module: str, is_package: bool) -> list[str]:
@@ -61,12 +74,15 @@ def room_violations(root: Path) -> list[str]:
     return found
 
 
-def import_graph(root: Path) -> "nx.DiGraph[str]":
-    """Module to module, wherever in a file the import stands: in a function, or for types alone."""
+def import_graph(root: Path, *, types: bool = True) -> "nx.DiGraph[str]":
+    """Module to module, at once or later inside a function; without `types` what can run alone."""
     modules = room_modules(root)
     graph = nx.DiGraph()
     for module, path in modules.items():
-        for node in ast.walk(tree_of(path)):
+        tree = tree_of(path)
+        # What a face shows it imports sooner or later.
+        whole = types or path.stem == "__init__"
+        for node in ast.walk(tree) if whole else executed_nodes(tree):
             for name in import_targets(node, module, path.stem == "__init__"):
                 # `from a import b` depends on the module a.b, or on a where b is a name within it.
                 target = name if name in modules else name.rpartition(".")[0]
@@ -76,7 +92,7 @@ def import_graph(root: Path) -> "nx.DiGraph[str]":
 
 
 def package_graph(root: Path) -> "nx.DiGraph[str]":
-    """Package to package within the rooms; a module that stands in a room is one by itself."""
+    """Package to package within the rooms, by what can run; a module of a room is one by itself."""
     modules = room_modules(root)
 
     def package(module: str) -> str:
@@ -84,7 +100,7 @@ def package_graph(root: Path) -> "nx.DiGraph[str]":
         return ".".join(module.split(".")[:2]) if inside else module
 
     graph = nx.DiGraph()
-    for one, other in import_graph(root).edges:
+    for one, other in import_graph(root, types=False).edges:
         if package(one) != package(other):
             graph.add_edge(package(one), package(other))
     return graph
@@ -176,6 +192,8 @@ def test_import_cycles_are_found(tmp_path, b, cycles):
         tmp_path, {"loops/a.py": "import loops.b", "loops/b.py": b, "loops/c.py": ""}
     )
     assert len(list(nx.simple_cycles(import_graph(house)))) == cycles
+    running = 0 if "TYPE_CHECKING" in b else cycles
+    assert len(list(nx.simple_cycles(import_graph(house, types=False)))) == running
 
 
 def test_a_module_that_imports_its_own_package_is_a_cycle(tmp_path):

@@ -21,10 +21,10 @@ from studies.paths.figures import (
     draw_stress,
 )
 from studies.paths.options import DiamondOptions
-from studies.style import STYLE
-from tests.conftest import leave_undrawn
 from studies.paths.polygon import operator_diagram
 from studies.paths.run import run_diamond
+from studies.style import STYLE
+from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed
 
 EVENT_KEYS = {
