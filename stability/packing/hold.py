@@ -318,12 +318,12 @@ def unbalanced_force(graph: GrainGraph, boundary: Boundary | None = None) -> flo
 
 
 def _stress(state: PackingState) -> Floats:
-    """Stress of Love and Weber, contacts with walls of any direction included."""
+    """Return the stress of Love and Weber, contacts with walls of any direction included."""
     return np.asarray(state.forces.T @ state.branches / abs(np.linalg.det(state.cell)))
 
 
 def _unbalanced(moving: Moving, state: PackingState) -> float:
-    """Mean resultant on a grain, walls included, over the mean contact force."""
+    """Return the mean resultant on a grain, walls included, over the mean contact force."""
     left = np.linalg.norm(moving.motion.resultant[: state.count, :2], axis=1)
     return float(left.mean() / state.mean_force) if state.closed.any() else np.inf
 
@@ -331,7 +331,7 @@ def _unbalanced(moving: Moving, state: PackingState) -> float:
 def _rest(
     moving: Moving, dt: float, damping: float, bound: float, most_steps: int
 ) -> tuple[PackingState, HoldStatus, int]:
-    """The state where a run ends, why it ended, and its steps."""
+    """Return the state where a run ends, why it ended, and its steps."""
     steps = 0
     while True:
         ran = moving.run(LOOK, dt, damping)

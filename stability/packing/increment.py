@@ -108,7 +108,7 @@ class PackingIncrements:
         )
 
     def _forces(self, motion: Floats, H: Floats, slip: Floats) -> tuple[Floats, Floats]:
-        """(E, 4) relative motions of the contacts, and changes of their forces."""
+        """Return relative motions of the contacts (E, 4), and changes of their forces."""
         system = self.yielding.system
         relative = relative_motion(system, motion, H)
         forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
@@ -116,7 +116,7 @@ class PackingIncrements:
         return relative, forces
 
     def _beyond(self, relative: Floats) -> Flags:
-        """(C',) contacts between grains that are no candidates and end beyond their strength."""
+        """Return contacts between grains, no candidates, that end beyond their strength (C',)."""
         system = self.yielding.system
         n = len(system.contacts)
         own = system.contacts
@@ -139,7 +139,7 @@ class PackingIncrements:
 
 
 def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
-    """The candidates that one matrix holds, those with the smallest distances of too many."""
+    """Return the candidates that one matrix holds; of too many those of smallest distance."""
     count = len(yielding.rows)
     if count <= CONDENSED:
         return yielding
@@ -163,7 +163,7 @@ def packing_increment(
     regime: ArrayLike | None = None,
     boundary: Boundary | None = None,
 ) -> PackingResponse:
-    """Motion of all grains and contacts of a packing over an increment of strain, in one solve.
+    """Return the motion of a packing over an increment of strain, in one solve.
 
     Geometry and stiffness are those of the start. Each contact slides from where it reaches its
     strength, at the cost of one linear complementarity problem. Theory, equation (11.24).

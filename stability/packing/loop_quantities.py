@@ -116,7 +116,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
 
 
 def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopRates:
-    """Changes of every loop up to a later state, as rates over a unit of time.
+    """Return changes of every loop up to a later state, as rates over a unit of time.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
 
 
 def loop_sums(values: Floats, faces: Faces) -> Floats:
-    """(L,) sums over the contacts of each loop."""
+    """Return sums over the contacts of each loop (L,)."""
     face = np.repeat(np.arange(len(faces.kind)), faces.order)
     sums = np.bincount(face, values[faces.contacts], minlength=len(faces.kind))
     return np.asarray(sums[faces.loops])
@@ -179,7 +179,7 @@ class _Parts:
         self.forces, self.branches = contact_forces(graph), branch_vectors(graph)
 
     def of(self, batch: LoopBatch) -> dict[str, Floats]:
-        """Fields of `LoopRates` for loops of one order."""
+        """Return the fields of `LoopRates` for loops of one order."""
         c, x = batch.contacts, batch.graph.x
         known = self.carries[c].all(axis=1)
         sides = np.roll(x, -1, axis=1) - x
@@ -218,13 +218,13 @@ class _Parts:
 
 
 def _time(left: Floats, rate: Floats) -> Floats:
-    """Time until `left` is used up at `rate`; infinite where it grows."""
+    """Return the time until `left` is used up at `rate`; infinite where it grows."""
     falls = rate < 0
     return np.where(falls, np.maximum(left, 0.0) / np.where(falls, -rate, 1.0), np.inf)
 
 
 def _first_closing(x: Floats, radii: Floats, v: Floats) -> Floats:
-    """Earliest closing of a gap between grains of a loop that aren't neighbours along it."""
+    """Return the earliest closing of a gap between grains of a loop, not neighbours along it."""
     n = x.shape[1]
     first = np.full(len(x), np.inf)
     for apart in range(2, n // 2 + 1):
@@ -246,7 +246,7 @@ def indicators(
     *,
     nonaffinity: ArrayLike | None = None,
 ) -> dict[str, Floats]:
-    """Structural indicators of every loop, from one snapshot and one linear system.
+    """Return structural indicators of every loop, from one snapshot and one linear system.
 
     Grains' indicators are averaged over the grains of a loop, contacts' over its contacts, unless
     said otherwise.
@@ -353,7 +353,7 @@ def indicators(
 
 
 def _mean(values: Floats) -> Floats:
-    """(L,) means over the last axis of what is a number."""
+    """Return means over the last axis of what is a number (L,)."""
     known = np.isfinite(values)
     count = known.sum(axis=1)
     total = np.where(known, values, 0.0).sum(axis=1)
@@ -361,7 +361,7 @@ def _mean(values: Floats) -> Floats:
 
 
 def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
-    """Vibrality of centres and spins (G,), `det K'/det K` as a contact slips and opens (C,)."""
+    """Return vibrality of centres and spins (G,), `det K'/det K` as contacts slip, open (C,)."""
     graph, inner = system.graph, len(system.contacts)
     Z = inverse_at_contacts(system, available_cores())
     motion, spin = (np.full(graph.grain_count, np.nan) for _ in range(2))
@@ -387,7 +387,7 @@ def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def soft_participation(system: System, count: int = SOFTEST) -> Floats:
-    """(G,) share of each grain's centre in the softest modes, over its share in all modes.
+    """Return each grain's share in the softest modes, over its share in all: its centre (G,).
 
     Modes of the symmetric part of `K` from the smallest eigenvalue on, without translations; spins
     count as the displacement of the rim.
@@ -416,7 +416,7 @@ def soft_participation(system: System, count: int = SOFTEST) -> Floats:
 
 
 def steric_order(graph: GrainGraph) -> Floats:
-    """(G,) mean deviation of the angles between neighbours from those of discs that touch.
+    """Return mean deviations of angles between neighbours from those of touching discs (G,).
 
     Neighbours are those of the Delaunay triangulation; over the triangles around a grain.
     """
@@ -445,7 +445,7 @@ def steric_order(graph: GrainGraph) -> Floats:
 
 
 def local_density(graph: GrainGraph, faces: Faces) -> Floats:
-    """(G,) area of each grain over its share of the loops beside it, a loop shared evenly."""
+    """Return the area of each grain over its share of the loops beside it, evenly shared (G,)."""
     area, found = np.zeros(graph.grain_count), np.zeros(graph.grain_count, dtype=bool)
     for batch in loop_batches(graph, faces):
         share = polygon_area(batch.graph.x) / batch.grains.shape[1]
@@ -455,7 +455,7 @@ def local_density(graph: GrainGraph, faces: Faces) -> Floats:
 
 
 def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
-    """(G,) `D2min` of Falk and Langer (1998) over the squared mean radius, equation (11.23).
+    """Return `D2min` of Falk and Langer (1998) over the squared mean radius (G,), (11.23).
 
     The mean square of what the best linear map of a grain's branch vectors leaves of their change;
     `moved` (C, 2) are the branch vectors of the same contacts later. Not a number for grains with

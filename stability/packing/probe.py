@@ -373,7 +373,7 @@ def probe_edge(
 
 
 def search_step(candidates: int, directions: int) -> int:
-    """Every how many directions of the circle solutions are searched, besides those of branches.
+    """Return every how many directions solutions are searched, besides those of branches.
 
     1 up to 592 contacts at yield, with 72 directions.
     """
@@ -400,7 +400,7 @@ def _solutions(pieces: RegimeRegions, answers: list[DirectionAnswer]) -> Solutio
 
 
 def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
-    """(D, m) unit directions, given or evenly spread."""
+    """Return unit directions (D, m), given or evenly spread."""
     given, m = np.asarray(directions), len(subspace_basis(subspace))
     if given.ndim == 0:
         whole_number("directions", given.item(), 1)
@@ -422,7 +422,7 @@ def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
 
 
 def additive_work(response: PackingResponse, faces: Faces) -> Floats:
-    """(L,) `V_l w_l / V = -(1/(2 V)) sum f'.d'` of every loop."""
+    """Return `V_l w_l / V = -(1/(2 V)) sum f'.d'` of every loop (L,)."""
     contact = np.sum(response.force_rate * response.branch_rate, axis=1)
     return -0.5 / response.system.volume * loop_sums(contact, faces)
 
@@ -446,7 +446,7 @@ def _destabilising(
 def probe_to(
     found: Probe, scene: Scene, amplitude: float, follow: FollowStages | None = None
 ) -> Probe:
-    """The probe with each direction followed by events until what is driven has grown so much.
+    """Follow each direction of the probe by events until what is driven has grown so much.
 
     Parameters
     ----------
@@ -524,7 +524,7 @@ def probe_to(
 def probe_by_increment(
     found: Probe, yielding: YieldResponse, faces: Faces, amplitude: float
 ) -> Probe:
-    """The probe with each direction answered over an amplitude in one solve.
+    """Answer each direction of the probe over an amplitude in one solve.
 
     Parameters
     ----------
@@ -580,7 +580,7 @@ def probe_by_increment(
 def _over_amplitude(
     found: Probe, done: Flags, strain: Floats, stress: Floats, **rest: Any
 ) -> Probe:
-    """The probe with increments (D, 4) over the amplitude, and nothing of the rates."""
+    """Return the probe with increments (D, 4) over the amplitude, and nothing of the rates."""
     basis = subspace_basis(found.subspace).T
     work = np.sum(strain * stress, axis=1)
     sizes = np.linalg.norm(strain @ basis, axis=1) * np.linalg.norm(stress @ basis, axis=1)
@@ -608,7 +608,7 @@ def _over_amplitude(
 def control_along_direction(
     direction: Floats, subspace: Subspace, control: Driven, amplitude: float
 ) -> HeldAndDriven:
-    """Control that drives one direction by the amplitude, with no strain outside the subspace."""
+    """Return the control that drives a direction by the amplitude, strain in the subspace alone."""
     basis = subspace_basis(subspace)
     rest = np.linalg.svd(basis)[2][len(basis) :]
     size, none = amplitude * direction, np.zeros(len(rest))
@@ -625,7 +625,7 @@ def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
 
 
 def stage_along(direction: Floats, subspace: Subspace, control: Driven, amplitude: float) -> Stage:
-    """Stage that drives one direction of the subspace, with no strain outside of it."""
+    """Return the stage that drives one direction of the subspace, with no strain outside of it."""
     basis = subspace_basis(subspace)
     m = len(basis)
     # The rest of an orthonormal basis.

@@ -50,7 +50,7 @@ class Freed(NamedTuple):
 
 
 def carrying_nothing(state: PackingState, share: float, at_touch: Floats | float = 0.0) -> Flags:
-    """Grains (B,) without load: none above a share of the mean force, or fewer than two contacts.
+    """Return grains (B,) without load: below a share of the mean force, or under two contacts.
 
     Contacts of such grains do not count for their neighbours, and so on. The load of a contact is
     its force above that `at_touch`, and a contact that can pull holds a grain as two do.
@@ -105,7 +105,7 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
 
 
 def _out_of_overlap(state: PackingState, pairs: Pairs, idle: Flags, free: Flags) -> Floats:
-    """Centres (B, 2) where the springs of grains that carry nothing have least energy.
+    """Return centres (B, 2) where springs of grains that carry nothing have least energy.
 
     Newton's steps of all these grains together, halved until the energy falls; all others stay.
     """
@@ -160,7 +160,7 @@ def _out_of_overlap(state: PackingState, pairs: Pairs, idle: Flags, free: Flags)
 
 
 def _energy(state: PackingState, pairs: Pairs, rows: Flags) -> float:
-    """Energy of the springs of some pairs at their overlaps."""
+    """Return the energy of the springs of some pairs at their overlaps."""
     overlap, T = np.where(rows, overlaps(state, pairs), 0.0), state.shear_force
     kt = tangents(pairs, overlap)[1]
     shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=rows & (kt > 0))

@@ -28,7 +28,10 @@ ROOM = 192
 BATCH = WIDTH
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
-OPEN, ELASTIC, SLIDING = (int(k) for k in (Regime.OPEN, Regime.ELASTIC, Regime.SLIDING))
+# Regimes as plain numbers, as the array of regimes holds them.
+OPEN = int(Regime.OPEN)
+ELASTIC = int(Regime.ELASTIC)
+SLIDING = int(Regime.SLIDING)
 # Strain rates of one component each, 11, 12, 21, 22.
 UNIT_STRAIN_RATES = np.eye(4)
 NO_STRAIN = np.zeros(4)

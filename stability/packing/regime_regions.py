@@ -116,7 +116,7 @@ class RegimeRegions:
             self._map_strains()
 
     def _prove(self) -> None:
-        """Whether directions have one solution each, or all are counted over one contact's slip."""
+        """Tell whether directions have one solution, or all are counted over a contact's slip."""
         M = self.circle[1]
         if not ENUMERATED < len(M) <= STARTED or self.rates.slips_left > TRUSTED:
             return
@@ -163,7 +163,7 @@ class RegimeRegions:
                 self._trace(direction, found)
 
     def sets(self, direction: Floats, first: int = 0) -> list[Flags]:
-        """Sliding contacts of the solutions that branches, from one on, have along a direction."""
+        """Return sliding contacts of solutions of branches, from one on, along a direction."""
         angle = float(np.arctan2(*direction[1::-1]))
         return [branch.sliding[k] for branch in self.branches[first:] for k in branch.at(angle)]
 
@@ -187,7 +187,7 @@ class RegimeRegions:
         return np.unique(np.concatenate([np.empty(0), *angles]))
 
     def control(self, direction: Floats) -> HeldAndDriven:
-        """Control along a direction; strain outside of the subspace is zero."""
+        """Return the control along a direction; strain outside of the subspace is zero."""
         none = np.zeros(len(self.rest))
         if self.driven == "stress":
             return HeldAndDriven(self.rest, none, self.basis, direction)
@@ -199,7 +199,7 @@ class RegimeRegions:
         )
 
     def at(self, direction: Floats, starts: int | None = None) -> DirectionAnswer:
-        """Response along a unit direction; with zero starts from the known branches alone."""
+        """Return the response along a direction; with zero starts from the known branches alone."""
         control = self.control(direction)
         solved = self._solved(direction, control, starts)
         response = solved.response
@@ -237,7 +237,7 @@ class RegimeRegions:
         )  # fmt: skip
 
     def _solved(self, direction: Floats, control: HeldAndDriven, starts: int | None) -> Solved:
-        """The answer along a direction, from known branches, new starts or the nearest answer."""
+        """Answer a direction from known branches, new starts or the nearest answer."""
         rates, known = self.rates, self.sets(direction)
         complete = self.complete if len(rates.every) > ENUMERATED else ""
         if self.critical is not None and not complete:
@@ -278,22 +278,22 @@ class RegimeRegions:
         return self.rates.solved(control, 1, list(found.active))
 
     def elastic(self, direction: Floats) -> Floats:
-        """(2, 2, 2): `H'` and `P'` with all contacts at yield sticking."""
+        """Return `H'` and `P'` (2, 2, 2) with all contacts at yield sticking."""
         answer = self.rates.elastic
         H = controlled_strain(answer, self.control(direction))
         return np.stack([H, answer.stress @ H]).reshape(2, 2, 2)
 
     def tangent_along(self, direction: Floats) -> tuple[Floats, Floats]:
-        """Tangent and strain along a direction."""
+        """Return the tangent and the strain along a direction."""
         found = self.at(direction)
         return self.tangents[found.piece], self.basis @ found.response.strain_rate.ravel()
 
     def tangent_at(self, angle: float) -> tuple[Floats, Floats]:
-        """Tangent and strain at an angle of the plane."""
+        """Return the tangent and the strain at an angle of the plane."""
         return self.tangent_along(plane_directions(np.asarray(angle)))
 
     def root(self, found: DirectionAnswer, a: float, b: float) -> float | None:
-        """Angle nearest to `a` within the region and up to `b` at which W2 vanishes, if any."""
+        """Return the angle nearest to `a` in the region up to `b` where W2 vanishes, if any."""
         tangent, arc = self.tangents[found.piece], self.arcs[found.piece]
         form = tangent if self.driven == "strain" else np.linalg.inv(tangent)
         low, high = min(a, b) - SAME_DIRECTION, max(a, b) + SAME_DIRECTION
@@ -310,7 +310,7 @@ class RegimeRegions:
 def cones(
     pieces: RegimeRegions, directions: Floats, answers: list[DirectionAnswer]
 ) -> Cones | None:
-    """Cones of negative W2 in the plane; None elsewhere, or where half a turn is left out."""
+    """Return cones of negative W2 in the plane; None elsewhere, or with half a turn left out."""
     if directions.shape[1] != 2:
         return None
     theta = np.mod(np.arctan2(directions[:, 1], directions[:, 0]), TURN)
@@ -340,7 +340,7 @@ def cones(
 def _end(
     pieces: RegimeRegions, inside: DirectionAnswer, outside: DirectionAnswer, a: float, b: float
 ) -> tuple[float, bool]:
-    """Angle between `a` (W2 < 0) and `b` at which W2 vanishes, and True; else `a` and False."""
+    """Return the angle from `a` (W2 < 0) to `b` where W2 vanishes, and True; else `a`, False."""
     for _ in range(HALVINGS):
         if outside.piece < 0:
             return a, False
@@ -359,7 +359,7 @@ def _end(
 
 
 def _arc(lines: Floats, direction: Floats) -> Floats:
-    """Angles around a direction between which all rows of `lines` (k, 2) stay positive."""
+    """Return angles around a direction between which rows of `lines` (k, 2) stay positive."""
     theta = float(np.arctan2(direction[1], direction[0]))
     size = np.linalg.norm(lines, axis=1)
     kept = lines[size > 1e-12 * size.max(initial=0.0)]

@@ -72,8 +72,12 @@ TRUSTED = 1e-6
 CONDENSED = 2000
 # Up to so many several starts are worth their time.
 STARTED = 600
-# Candidates of one part, contacts from a wrong candidate to those of its part, and rounds of parts.
-PART, RINGS, ROUNDS = 300, 3, 14
+# Most candidates of one part; of more, all wrong ones change sides.
+PART = 300
+# Contacts between a wrong candidate and those of its part.
+RINGS = 3
+# Rounds of parts after which the best regimes that were found are told as not agreeing.
+ROUNDS = 14
 # Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
 # Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
@@ -194,7 +198,7 @@ class _NearYield(NamedTuple):
     number: Integers
 
     def take(self, c: Integers) -> _NearYield:
-        """The picked contacts."""
+        """Return the picked contacts."""
         at = self.state
         forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
         state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
@@ -202,7 +206,7 @@ class _NearYield(NamedTuple):
         return _NearYield(self.law.take(c), state, *flags, self.number[c])
 
     def slips(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Gauge (m, 4), push (m, 4), sliding block (m, 4, 4) and distance (m,) of contacts."""
+        """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
         law, state = self.law, self.state
         sign = np.sign(state.shear_force)[:, None]
         stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
@@ -223,7 +227,7 @@ class _NearYield(NamedTuple):
 
 
 def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: float) -> _NearYield:
-    """Contacts that may slide: those from a share of their strength on, and those said to slide."""
+    """Return contacts that may slide: from a share of their strength on, or said to slide."""
     near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
     regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
     # Without a shear force there is no side to slide to: frictionless contacts always slide.
@@ -241,7 +245,7 @@ def checked_band(share: float, name: str = "yield_band", usual: float = 0.99) ->
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
-    """(E, 4, 4) blocks with the active candidates sliding."""
+    """Return the blocks (E, 4, 4) with the active candidates sliding."""
     blocks = yielding.system.stiffness.copy()
     blocks[yielding.rows[active]] = yielding.sliding[active]
     return blocks
@@ -267,7 +271,7 @@ def linear_answer(
 def slip_motion(
     yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refine: int = REFINEMENTS
 ) -> tuple[Floats, Floats]:
-    """(size, k) motion per unit of slip `z` of each chosen candidate.
+    """Return the motion per unit of slip `z` of each chosen candidate (size, k).
 
     Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
@@ -280,7 +284,7 @@ def slip_motion(
 def updated_factor(
     yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats
 ) -> Changed:
-    """Factors with the active candidates sliding, as an update of those with all sticking."""
+    """Return factors with active candidates sliding, as an update of those with all sticking."""
     gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
     matrix = stiffness_matrix(yielding.system, stiffness_of(yielding, active))
     assert isinstance(elastic.factor, Factor)
@@ -290,7 +294,7 @@ def updated_factor(
 def condensed(
     yielding: YieldResponse, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
 ) -> tuple[Floats, Floats]:
-    """(k, k) matrix and (4, k) stress of the chosen candidates' complementary variables.
+    """Return matrix (k, k) and stress (4, k) of the chosen candidates' complementary variables.
 
     The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either reduces
     `s T'`. The matrix gives the other one of each pair.
@@ -308,13 +312,13 @@ def condensed(
 
 
 def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:
-    """(m,) or (m, k): `w` of sticking and `z` of sliding candidates under motions `r`."""
+    """Return `w` of sticking and `z` of sliding candidates under motions `r`: (m,) or (m, k)."""
     side = np.where(active, -1.0, 1.0).reshape(-1, *[1] * (relative.ndim - 2))
     return side * np.einsum("ci,ci...->c...", yielding.gauge, relative[yielding.rows])
 
 
 def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats) -> Floats:
-    """(C, 2) changes of force under given ones of branches and angles, which decide on slip."""
+    """Return changes of force (C, 2) under those of branches and angles, which decide on slip."""
     system = yielding.system
     kept = system.contacts
     turns = spin[system.graph.contacts[kept]] * system.length
@@ -470,7 +474,7 @@ class PackingRates:
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
     def problem(self, control: HeldAndDriven) -> tuple[Floats, Floats]:
-        """`q` and `M` of the complementarity problem of all candidates."""
+        """Return `q` and `M` of the complementarity problem of all candidates."""
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
     def solved(
@@ -517,7 +521,7 @@ class PackingRates:
         return Solved(response, active, answer, found.active)
 
     def rates_of(self, control: HeldAndDriven, active: Flags) -> tuple[Floats, Floats]:
-        """(4,) strain and stress rate of the solution with these candidates sliding."""
+        """Return strain and stress rate (4,) of the solution with these candidates sliding."""
         answer = self._answer(active)
         H = controlled_strain(answer, control)
         return H, answer.stress @ H
@@ -529,7 +533,7 @@ class PackingRates:
         return Solved(response, active, answer, found.active)
 
     def _answer(self, active: Flags) -> LinearAnswer:
-        """The answer with these candidates sliding, from the factorisation with none.
+        """Answer with these candidates sliding, from the factorisation with none.
 
         Where they slide without resistance the packing is factorised anew, with its regularisation.
         """
@@ -603,7 +607,7 @@ class PackingRates:
 def regimes_by_parts(
     yielding: YieldResponse, control: HeldAndDriven, free: Flags
 ) -> tuple[Flags, LinearAnswer, bool]:
-    """Regimes of too many candidates to condense, the answer, and whether the two agree.
+    """Find regimes of too many candidates to condense; and the answer, and whether they agree.
 
     Candidates that are not `free` stick whatever their rates are.
 
@@ -653,7 +657,7 @@ def controlled(
     pair: tuple[Floats, Floats],
     control: HeldAndDriven,
 ) -> tuple[Floats, Floats]:
-    """`q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
+    """Return `q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
     unit = complementary_rates(yielding, active, answer.relative)[chosen]
     matrix, stress = pair
     held, B = control.held.T @ control.strain, control.driven
@@ -676,7 +680,7 @@ def packing_response(
     boundary: Boundary | None = None,
     starts: int = STARTS,
 ) -> PackingResponse:
-    """Rates of all grains and contacts of a packing, spins free, under a strain rate.
+    """Return rates of all grains and contacts of a packing, spins free, under a strain rate.
 
     Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
     contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
@@ -738,7 +742,7 @@ def packing_response(
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDriven:
-    """Components of `H'` where they are numbers, and of `P'` where they are not."""
+    """Return the control of components of `H'` where they are numbers, else of `P'`."""
     H = np.asarray(strain, dtype=float)
     P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
     driven = np.isnan(H)
@@ -755,7 +759,7 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDri
 
 
 def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
-    """(4,) strain rate, its driven part as the stress asks for."""
+    """Return the strain rate (4,), its driven part as the stress asks for."""
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
     return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))

@@ -13,8 +13,10 @@ from loops.errors import InputError
 from loops.graph import GrainGraph, branches_between
 from loops.shown import Shown
 
-# Largest change in an interval: of the stress, over itself; of a centre, over the mean diameter.
-JUMP, LEAP = 0.5, 0.02
+# Largest change of the stress in an interval, over itself: beyond, the interval met a jump.
+JUMP = 0.5
+# Largest motion of a centre against the others in an interval, over the mean diameter.
+LEAP = 0.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,7 +150,7 @@ class PackingState(Shown):
         return float(left.mean() / self.mean_force)
 
     def graph(self) -> GrainGraph:
-        """The closed contacts between grains as a graph of their own."""
+        """Return the closed contacts between grains as a graph of their own."""
         c, periodic = self.closed & ~self.at_wall, not len(self.walls)
         return GrainGraph(
             x=self.x[: self.count],
@@ -221,7 +223,7 @@ def nominal(stress: Floats, H: Floats) -> Floats:
 
 
 def jumped(before: PackingState, after: PackingState, stress: float) -> str:
-    """The jump of the stress or of a centre in a short strain; empty if there is none.
+    """Tell the jump of the stress or of a centre in a short strain; empty if there is none.
 
     `stress` is the norm of the stress at the start of the path.
     """

@@ -41,6 +41,8 @@ from stability.programmes import Stage
 
 LoadStatus = Literal["held", "large motion, at rest again", "large motion, no rest", "unfinished"]
 MotionStatus = Literal["at rest", "no rest"]
+# Statuses of paths that end with a large motion.
+LARGE_MOTION: tuple[LoadStatus, ...] = ("large motion, at rest again", "large motion, no rest")
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
 # the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).
@@ -217,7 +219,7 @@ class LoadPath(Shown):
     @property
     def mode(self) -> Motion | None:
         """The large motion, else the motion of largest strain; None without any."""
-        if self.status.startswith("large"):
+        if self.status in LARGE_MOTION:
             return self.motions[-1]
         return max(self.motions, key=lambda one: float(np.linalg.norm(one.strain)), default=None)
 
@@ -403,7 +405,7 @@ def load_path(
 ) -> LoadPath:
     """One direction of `sustain`, with its spread."""
     path = _loaded(graph, law, direction, loading, faces, boundary)
-    if not (loading.spread and path.status.startswith("large")):
+    if not (loading.spread and path.status in LARGE_MOTION):
         return path
     less = loading._replace(damping=loading.damping * LESS_DAMPING)
     others = [_loaded(graph, law, direction, less, faces, boundary)]
@@ -505,7 +507,7 @@ def _loaded(
         message = "no large motion up to the largest load"
     elif status == "large motion, at rest again":
         message = motions[-1].cause
-    last = motions[-1] if status.startswith("large") else None
+    last = motions[-1] if status in LARGE_MOTION else None
     path = solver.path("finished", message)
     resting = np.ones(len(path), dtype=bool)
     resting[-1] = not motions or motions[-1].status == "at rest"

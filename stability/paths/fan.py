@@ -42,20 +42,34 @@ CONTROLS = {"strain": proportional_strain, "stress": proportional_stress}
 # Limits of a programme, in the order in which they are told.
 SPECTRAL = ("cone_opening", "det_Ks_zero", "det_K_zero")
 LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
-# Local error over the size of the variables, longest step in the space of H.
-RTOL, MAX_STEP = 1e-14, 0.04
+# Local error of a step over the size of the variables.
+RTOL = 1e-14
+# Longest step in the space of H, over the reach of the programmes.
+MAX_STEP = 0.04
 # Share of a step before which no event is looked for: at the first touch all forces are zero.
 BEGUN = 1e-4
-MOST_STEPS, HALVINGS, POLISHES = 600, 52, 3
+# Steps after which a programme without a limit is left to `follow`.
+MOST_STEPS = 600
+# Halvings that locate an event: as many as a number has bits, so to the rounding of a step.
+EVENT_HALVINGS = 52
+# Newton's steps that follow on the states that are integrated to.
+EVENT_POLISHES = 3
 # Half the distance, in shares of a step, over which the slope of an event function is taken.
 SLOPE_WIDTH = 1e-4
 # Stress over kn at which a programme of stress ends that `follow` takes, over its reach in strain.
 STRESS_REACH = 5.0
 # Event functions this close to zero where another one vanishes do so there too.
 COINCIDENT = 1e-13
-# A normalised eigenvalue or rate this small is zero; shares of the strength and of the branch at
-# which contacts of the first state are at yield and just touch; shortest step.
-SINGULAR, AT_YIELD, TOUCHING, SHORTEST = 1e-12, 1e-9, 1e-11, 1e-9
+# A normalised eigenvalue or rate this small is zero.
+SINGULAR = 1e-12
+# What |T| of the first state may lack to the strength, over it, where a contact is at yield.
+AT_YIELD = 1e-9
+# Overlap of the first state over r_i + r_j up to which a contact just touches.
+TOUCHING = 1e-11
+# A programme along which both strains are equal to this is isotropic: several modes go singular.
+ISOTROPIC = 1e-9
+# Shortest step, over the reach of the programmes; below, the question is left to `follow`.
+SHORTEST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +106,10 @@ class LoopStates:
             getattr(self, field.name)[rows] = getattr(states, field.name)
 
 
-# The 12 stages of the method, its end, and the three more that its interpolant takes.
-STAGES, DENSE_STAGES = 12, 16
+# Stages of the method of order 8 (DOP853 of Hairer and Wanner).
+STAGES = 12
+# Those of its interpolant: the end of the step, and three more.
+DENSE_STAGES = 16
 TABLEAU = np.zeros((DENSE_STAGES, DENSE_STAGES))
 TABLEAU[:STAGES, :STAGES], TABLEAU[STAGES, :STAGES] = DOP853.A, DOP853.B
 TABLEAU[STAGES + 1 :] = DOP853.A_EXTRA
@@ -531,7 +547,7 @@ def _to_event(
         width = np.nan_to_num(2.0 * SLOPE_WIDTH / (upper - lower), posinf=0.0, neginf=0.0)
     best = np.full(len(every), np.inf)
     trial = theta
-    for _ in range(POLISHES):
+    for _ in range(EVENT_POLISHES):
         there = fan.step(start, own, trial * size)[0]
         value = pending(there, own)[0][every, which]
         better = np.abs(value) < best
@@ -552,7 +568,7 @@ def first_sign_change(values: Callable[[Floats, Integers], Floats], low: Floats)
     a, b = low.copy(), np.ones(len(low))
     every = np.arange(len(low))
     b = np.where(values(a, every) <= 0.0, a, b)
-    for _ in range(HALVINGS):
+    for _ in range(EVENT_HALVINGS):
         middle = 0.5 * (a + b)
         beyond = values(middle, every) <= 0.0
         a, b = np.where(beyond, a, middle), np.where(beyond, middle, b)
@@ -588,7 +604,7 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     limits.record("opening", rows[parting], now.take(parting))
     # On isotropic programmes several modes go singular at one state, which symmetry alone resolves.
     together = fan.control == "stress" or model.closure == "traction"
-    alike = np.abs(np.cos(fan.programme) - np.sin(fan.programme)) < AT_YIELD
+    alike = np.abs(np.cos(fan.programme) - np.sin(fan.programme)) < ISOTROPIC
     limits.open_question[~parting & (~settled | (alike & together))] = True
     going = np.flatnonzero(~limits.open_question & ~parting)
     slides = going[(now.regime[going] == Regime.SLIDING).any(axis=1)]

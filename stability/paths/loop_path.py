@@ -40,9 +40,11 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.regimes import Choice, Regimes
+from stability.regimes import Choice, RateStatus, Regimes
 from stability.spectra import subspace_basis
 
+# Statuses of a rate problem without regimes to go on with.
+UNANSWERED: tuple[RateStatus, ...] = ("none", "none found")
 # Steps that a stage takes at least, if it is as long as its start promises.
 MIN_STEPS = 8
 # Rate problems in a row without progress after which the stage ends without a solution.
@@ -166,7 +168,7 @@ class LoopPathSolver:
         idle, reach = 0, np.inf
         while True:
             problem = self._rate_problem(stage, expected, before)
-            if problem.status.startswith("none"):
+            if problem.status in UNANSWERED:
                 # Zero force at the start of loading is not a separation.
                 if self.record.rows and self._carries_nothing():
                     return self._came_apart()
@@ -211,10 +213,10 @@ class LoopPathSolver:
         if before is not None and len(before.mode.regime) == self.model.contact_count:
             direction = rate_vector(self.model, before.rates)
         problem = self._solve(self.model, stage, expected, direction)
-        if problem.status.startswith("none") and self.model.symmetry is not None:
+        if problem.status in UNANSWERED and self.model.symmetry is not None:
             full = replace(self.model, symmetry=None)
             problem = self._solve(full, stage, expected, direction)
-            if not problem.status.startswith("none"):
+            if problem.status not in UNANSWERED:
                 self.model = full
                 self.symmetry_kept = (
                     f"given up at parameter {self.parameter:.15g}: no symmetric motion goes on"

@@ -37,8 +37,11 @@ from stability.programmes import Programme
 MOST_GRAINS = 60
 # Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
 # rates would carry a noise of 1e-16 over it, which the integrator takes for their change.
+SOFT_BLOCK = 0.1
 # In long loops, where the other equations cost the cube of the length, some noise is put up with.
-SOFT_BLOCK, SOFT_BLOCK_LONG, LONG = 0.1, 1e-3, 24
+SOFT_BLOCK_OF_LONG = 1e-3
+# Grains beyond which a loop is long in this sense.
+LONG_LOOP = 24
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
 UNIT_PARAMETER: Floats = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -208,7 +211,7 @@ def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> K
         return "affine"
     if model.is_plain_ring:
         k = translational_blocks(contacts, model.law, regime)
-        soft = SOFT_BLOCK if model.grain_count <= LONG else SOFT_BLOCK_LONG
+        soft = SOFT_BLOCK if model.grain_count <= LONG_LOOP else SOFT_BLOCK_OF_LONG
         if (np.abs(np.linalg.det(k)) > soft * model.stiffness**2).all():
             return "ring"
     return "saddle"
