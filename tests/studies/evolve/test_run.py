@@ -11,11 +11,11 @@ from PIL import Image
 
 from loops import InputError, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
 from studies.evolve import forecast_summary, run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
-from studies.snapshot.in_packing import box_sides
 from tests.packings import LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
