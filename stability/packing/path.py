@@ -70,6 +70,7 @@ LEAST_STRETCH = 4
 CONVERGED = 0.01
 # Halvings after which a limit is said to be not converged.
 MOST_HALVINGS = 5
+CONTROL_LIMIT = "limit of the control: the strain grows without bound"
 Stop = tuple[PathStatus, str]
 
 
@@ -341,11 +342,12 @@ class PackingPathSolver:
         except RejectedError as error:
             status, message = error.args
         except ControlLimitError:
-            status = "control_limit"
-            message = "limit of the control: the strain grows without bound"
+            status, message = "control_limit", CONTROL_LIMIT
         except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
             status, message = "lost", f"the system can't be solved: {error}"
         else:
+            if isinstance(met, ControlLimitError):
+                return "control_limit", CONTROL_LIMIT
             stop = self._pass(met, duration, stage) if met else None
             found = {event.contacts for event in self.events if event.kind == "instability"}
             if stop is None and len(found) >= instabilities:
@@ -359,8 +361,10 @@ class PackingPathSolver:
             self._add_events(events)
         return status, message
 
-    def _interval(self, stage: Stage, events: list[Event]) -> tuple[InstabilityError | None, float]:
-        """Strain by an increment: the instability that ends it, and the duration asked for."""
+    def _interval(
+        self, stage: Stage, events: list[Event]
+    ) -> tuple[InstabilityError | ControlLimitError | None, float]:
+        """Strain by an increment: what ends it before its goal, and the duration asked for."""
         packing = RegimeFactor(
             self.state,
             self.pairs,
@@ -400,7 +404,8 @@ class PackingPathSolver:
             self.past if self.past is viscous else None,
             self.rattlers,
         )
-        met, taken = None, (increment, decrease / duration)
+        met: InstabilityError | ControlLimitError | None = None
+        taken = increment, decrease / duration
         try:
             increment.run()
             while len(self.targets) > 1 and increment.at_goal:
@@ -412,6 +417,11 @@ class PackingPathSolver:
                 increment.left += self.targets[1] - self.targets.popleft()
                 increment.run()
         except InstabilityError as error:
+            met = error
+        except ControlLimitError as error:
+            # It is met at an event within the interval; up to there the packing is in equilibrium.
+            if not increment.time or (packing.regime[: len(self.pairs)] == OPEN).all():
+                raise
             met = error
         finally:
             events += increment.events

@@ -74,7 +74,7 @@ STRIDE = 5.0 / 3.0
 STILL = 2e-10
 # Largest error of the stress along the direction, over its rise: else the interval is cut.
 LOAD_ERROR = 5e-3
-# Factor by which an interval is cut, and how often, before a lost equilibrium is believed.
+# Factor by which an interval is cut, and how often at most, before a lost equilibrium is believed.
 CUT = 4.0
 MOST_CUTS = 3
 # No number of instabilities ends a path: each one does.
@@ -490,6 +490,8 @@ def _loaded(
         solver.take_motion(
             Passed("replayed", moving.moving.state(), moving.moving.pairs, moving.work()), load
         )
+        # What the halves before the loss were says nothing of the path behind the motion.
+        solver.size = loading.interval
         if ended == "no rest":
             large = strain >= loading.large
             status = "large motion, no rest" if large else "unfinished"
@@ -557,7 +559,7 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop |
 
     Shorter intervals are tried where one ends in no equilibrium, or away from its load.
     """
-    cuts = 0
+    shortest = interval / CUT**MOST_CUTS
     while solver.targets:
         before = solver.saved()
         solver.history.append(before)
@@ -566,16 +568,15 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop |
         error = abs(_along(solver, stage) - solver.parameter)
         least = LEAST_PUSH * solver.first_stress
         away = error > LOAD_ERROR * max(solver.parameter, least)
-        if cuts < MOST_CUTS and ((stop is not None and not met) or away):
+        if solver.size > shortest and ((stop is not None and not met) or away):
             size = solver.size / CUT
             solver.restore(before)
             solver.history.pop()
-            solver.size, cuts = size, cuts + 1
+            solver.size = max(size, shortest)
             continue
         solver.record()
         if stop is not None:
             return stop
-        cuts = 0
         solver.size = min(2.0 * solver.size, interval)
     return None
 
