@@ -262,7 +262,7 @@ class Path(Shown):
         (loops): stopped there, by the option; 'instabilities' (packings): stopped at the stated
         number of them, or at the first as asked; 'lost': the integration failed, forces or centres
         jumped, or there was no rest after an instability, see `message`. The last row of a packing
-        is the state before.
+        is the state before; at 'control_limit' that of the event within the interval which met it.
     message : str
         The status in words.
     events : tuple of Event

@@ -132,8 +132,8 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
 def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     """Largest stress along a direction, driven by strain along a mode, stress across it held.
 
-    Load leads to 0.98 of the loss, strain goes on from there to its first instability: whether one
-    is met beyond the peak hangs on the state. And whether the stress fell behind the peak.
+    Load leads to 0.98 of the loss, strain goes on from there, over the peak, to its first
+    instability; whether one is met hangs on the state.
     """
     across = np.array([-direction[1], direction[0]])
     load = stage_along(direction, "diagonal", "stress", 0.98 * lost)
@@ -153,11 +153,13 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     assert status in ("finished", "instabilities")
     see(0.0)
     along = np.array(rises) @ direction
-    assert np.abs(np.array(rises) @ across).max() < 1e-5 * lost
-    return along.max(), status == "finished" and along[-1] < along.max()
+    # The geometry is kept over an interval: that much the stress across is off at its end.
+    assert np.abs(np.array(rises) @ across).max() < 5e-4 * lost
+    assert along[-1] < along.max()
+    return along.max()
 
 
-def driven_both_ways(graph, law, direction, largest, intervals, beyond):
+def driven_both_ways(graph, law, direction, largest, intervals):
     """Peaks under strain over the loss under dead load: two numberings, two intervals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sustain_module, "MOST_STEPS", STEPS)
@@ -168,24 +170,22 @@ def driven_both_ways(graph, law, direction, largest, intervals, beyond):
     for packing, its_law in ((graph, law), renumbered(graph, law, None, 1)[:2]):
         for interval in intervals:
             how = packing, its_law, direction, motion.lost, mode, interval
-            peak, falls = peak_driven_by_strain(*how)
-            assert falls == beyond
-            peaks.append(peak / motion.lost)
+            peaks.append(peak_driven_by_strain(*how) / motion.lost)
     return np.array(peaks)
 
 
 def test_a_small_packing_driven_by_strain_has_its_peak_at_the_limit():
-    """24 grains: stress falls behind the peak, and the path of strain goes on."""
+    """24 grains; peaks are those of ends of intervals, and all below the limit."""
     graph = jammed(24, 3, LAW)
     largest = 0.3 * np.trace(start_state(graph).stress)
-    peaks = driven_both_ways(graph, LAW, towards(270.0), largest, (4e-5, 1e-5), True)
+    peaks = driven_both_ways(graph, LAW, towards(270.0), largest, (4e-5, 1e-5))
     np.testing.assert_allclose(peaks, 1.0, atol=2e-4)
     np.testing.assert_allclose(peaks[:2], peaks[2:], rtol=1e-9)
 
 
 def test_a_state_driven_by_strain_has_its_peak_at_the_limit():
-    """2,000 grains, wanted within 1.5 %; an instability follows at the peak."""
+    """2,000 grains, wanted within 1.5 %; an instability follows behind the peak."""
     graph, law, _ = yade_rest("slow")
-    peaks = driven_both_ways(graph, law, towards(FEW[0]), 4.0, (5e-6, 1e-6), False)
-    np.testing.assert_allclose(peaks, 1.0, atol=1e-3)
+    peaks = driven_both_ways(graph, law, towards(FEW[0]), 4.0, (5e-6, 2e-6))
+    np.testing.assert_allclose(peaks, 1.0, atol=2e-3)
     np.testing.assert_allclose(peaks[:2], peaks[2:], rtol=1e-6)
