@@ -491,7 +491,7 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
 
 
 def test_events_of_a_rejected_interval_are_dropped():
-    """At the control limit the last interval is undone, and its events are dropped."""
+    """A limit of the control met at the start of an interval: nothing lies beyond the last row."""
     stage = Stage(drained_biaxial(), "parameter", 0.05)
     path = followed(packed(16, 2, LAW), LAW, stage, interval=2e-4)
     assert path.status == "control_limit" and len(path.events)
