@@ -25,6 +25,7 @@ from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
 from loops.arrays import Flags, Floats, Integers
+from loops.shown import Shown
 
 # Begin, end, sliding contacts, line of the watched contact's rate.
 Segment = tuple[float, float, Flags, Floats]
@@ -71,8 +72,8 @@ MARGIN, BARRIER_STEPS = 1e-9, 60
 LARGE = 1e3
 
 
-@dataclass(frozen=True, eq=False)
-class Family:
+@dataclass(frozen=True, eq=False, repr=False)
+class Family(Shown):
     """Solutions in unbroken succession: any slips between the corners, or along a ray from one.
 
     Attributes

@@ -13,6 +13,7 @@ from loops.closures.null_space import solve_through_null_space
 from loops.errors import InputError
 from loops.graph import ContactState, require_one_state
 from loops.laws.frictional import edge_of, edge_rates, with_sides
+from loops.shown import Shown
 from stability.paths.state_rates import is_trusted
 from stability.regimes import (
     ENUMERATION_LIMIT,
@@ -24,8 +25,8 @@ from stability.regimes import (
 from stability.regimes import Regimes as AgreeingRegimes
 
 
-@dataclass(frozen=True, eq=False)
-class SupportedRates:
+@dataclass(frozen=True, eq=False, repr=False)
+class SupportedRates(Shown):
     """Rates of a supported cluster in one combination of regimes, see `stability.regimes.Trial`.
 
     `regime` (C,); `motion` (G, 2) and `spin` (G,) rates of the grains; `un`, `ut` (C,) normal and

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime
+from loops import CohesiveFrictional, GrainGraph, LinearFrictional, Regime
 from patterns import Snapshot
 from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
 from patterns.snapshots.stiffness_checks import check_kt
@@ -330,10 +330,19 @@ friction, same = of(checks.friction), of(checks.same_snapshot)
 one_radius, one_contact = of(stiffness_checks.one_radius), of(stiffness_checks.one_contact)
 hertz_told = says("Hertz", stiffness_checks.stiffness)
 lost, outward = of(missing.lost_contacts), of(missing.walls)
+
+
+def pulled(share):
+    """A state in which one contact pulls with this share of its adhesion."""
+    law = CohesiveFrictional(1.0, 0.5, 0.5, 1.0)
+    return dataclasses.replace(state(normal=one(-share)), law=law)
+
+
 LIMITS = [
     ("LOADED", weak, 0.08, 0.12),
     ("ALONG", of(checks.directions), *(state(shear=np.sqrt(s**-2 - 1)) for s in (0.48, 0.33))),
     ("PULLING", of(checks.pulling), state(normal=one(-1.74)), state(normal=one(-2.74))),
+    ("PULL", of(checks.pulling), pulled(0.9), pulled(1.5)),
     ("BALANCE", balance, state(normal=one(1.34)), state(normal=one(1.53))),
     ("SHEAR_TURNED", balance, out_of_balance(0.375), out_of_balance(0.24)),
     ("CONTACT_TURNED", turned, state(normal=one(-0.571)), state(normal=one(-0.676))),
@@ -475,8 +484,8 @@ def test_every_limit_has_its_examples():
         if name.isupper() and name != "TYPE_CHECKING"
         for place in (range(len(value)) if isinstance(value, tuple) else (None,))
     }
-    # Numbers of the fit of rotations, which the next test holds.
-    assert found - {"FITTED", "REWEIGHTED"} == {limit[0] for limit in LIMITS}
+    # Numbers of the fit of rotations, which the next test holds, and laws that files are read with.
+    assert found - {"FITTED", "REWEIGHTED", "READ_LAWS"} == {limit[0] for limit in LIMITS}
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])

@@ -9,7 +9,7 @@ import pytest
 from loops import LinearFrictional
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths import EventKind
+from stability.path import EventKind
 
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5.0)))
 PLAIN = LinearFrictional(kn=1.0, kt=0.1)
