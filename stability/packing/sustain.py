@@ -490,7 +490,7 @@ def _loaded(
         solver.take_motion(
             Passed("replayed", moving.moving.state(), moving.moving.pairs, moving.work()), load
         )
-        # What the halves before the loss were says nothing of the path behind the motion.
+        # Halves before the loss give no history of the path behind the motion.
         solver.size = loading.interval
         if ended == "no rest":
             large = strain >= loading.large

@@ -10,7 +10,7 @@ from tests.tools.sustaining import figure_of_intervals, figure_of_loads
 
 LOADS = pd.read_csv(DOCS / "figures/sustaining.csv")
 INTERVALS = pd.read_csv(DOCS / "figures/sustaining_intervals.csv")
-(VARIED,) = tables(section(page("sustaining"), "## Before and after"))
+VARIED, DRIVEN = tables(section(page("sustaining"), "## Before and after"))
 (BESIDE,) = tables(section(page("sustaining"), "## Against Yade"))
 
 
@@ -55,3 +55,11 @@ def test_every_row_is_in_the_figures():
     assert sum(len(ax.patches) for ax in panels) == len(LOADS)
     over, across = figure_of_intervals(INTERVALS).axes
     assert len(over.lines[0].get_xdata()) == 4 and len(across.lines[0].get_xdata()) == 6
+
+
+@pytest.mark.parametrize("told", DRIVEN, ids=lambda told: f"{told['state']} {told['interval']}")
+def test_peaks_under_strain_are_the_limits(told):
+    limit, peak = (float(told[name]) for name in ("limit under dead load", "peak under strain"))
+    assert abs(peak / limit - float(told["peak over limit"])) <= 1e-5
+    assert float(told["the same, another numbering"]) == float(told["peak over limit"])
+    assert abs(peak / limit - 1.0) <= 0.015
