@@ -10,7 +10,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, branch_vectors, contact_state
+from loops import (
+    CohesiveFrictional,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    Regime,
+    branch_vectors,
+    contact_state,
+)
 from patterns import Snapshot
 from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
 from patterns.snapshots.stiffness_checks import check_kt
@@ -77,6 +85,9 @@ def in_units(made, force, length):
     )
     each = np.ones(len(made.contacts))
     kn, kt = (force / length * k * each for k in (made.law.kn, made.law.kt))
+    law = LinearFrictional(kn, kt, made.law.mu * each)
+    if isinstance(made.law, CohesiveFrictional):
+        law = CohesiveFrictional(kn, kt, made.law.mu * each, force * made.law.adhesion * each)
     regime = None
     if made.sliding is not None:
         regime = np.where(made.sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
@@ -84,7 +95,7 @@ def in_units(made, force, length):
         graph,
         length * made.d,
         length * made.length,
-        LinearFrictional(kn, kt, made.law.mu * each),
+        law,
         regime,
         None if made.given is None else length * made.given,
         None if made.walls is None else (made.walls[0], force * made.walls[1]),
