@@ -120,7 +120,7 @@ class Walls(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Boundary(Shown):
-    """What a packing ends at, and what drives it.
+    """Boundary of a packing: periodic cell, plates, or an outline of held grains.
 
     Make it with `boundary_of`. Forces, stresses and strains are positive in compression.
 

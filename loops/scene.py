@@ -62,7 +62,7 @@ class Scene(Shown):
 
 
 class HasScene(Protocol):
-    """What has a scene, and stands for it: a snapshot, or a packing at rest."""
+    """Object with a scene, accepted in its place: a snapshot, or a packing at rest."""
 
     @property
     def scene(self) -> Scene:

@@ -106,7 +106,7 @@ AnyRates = TypeVar("AnyRates", bound=Trial, covariant=True)
 
 
 class EdgeProblem(Protocol[AnyRates]):
-    """What a search needs to know: regimes that contacts may take, and the rates these cause."""
+    """Problem of a search for regimes: those that contacts may take, and the rates they cause."""
 
     @property
     def options(self) -> Sequence[Sequence[Choice]]:

@@ -367,7 +367,7 @@ COARSE = 0.01
 
 
 def unseen(state: Checked) -> Finding:
-    """What the numbers of this one snapshot do not tell."""
+    """List the quantities that one snapshot cannot determine, such as kt."""
     lines = ["one snapshot does not tell kt, two of them a small step apart do"]
     if state.sliding is not None and not state.sliding.any():
         lines.append("no contact slides: mu is not told")

@@ -35,7 +35,7 @@ class Standing(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """How an instability was passed: the state at rest behind it, or in words why there is none.
+    """Outcome of an instability: the state at rest behind it, or a message why there is none.
 
     `work` (4,) is that of the motion, as `Path.work`.
     """

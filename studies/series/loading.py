@@ -1,6 +1,6 @@
-"""How a sample was loaded between two snapshots: straight, in parts, by mixed control, by a table.
+"""Loading of a sample between two snapshots: straight, in parts, by mixed control, by a table.
 
-The net strain of an interval is known; `--programme` says on which way it was reached.
+The net strain of an interval is known; `--programme` says on which way the strain was reached.
 """
 
 from __future__ import annotations
