@@ -15,18 +15,20 @@ Five grains compressed along axis 1 at constant stress along axis 2:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import InputError, number
 from loops.shown import Shown
 from stability.spectra import COMPONENTS
 
 Axis = Literal[1, 2]
+NOTHING = np.zeros(4)
+IDENTITY = np.eye(2).ravel()
 QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
 
 
@@ -48,8 +50,15 @@ class Programme(Shown):
     rate : (4,) array
         Right-hand side per unit of the loading parameter, not zero.
     isochoric_row : int, optional
-        Row whose strain coefficients are replaced by those of `(det F)' = 0` in the current
+        Row whose strain coefficients are replaced by those of `-(det F)' = 0` in the current
         state, `F = I - H`.
+    cauchy_row : int, optional
+        Row, 0 or 3, of a total Cauchy stress: that of the component 11 or 22, plus the pressure of
+        a fluid in the pores. It replaces the row's coefficients in the current state,
+        `sigma = P F^T / det F`.
+    fluid_bulk_modulus : float
+        Bulk modulus `K` of the fluid of the Cauchy row (stress), whose pressure is
+        `-K ln det F`; 0 without a fluid.
 
     Raises
     ------
@@ -69,6 +78,8 @@ class Programme(Shown):
     strain: Floats
     rate: Floats
     isochoric_row: int | None = None
+    cauchy_row: int | None = None
+    fluid_bulk_modulus: float = 0.0
 
     def __post_init__(self) -> None:
         for field, shape in (("stress", (4, 4)), ("strain", (4, 4)), ("rate", (4,))):
@@ -79,31 +90,63 @@ class Programme(Shown):
                 raise InputError(where, received, f"finite numbers of shape {shape}", remedy)
             value.setflags(write=False)
             object.__setattr__(self, field, value)
-        stress, strain, rate = self.equations(np.zeros(4))
+        where = f"programme {self.name!r}"
+        if self.cauchy_row not in (None, 0, 3):
+            received, expected = f"cauchy_row {self.cauchy_row}", "0 (11) or 3 (22)"
+            raise InputError(where, received, expected, "Name the row of a direct stress.")
+        number("fluid_bulk_modulus", self.fluid_bulk_modulus, 0.0)
+        stress, strain, rate = self.equations(NOTHING, NOTHING)
         rank = int(np.linalg.matrix_rank(np.hstack([stress, strain])))
         if rank < 4 or not rate.any():
             raise InputError(
-                f"programme {self.name!r}",
+                where,
                 f"{rank} independent equations, rate {rate.tolist()}",
                 "4 independent equations and a rate that is not zero",
                 "Control four independent combinations and drive one of them.",
             )
 
-    def equations(self, H: Floats) -> tuple[Floats, Floats, Floats]:
-        """Coefficients `stress`, `strain` and `rate` at the displacement gradient `H`, (4,)."""
-        if self.isochoric_row is None:
+    def equations(self, H: Floats, P: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the coefficients `stress`, `strain` and `rate` at `H` and `P`, (4,) each.
+
+        They are the slopes of `values`.
+        """
+        if self.isochoric_row is None and self.cauchy_row is None:
             return self.stress, self.strain, self.rate
-        strain = self.strain.copy()
+        stress, strain = self.stress.copy(), self.strain.copy()
         # (det F)' = cof F : F' and F' = -H'.
-        strain[self.isochoric_row] = [1.0 - H[3], H[2], H[1], 1.0 - H[0]]
-        return self.stress, strain, self.rate
+        cof = np.array([1.0 - H[3], H[2], H[1], 1.0 - H[0]])
+        if self.isochoric_row is not None:
+            strain[self.isochoric_row] = cof
+        if self.cauchy_row is not None:
+            row, area = self.cauchy_row, area_ratio(H)
+            # (sigma det F)' = P'.F + P.F' of this row of the tensors.
+            own = slice(0, 2) if row == 0 else slice(2, 4)
+            stress[row] = 0.0
+            stress[row, own] = (IDENTITY - H)[own] / area
+            strain[row] = (cauchy(H, P, row) + self.fluid_bulk_modulus) * cof / area
+            strain[row, own] -= P[own] / area
+        return stress, strain, self.rate
+
+    def values(self, H: Floats, P: Floats) -> Floats:
+        """Return what the equations control, (4,), at `H` and `P`, (4,) each.
+
+        These are `stress @ P + strain @ H`, the loss of area `-det F` in the isochoric row, and the
+        total Cauchy stress `sigma - K ln det F` in the Cauchy row.
+        """
+        values = self.stress @ P + self.strain @ H
+        if self.isochoric_row is not None:
+            values[self.isochoric_row] = -area_ratio(H)
+        if self.cauchy_row is not None:
+            pressure = -self.fluid_bulk_modulus * np.log(area_ratio(H))
+            values[self.cauchy_row] = cauchy(H, P, self.cauchy_row) + pressure
+        return np.asarray(values)
 
     def driven(self, quantity: str) -> float:
         """Rate of a component that one equation fixes alone, nan if none does."""
         controls = np.hstack([self.strain, self.stress])
         own = controls[:, QUANTITIES.index(quantity)]
         for row in np.flatnonzero(((controls != 0).sum(axis=1) == 1) & (own != 0)):
-            if row != self.isochoric_row:
+            if row not in (self.isochoric_row, self.cauchy_row):
                 return float(self.rate[row] / own[row])
         return float("nan")
 
@@ -221,6 +264,10 @@ def proportional_stress(P11: float, P22: float) -> Programme:
 def drained_biaxial(axis: Axis = 1, rate: float = 1.0) -> Programme:
     """Strain rate along `axis`, constant nominal stress across it, `H12' = H21' = 0` (32).
 
+    The nominal stress is a force over the first length of the side that it acts on: this is a dead
+    load. A cell or a membrane that holds the pressure holds the Cauchy stress, the force over the
+    length that the side has now (`cauchy_drained`); the two are alike for small strains.
+
     Examples
     --------
     >>> drained_biaxial(axis=2).stress.diagonal().tolist()
@@ -236,22 +283,74 @@ def oedometric(axis: Axis = 1, rate: float = 1.0) -> Programme:
     return _programme("oedometric", {f"H{along}": rate, "H12": 0, "H21": 0, f"H{across}": 0})
 
 
-def undrained(axis: Axis = 1, rate: float = 1.0) -> Programme:
-    """Strain rate along `axis` at constant area, `H12' = H21' = 0`.
+def cauchy_drained(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Strain rate along `axis`, constant Cauchy stress across it, `H12' = H21' = 0`.
 
-    The area is held exactly: `tr(F^-1 F') = 0` with `F = I - H`, hence `det F` stays what it was
-    at the start of the stage; to first order this is `H11' + H22' = 0`.
+    With `sigma = P F^T / det F` and `F` without shear, across axis 1: `sigma22 = P22 / (1 - H11)`,
+    so that `P22' + sigma22 H11' = 0`, where `drained_biaxial` has `P22' = 0`.
 
     Examples
     --------
     >>> import numpy as np
-    >>> undrained().equations(np.array([0.5, 0.0, 0.0, 0.2]))[1][3].tolist()
-    [0.8, 0.0, 0.0, 0.5]
+    >>> stress, strain, _ = cauchy_drained().equations(np.zeros(4), np.array([3.0, 0.0, 0.0, 2.0]))
+    >>> stress[3].tolist(), strain[3].tolist()
+    ([0.0, 0.0, 0.0, 1.0], [2.0, 0.0, 0.0, 0.0])
     """
+    _, across = _axes(axis)
+    drained = drained_biaxial(axis, rate)
+    row = COMPONENTS.index(across)
+    return replace(drained, name="Cauchy drained", cauchy_row=row)
+
+
+def biaxial(axis: Axis = 1, rate: float = 1.0) -> Programme:
+    """Biaxial test as DEM codes run it: `cauchy_drained` under the name that it has there.
+
+    One axis of the cell is compressed at a rate, a servo keeps the pressure across it, the force
+    over the side's length; the cell stays a rectangle.
+
+    Examples
+    --------
+    >>> biaxial().cauchy_row, biaxial().name
+    (3, 'biaxial')
+    """
+    return replace(cauchy_drained(axis, rate), name="biaxial")
+
+
+def undrained(
+    axis: Axis = 1, rate: float = 1.0, fluid_bulk_modulus: float = float("inf")
+) -> Programme:
+    """Strain rate along `axis` while a fluid fills the pores, `H12' = H21' = 0`.
+
+    The total Cauchy stress across stays, that of the grains and the pressure of the fluid,
+    `sigma22 - K ln det F` across axis 1. A fluid that can't be compressed (the default) holds the
+    area exactly: `tr(F^-1 F') = 0` with `F = I - H`, hence `det F` stays what it was at the start
+    of the stage; to first order this is `H11' + H22' = 0`. Without a stiffness, `K = 0`, it is
+    `cauchy_drained`.
+
+    Parameters
+    ----------
+    axis : {1, 2}
+        Axis that is driven.
+    rate : float
+        Its strain rate.
+    fluid_bulk_modulus : float
+        `K` (stress) by the area of the sample: the fluid's over the porosity where the grains are
+        stiff.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> undrained().equations(np.array([0.5, 0.0, 0.0, 0.2]), np.zeros(4))[1][3].tolist()
+    [0.8, 0.0, 0.0, 0.5]
+    >>> undrained(fluid_bulk_modulus=7.0).equations(np.zeros(4), np.zeros(4))[1][3].tolist()
+    [7.0, 0.0, 0.0, 7.0]
+    """
+    if fluid_bulk_modulus != np.inf:
+        drained = cauchy_drained(axis, rate)
+        return replace(drained, name="undrained", fluid_bulk_modulus=fluid_bulk_modulus)
     along, across = _axes(axis)
     held = _programme("undrained", {f"H{along}": rate, "H12": 0, "H21": 0, f"H{across}": 0})
-    row = COMPONENTS.index(across)
-    return Programme(held.name, held.stress, held.strain, held.rate, isochoric_row=row)
+    return replace(held, isochoric_row=COMPONENTS.index(across))
 
 
 def simple_shear(axis: Axis = 1, rate: float = 1.0) -> Programme:
@@ -307,6 +406,17 @@ def combination(
     return Programme(name, np.asarray(stress), np.asarray(strain), np.asarray(rate))
 
 
+def area_ratio(H: Floats) -> float:
+    """Return `det F`, the area over that of the reference, zero where a loop is a line; H (4,)."""
+    return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
+
+
+def cauchy(H: Floats, P: Floats, component: int) -> float:
+    """Return the Cauchy stress 11 (component 0) or 22 (3) of nominal stresses `P` (4,) at `H`."""
+    own = slice(0, 2) if component == 0 else slice(2, 4)
+    return float(P[own] @ (IDENTITY - H)[own]) / area_ratio(H)
+
+
 def _programme(name: str, controlled: dict[str, float]) -> Programme:
     """Programme that controls one component of `H` or `P` per row, in the order 11 .. 22."""
     stress, strain, rate = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4)
@@ -327,7 +437,8 @@ def _axes(axis: int) -> tuple[str, str]:
 BY_NAME = {
     make.__name__: make
     for make in (
-        isotropic_strain, isotropic_stress, drained_biaxial, oedometric, undrained, simple_shear
+        isotropic_strain, isotropic_stress, drained_biaxial, cauchy_drained, biaxial, oedometric,
+        undrained, simple_shear,
     )
 }  # fmt: skip
 

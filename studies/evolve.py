@@ -21,8 +21,9 @@ from stability import Path as FollowedPath
 from stability.packing import LoopRates, loop_changes, replay
 from stability.packing.state import nominal
 from stability.path import Past, describe
+from stability.programmes import NOTHING
 from studies.output import UNITS, definitions, readable
-from studies.paths.options import PROGRAMMES
+from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
 from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
@@ -31,7 +32,7 @@ from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_contr
 from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
-EVOLVED = PROGRAMMES | {"simple-shear": programmes.simple_shear}
+EVOLVED = (*PROGRAMMES, "proportional-strain", "simple-shear")
 # A drop: the driven stress falls between two snapshots by more than this share of itself.
 DROP = 1e-4
 # Snapshots beyond the end of a path by less than this share of it are at its end: strains over the
@@ -50,6 +51,8 @@ def run_evolve(
     to: float,
     programme: str = "drained",
     axis: int = 1,
+    fluid_bulk_modulus: float | None = None,
+    strain_ratio: float | None = None,
     rows: int = 20,
     interval: float = 5e-6,
     instabilities: int = 20,
@@ -82,10 +85,12 @@ def run_evolve(
         "programme": programme, "axis": axis, "to": to, "rows": rows, "interval": interval,
         "instabilities": instabilities, "past": past, "by": by, "damping": damping,
     }  # fmt: skip
+    numbers = {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
+    asked |= {name: value for name, value in numbers.items() if value is not None}
     one_of("--by", by, get_args(By))
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
-    stage, sense = stage_of(programme, axis, to), float(np.sign(to))
+    stage, sense = stage_of(programme, axis, to, **numbers), float(np.sign(to))
     driven = driven_component(programme, axis)
     options = reading(**how) | asked | {"hold": held_control}
     configuration = {"paths": [*paths], "cells": cells, **options}
@@ -172,18 +177,23 @@ def driven_component(programme: str, axis: int) -> str:
     return "H11" if programme == "isotropic" else f"H{axis}{axis}"
 
 
-def stage_of(programme: str, axis: int, to: float) -> Stage:
-    """Stage that runs a programme from the snapshot until its driven component changes by `to`."""
-    one_of("--programme", programme, tuple(EVOLVED))
+def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> Stage:
+    """Return the stage from the snapshot until the driven component has changed by `to`.
+
+    `numbers` are those that the programme asks for (`programme_named`).
+    """
+    one_of("--programme", programme, EVOLVED)
     if not (np.isfinite(to) and to):
         remedy = "Give the strain to reach, negative in extension."
         raise InputError("--to", f"{to:g}", "a finite number other than zero", remedy)
     if axis not in (1, 2):
         raise InputError("--axis", f"{axis}", "1 or 2", "Name the axis that is driven.")
     sense = float(np.sign(to))
-    isotropic = programme.startswith("isotropic")
-    given = {"rate": sense} if isotropic else {"rate": sense, "axis": axis}
-    return Stage(EVOLVED[programme](**given), "parameter", abs(to))
+    if programme == "simple-shear":
+        loading = programmes.simple_shear(axis, sense)  # type: ignore[arg-type]
+    else:
+        loading = programme_named(programme, rate=sense, axis=axis, **numbers)
+    return Stage(loading, "parameter", abs(to))
 
 
 def works_of(way: FollowedPath) -> dict[str, Floats]:
@@ -270,7 +280,7 @@ def replay_rate(
     if "duration" not in found.options:
         return found
     # The driven strains of the stage, in the time that the code takes for them.
-    driven = stage.programme.equations(np.zeros(4))[1].T @ stage.programme.rate
+    driven = stage.programme.equations(NOTHING, NOTHING)[1].T @ stage.programme.rate
     ahead = float(driven @ H.ravel()) / float(driven @ driven) if driven.any() else 0.0
     if ahead > 0:
         duration = found.options["duration"] * stage.target / ahead

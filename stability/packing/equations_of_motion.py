@@ -35,7 +35,7 @@ from stability.packing.pairs import (
 from stability.packing.state import PackingState, nominal, start_state
 from stability.packing.strain_increment import MixedControl
 from stability.path import Path
-from stability.programmes import Stage
+from stability.programmes import NOTHING, Stage
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo
@@ -238,7 +238,13 @@ def _steering(
     servo = servo_of(start, pairs, masses)
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
-        stress, rows, rate = (np.array(part) for part in programme.equations(np.zeros(4)))
+        if programme.fluid_bulk_modulus:
+            received, expected = f"{programme.fluid_bulk_modulus:g}", "infinite, or none"
+            remedy = "Follow it by events."
+            raise InputError("fluid_bulk_modulus of a replay", received, expected, remedy)
+        # Without shear the Cauchy row of the start holds to the end: P22 = sigma22 (1 - H11).
+        at_start = programme.equations(NOTHING, start.stress.ravel())
+        stress, rows, rate = (np.array(part) for part in at_start)
         require_upright(start, stress, rows, rate)
         servo = steered(servo, start, pairs, stress, rows, rate * span)
         row = programme.isochoric_row

@@ -49,7 +49,7 @@ from stability.packing.strain_increment import (
     StrainIncrement,
 )
 from stability.path import FINISHED, Event, Past, Path, PathStatus, follow_stages
-from stability.programmes import Stage
+from stability.programmes import NOTHING, Stage
 from stability.spectra import COMPONENTS
 
 # Pairs closer than this share of the mean diameter may close: they are listed, as open contacts.
@@ -171,7 +171,7 @@ class PackingPathSolver:
         checked = require_movable(graph, law)
         start = start_state(graph, boundary)
         for stage in stages:
-            require_upright(start, *stage.programme.equations(np.zeros(4)))
+            require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
         self.by_radii = checked.shear_increment == "radii"
         self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
@@ -508,19 +508,22 @@ class PackingPathSolver:
 
     def control_to(self, stage: Stage, parameter: float) -> MixedControl:
         """The whole change of stress and strain to a later loading parameter."""
-        stress, strain, rate = stage.programme.equations(self.H)
-        done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
-        whole = rate * (parameter - self.stage_start) - done
+        whole = stage.programme.rate * (parameter - self.stage_start) - self._done(stage)
         return self._control(stage, 0.0)._replace(rate=whole)
 
     def _control(self, stage: Stage, correction: float) -> MixedControl:
         """The programme on rates in the current geometry; its error is made good at a rate."""
-        stress, strain, rate = stage.programme.equations(self.H)
-        if correction and stage.programme.isochoric_row is None:
-            done = stress @ (self.P - self.P_start) + strain @ (self.H - self.H_start)
-            rate = rate - correction * (done - rate * (self.parameter - self.stage_start))
+        stress, strain, rate = stage.programme.equations(self.H, self.P)
+        if correction:
+            asked = rate * (self.parameter - self.stage_start)
+            rate = rate - correction * (self._done(stage) - asked)
         turned = np.kron(np.eye(2), self.F.T)
         return MixedControl(stress @ self._to_reference(), strain @ turned, rate)
+
+    def _done(self, stage: Stage) -> Floats:
+        """Return how far the controlled values (4,) have come in the stage."""
+        now, start = (self.H, self.P), (self.H_start, self.P_start)
+        return stage.programme.values(*now) - stage.programme.values(*start)
 
     def _goal(self, stage: Stage, target: float) -> Goal:
         """The stage's quantity on rates in the current geometry, and its distance to the target."""

@@ -44,7 +44,7 @@ from stability.packing.response import (
 )
 from stability.packing.state import start_state
 from stability.path import Path
-from stability.programmes import Programme, Stage
+from stability.programmes import NOTHING, Programme, Stage
 from stability.spectra import subspace_basis
 
 # Function that follows stages and returns their paths in order.
@@ -483,7 +483,7 @@ def probe_to(
         for direction in found.directions
     ]
     for stage in stages:
-        require_upright(at_start, *stage.programme.equations(np.zeros(4)))
+        require_upright(at_start, *stage.programme.equations(NOTHING, NOTHING))
     if follow is None:
         paths: Sequence[Path] = [
             follow_packing(scene, [stage], PackingPathOptions()) for stage in stages

@@ -536,7 +536,7 @@ def _loaded(
 
 def _along(solver: PackingPathSolver, stage: Stage) -> float:
     """Stress along the direction of a stage, less that of the start."""
-    stress, _, rate = stage.programme.equations(solver.H)
+    stress, _, rate = stage.programme.equations(solver.H, solver.P)
     rise = stress @ (solver.P - solver.P_start)
     return float(rise @ rate / (rate @ rate))
 

@@ -21,7 +21,7 @@ from loops.laws.frictional import Regime
 from stability.paths.model import PathModel, pair_keys
 from stability.paths.state import Mode, unpack
 from stability.paths.state_rates import StateRates
-from stability.programmes import Stage
+from stability.programmes import NOTHING, Stage, area_ratio
 from stability.spectra import subspace_basis
 
 Anything = TypeVar("Anything")
@@ -117,7 +117,7 @@ def event_functions(
     programme, none = stage.programme, [-1]
     # Size of the loading parameter per unit of strain.
     driven = np.abs(programme.rate).argmax()
-    strain = np.abs(programme.equations(np.zeros(4))[1][driven]).max()
+    strain = np.abs(programme.equations(NOTHING, NOTHING)[1][driven]).max()
     weight = max(np.abs(programme.stress[driven]).max() * model.stiffness, strain)
     parameter_unit = float(weight / np.abs(programme.rate[driven]))
 
@@ -159,11 +159,6 @@ def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
     values = np.sort(np.linalg.eigvals(K).astype(complex))
     real = abs(values[item].imag) <= REAL_RTOL * np.linalg.norm(K)
     return "det_K_zero" if real else "flutter"
-
-
-def area_ratio(H: Floats) -> float:
-    """`det F`, zero where the loop collapses to a line."""
-    return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
 def pairs_in_reach(model: PathModel, places: list[Floats]) -> Integers:

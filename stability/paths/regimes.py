@@ -15,7 +15,7 @@ from loops.symmetry import PointGroup, point_group
 from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
-from stability.programmes import Programme
+from stability.programmes import NOTHING, Programme
 from stability.regimes import (
     INSIDE,
     Choice,
@@ -172,9 +172,11 @@ def keeps_control(programme: Programme, maps: Floats) -> Flags:
     """Orthogonal maps (S, 2, 2) under which a programme controls the same, (S,).
 
     `H'` and `P'` turn as tensors; the equations of the programme, rates included, must span the
-    same rows. The row of constant area does so by itself: `det F` is no matter of the frame.
+    same rows. The row of constant area does so by itself: `det F` is no matter of the frame; that
+    of a Cauchy stress does in a state that the maps keep where it does without stress and strain.
     """
-    rows = np.column_stack([programme.strain, programme.stress, programme.rate])
+    stress, strain, rate = programme.equations(NOTHING, NOTHING)
+    rows = np.column_stack([strain, stress, rate])
     if programme.isochoric_row is not None:
         rows = np.delete(rows, programme.isochoric_row, axis=0)
     rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)

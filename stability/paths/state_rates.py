@@ -105,7 +105,10 @@ class StateRates:
         (`parameter' = 0`) is an ordinary point unless the gauge is that parameter.
         """
         model, law, equations = self.model, self.model.law, self.equations
-        unknowns, control = model.unknowns[self.kind].rates, self.programme.equations(self.H)
+        unknowns, control = (
+            model.unknowns[self.kind].rates,
+            self.programme.equations(self.H, self.P),
+        )
         z, parameter, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
         motion = model.length * (equations.motion @ z)
         if model.spins != "blocked":
@@ -171,7 +174,7 @@ class StateRates:
         if model.closure == "affine" or model.spins == "free" or not small:
             return np.nan
         matrix, everything = self._equations("saddle").matrix, model.unknowns["saddle"].everything
-        control = self.programme.equations(self.H)
+        control = self.programme.equations(self.H, self.P)
         system, _ = control_system(model, matrix, everything, control, self.gauge)
         sign, size = np.linalg.slogdet(system)
         return float(sign * np.exp(size / len(system)))

@@ -65,6 +65,17 @@ Hold = Annotated[
     bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
 ]
 HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
+FluidBulkModulus = Annotated[
+    float | None,
+    Parameter(
+        help="Of undrained: bulk modulus of the fluid in the pores by the area of the sample, in "
+        "units of stress (of polygon: over kn). Default: infinite, constant area."
+    ),
+]
+StrainRatio = Annotated[
+    float | None,
+    Parameter(help="Of proportional-strain: strain across over the driven one."),
+]
 PastOption = Annotated[
     str,
     Parameter(

@@ -13,10 +13,12 @@ from cyclopts import Parameter
 from loops.errors import InputError
 from studies.commands import (
     Answer,
+    FluidBulkModulus,
     Force,
     Json,
     OneReading,
     Out,
+    StrainRatio,
     Writing,
     answer,
     clock,
@@ -143,9 +145,13 @@ def polygon_command(
     programme: Annotated[
         str,
         Parameter(
-            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained."
+            help="Loading programme: drained (nominal stress across it constant), cauchy-drained "
+            "or biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
+            "proportional-strain."
         ),
     ] = "drained",
+    fluid_bulk_modulus: FluidBulkModulus = None,
+    strain_ratio: StrainRatio = None,
     end: Annotated[float | None, Parameter(help="Strain E1 at which the programme ends.")] = None,
     model: Annotated[
         str,
@@ -166,7 +172,8 @@ def polygon_command(
     asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
     # The options check the words themselves, and say what is expected.
     words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
-    words["model"] = model
+    words |= {"model": model, "fluid_bulk_modulus": fluid_bulk_modulus}
+    words["strain_ratio"] = strain_ratio
     named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):

@@ -12,6 +12,7 @@ from studies.commands import (
     Answer,
     Candidates,
     Cells,
+    FluidBulkModulus,
     Hold,
     HoldStress,
     NoFigures,
@@ -20,6 +21,7 @@ from studies.commands import (
     PlaneReading,
     Replaying,
     Scheduler,
+    StrainRatio,
     Workers,
     Writing,
     YieldBand,
@@ -390,10 +392,13 @@ def evolve_command(
         str,
         Parameter(
             metavar="NAME",
-            help="Loading programme: drained, isotropic, isotropic-stress, oedometric, undrained, "
-            "simple-shear.",
+            help="Loading programme: drained (nominal stress across it constant), cauchy-drained "
+            "or biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
+            "proportional-strain, simple-shear.",
         ),
     ] = "drained",
+    fluid_bulk_modulus: FluidBulkModulus = None,
+    strain_ratio: StrainRatio = None,
     axis: Annotated[
         int, Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides.")
     ] = 1,
@@ -435,6 +440,8 @@ def evolve_command(
             to=to,
             **words,
             axis=axis,
+            fluid_bulk_modulus=fluid_bulk_modulus,
+            strain_ratio=strain_ratio,
             rows=rows,
             interval=interval,
             instabilities=instabilities,

@@ -41,9 +41,15 @@ if TYPE_CHECKING:
     from patterns import Snapshot
 
 LawName = Literal["linear", "hertz"]
-ProgrammeName = Literal["drained", "isotropic", "isotropic-stress", "oedometric", "undrained"]
+ProgrammeName = Literal[
+    "drained", "cauchy-drained", "biaxial", "isotropic", "isotropic-stress", "oedometric",
+    "proportional-strain", "undrained",
+]  # fmt: skip
+# Those that need no number but their axis and rate.
 PROGRAMMES: dict[str, Callable[..., Programme]] = {
     "drained": programmes.drained_biaxial,
+    "cauchy-drained": programmes.cauchy_drained,
+    "biaxial": programmes.biaxial,
     "isotropic": programmes.isotropic_strain,
     "isotropic-stress": programmes.isotropic_stress,
     "oedometric": programmes.oedometric,
@@ -59,6 +65,40 @@ LARGEST_ORDER, MOST_ORDERS = 1000, 40
 # Default end of a programme on a snapshot's loop: E1 over the mean overlap.
 PROGRAMME_OVERLAPS = 5.0
 RING_NEWTON_STEPS = 20
+
+
+def programme_named(
+    name: str,
+    *,
+    rate: float = 1.0,
+    axis: int = 1,
+    fluid_bulk_modulus: float | None = None,
+    strain_ratio: float | None = None,
+) -> Programme:
+    """Return the programme of a name on the command line, with the numbers that it asks for.
+
+    `fluid_bulk_modulus` is that of `undrained`, infinite if left out; `strain_ratio` is the strain
+    across over the driven one of `proportional-strain`.
+    """
+    if fluid_bulk_modulus is not None and name != "undrained":
+        received, expected = f"given with {name}", "--programme undrained"
+        raise InputError("--fluid-bulk-modulus", received, expected, "Leave it out.")
+    if (strain_ratio is not None) != (name == "proportional-strain"):
+        received = f"{'none' if strain_ratio is None else 'given'} with {name}"
+        expected = "a ratio with --programme proportional-strain, and none with others"
+        raise InputError("--strain-ratio", received, expected, "Add it, or leave it out.")
+    if strain_ratio is not None:
+        inside("--strain-ratio", strain_ratio, lambda _: True, "a finite number")
+        along, across = rate, strain_ratio * rate
+        strains = (along, across) if axis == 1 else (across, along)
+        return programmes.proportional_strain(*strains)
+    if fluid_bulk_modulus is not None:
+        if fluid_bulk_modulus != np.inf:
+            expected = "a stress of zero or more, or inf"
+            inside("--fluid-bulk-modulus", fluid_bulk_modulus, lambda K: K >= 0.0, expected)
+        return programmes.undrained(axis, rate, fluid_bulk_modulus)  # type: ignore[arg-type]
+    given = {"rate": rate} if name.startswith("isotropic") else {"rate": rate, "axis": axis}
+    return PROGRAMMES[name](**given)
 
 
 @dataclass(frozen=True)
@@ -171,7 +211,8 @@ class PolygonOptions:
     free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
     (90: nothing slides); `confine` in [0, 1), the isotropic strain at A; `programme` what follows
     A, up to `end`, an E1 above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out.
-    `H12 = H21 = 0` in all.
+    `H12 = H21 = 0` in all. `fluid_bulk_modulus` (over kn) is that of the fluid of `undrained`,
+    infinite if left out; `strain_ratio` the `E2'/E1'` of `proportional-strain`.
     """
 
     order: int
@@ -187,6 +228,8 @@ class PolygonOptions:
     radii: tuple[float, ...] | None = None
     contact_law: LawName = "linear"
     rolling: float = 0.0
+    fluid_bulk_modulus: float | None = None
+    strain_ratio: float | None = None
 
     volume: ClassVar[float | None] = None
     rows: ClassVar[int] = 40
@@ -201,6 +244,7 @@ class PolygonOptions:
         one_of("--orientation", self.orientation, get_args(Orientation))
         one_of("--spins", self.spins, get_args(Spins))
         one_of("--programme", self.programme, get_args(ProgrammeName))
+        self.loading_programme()
         _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
@@ -252,10 +296,22 @@ class PolygonOptions:
             law = HertzMindlin(young=2.0 * (1.0 - nu**2), poisson=nu, mu=self.mu)
         return RollingResistance(law, self.rolling) if self.rolling > 0.0 else law
 
+    def of_programme(self) -> dict[str, Any]:
+        """Return the numbers of the programme that were given."""
+        numbers = {
+            "fluid_bulk_modulus": self.fluid_bulk_modulus,
+            "strain_ratio": self.strain_ratio,
+        }
+        return {name: value for name, value in numbers.items() if value is not None}
+
+    def loading_programme(self) -> Programme:
+        """Return the programme after the confinement."""
+        return programme_named(self.programme, **self.of_programme())
+
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """The confinement, left out where there is none, and the programme; names and stages."""
         confining = ("confinement", Stage(programmes.isotropic_strain(), "H11", self.confine))
-        loading = Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)
+        loading = Stage(self.loading_programme(), "H11", self.last_strain)
         first = (confining,) if self.confine > 0.0 else ()
         return (*first, (self.programme, loading))
 
@@ -268,7 +324,8 @@ class PolygonOptions:
     def special(self) -> dict[str, Any]:
         """Options that make the loop other than a regular one with linear springs."""
         own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
-        return {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
+        own = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
+        return own | self.of_programme()
 
 
 @dataclass(frozen=True)
@@ -325,7 +382,7 @@ class LoopOptions(PolygonOptions):
 
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """The programme, from the state of the snapshot on."""
-        return ((self.programme, Stage(PROGRAMMES[self.programme](), "H11", self.last_strain)),)
+        return ((self.programme, Stage(self.loading_programme(), "H11", self.last_strain)),)
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
@@ -335,7 +392,8 @@ class LoopOptions(PolygonOptions):
 
     def special(self) -> dict[str, Any]:
         """The snapshot, the number of the loop, and how far its grains were moved."""
-        return {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
+        own = {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
+        return own | self.of_programme()
 
 
 def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:

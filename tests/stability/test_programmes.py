@@ -40,7 +40,7 @@ def test_each_programme_controls_what_its_name_says(programme, expected):
 @pytest.mark.parametrize("axis", [1, 2])
 def test_undrained_rates_keep_the_determinant(axis):
     H = np.array([0.2, 0.05, -0.1, -0.3])
-    stress, strain, rate = programmes.undrained(axis=axis).equations(H)
+    stress, strain, rate = programmes.undrained(axis=axis).equations(H, ZERO)
     assert not stress.any()
     H_rate = np.linalg.solve(strain, rate)
     F, F_rate = np.eye(2) - H.reshape(2, 2), -H_rate.reshape(2, 2)
@@ -49,7 +49,7 @@ def test_undrained_rates_keep_the_determinant(axis):
 
 
 def test_undrained_starts_as_opposite_strains():
-    _, strain, rate = programmes.undrained().equations(ZERO)
+    _, strain, rate = programmes.undrained().equations(ZERO, ZERO)
     assert np.linalg.solve(strain, rate).tolist() == [1.0, 0.0, 0.0, -1.0]
 
 
@@ -85,4 +85,49 @@ def test_bad_axis_quantity_and_target_are_refused():
 
 def test_one_component_may_be_given_in_both_tensors():
     mixed = Programme("mixed", np.diag([0, 0, 0, 1.0]), np.diag([1.0, 1, 1, 2]), [1, 0, 0, 0])
-    assert mixed.equations(ZERO)[0][3, 3] == 1.0
+    assert mixed.equations(ZERO, ZERO)[0][3, 3] == 1.0
+
+
+ROWS = {
+    "cauchy 22": programmes.cauchy_drained(),
+    "cauchy 11": programmes.cauchy_drained(axis=2),
+    "fluid": programmes.undrained(fluid_bulk_modulus=0.7),
+    "area": programmes.undrained(axis=2),
+    "nominal": programmes.drained_biaxial(),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_equations_are_the_slopes_of_the_controlled_values(name):
+    """Sheared states too; central differences of step h have an error of h^2 and rounding / h."""
+    programme, rng = ROWS[name], np.random.default_rng(4)
+    h = 1e-5
+    for _ in range(5):
+        H, P, dH, dP = (0.3 * rng.standard_normal(4) for _ in range(4))
+        stress, strain, _ = programme.equations(H, P)
+        above, below = (programme.values(H + s * h * dH, P + s * h * dP) for s in (1, -1))
+        slope = (above - below) / (2 * h)
+        np.testing.assert_allclose(stress @ dP + strain @ dH, slope, rtol=1e-8, atol=1e-8)
+
+
+def test_cauchy_stress_is_that_of_the_nominal_one_turned_and_stretched():
+    H, P = np.array([0.2, 0.05, -0.1, -0.3]), np.array([1.0, 0.2, 0.3, 2.0])
+    F = np.eye(2) - H.reshape(2, 2)
+    sigma = P.reshape(2, 2) @ F.T / np.linalg.det(F)
+    assert programmes.cauchy_drained().values(H, P)[3] == pytest.approx(sigma[1, 1], rel=1e-15)
+    assert programmes.cauchy_drained(2).values(H, P)[0] == pytest.approx(sigma[0, 0], rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "given", [{"cauchy_row": 1}, {"cauchy_row": 3, "fluid_bulk_modulus": -1.0}]
+)
+def test_bad_cauchy_rows_are_refused(given):
+    held = programmes.oedometric()
+    with pytest.raises(InputError, match=r"cauchy_row|fluid_bulk_modulus"):
+        Programme("bad", held.stress, held.strain, held.rate, **given)
+
+
+@pytest.mark.parametrize("modulus", [np.nan, -1.0])
+def test_bad_bulk_moduli_are_refused(modulus):
+    with pytest.raises(InputError, match="fluid_bulk_modulus"):
+        programmes.undrained(fluid_bulk_modulus=modulus)

@@ -72,7 +72,7 @@ def test_dissipation_of_a_sliding_diamond_is_friction_times_slip():
 class Turn(Programme):
     """Turns the branch of a pair at constant length: `d . d' = 0`, driven by `-t . d'`."""
 
-    def equations(self, H):
+    def equations(self, H, P):
         d = np.array([1.0 - H[0], -H[2]])
         strain = np.eye(4)
         strain[0] = [d[0], 0.0, d[1], 0.0]
@@ -83,7 +83,7 @@ class Turn(Programme):
 class Press(Programme):
     """Shortens the branch of a pair in its own direction: `t . d' = 0`, `-n . d' = 1`."""
 
-    def equations(self, H):
+    def equations(self, H, P):
         d = np.array([1.0 - H[0], -H[2]])
         strain = np.eye(4)
         strain[0] = np.array([d[0], 0.0, d[1], 0.0]) / np.hypot(*d)

@@ -337,7 +337,7 @@ def test_roots_of_the_interpolant_are_corrected_by_the_integrator():
 class Parabola(programmes.Programme):
     """`H22' = 20 (H11 - 0.1) H11'`: the branch turns one way, then back."""
 
-    def equations(self, H):
+    def equations(self, H, P):
         strain = self.strain.copy()
         strain[3, 0] = -20.0 * (H[0] - 0.1)
         return self.stress, strain, self.rate

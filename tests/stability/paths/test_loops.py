@@ -227,7 +227,7 @@ def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
     law = LinearFrictional(kn=1.0, kt=0.3)
 
     class Rotation(programmes.Programme):
-        def equations(self, H):
+        def equations(self, H, P):
             # F' = W F: H' = -W (I - H), W the unit rotation.
             F = np.eye(2) - H.reshape(2, 2)
             W = np.array([[0.0, -1.0], [1.0, 0.0]])

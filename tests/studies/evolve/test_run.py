@@ -213,11 +213,19 @@ def test_both_ways_from_one_snapshot_have_their_numbers(small, tmp_path):
     assert other["end"] != two["end"] and other["damping"] == 0.1
 
 
-@pytest.mark.parametrize("programme", ["drained", "isotropic", "isotropic-stress", "undrained"])
+NUMBERS = {"proportional-strain": {"strain_ratio": -0.5}, "fluid": {"fluid_bulk_modulus": 0.3}}
+
+
+@pytest.mark.parametrize(
+    "programme",
+    ["drained", "cauchy-drained", "isotropic", "isotropic-stress", "undrained", "fluid",
+     "proportional-strain"],
+)  # fmt: skip
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_programmes_drive_what_they_say(programme, sense, small):
     snapshot = small[1]
-    stage = stage_of(programme, 1, sense * 1e-5)
+    name = "undrained" if programme == "fluid" else programme
+    stage = stage_of(name, 1, sense * 1e-5, **NUMBERS.get(programme, {}))
     path = follow(snapshot.graph, snapshot.law, stage, closure="packing")
     held = {"drained": ("P", 3), "isotropic-stress": ("P", 3), "isotropic": ("H", 3)}
     driven = path.P[:, 0] if programme == "isotropic-stress" else path.H[:, 0]
@@ -225,6 +233,12 @@ def test_programmes_drive_what_they_say(programme, sense, small):
     if programme == "undrained":
         area = np.linalg.det(np.eye(2) - path.H[-1].reshape(2, 2))
         assert area == pytest.approx(1.0, abs=1e-10)
+    elif programme in ("cauchy-drained", "fluid"):
+        ends = [stage.programme.values(path.H[row], path.P[row])[3] for row in (0, -1)]
+        # To the square of the interval; the nominal stress is off by 1e-5.
+        assert ends[1] == pytest.approx(ends[0], rel=1e-8)
+    elif programme == "proportional-strain":
+        assert path.H[-1] == pytest.approx([sense * 1e-5, 0, 0, -sense * 5e-6], rel=1e-6, abs=1e-15)
     else:
         name, k = held[programme]
         values = getattr(path, name)[:, k]
@@ -369,3 +383,19 @@ def test_drops_and_reach_of_a_forecast():
     assert told["drops_false"] == 1 and told["lead"] == 2.0 and told["holds_to"] == 2.0
     assert told["error"] == pytest.approx(np.sqrt((4.0**2 + 30.0**2) / 4))
     assert told["persistence_error"] == pytest.approx(np.sqrt((1 + 1 + 4 + 100) / 4))
+
+
+@pytest.mark.parametrize(
+    ("programme", "numbers", "word"),
+    [
+        ("drained", {"fluid_bulk_modulus": 1.0}, "fluid-bulk-modulus"),
+        ("undrained", {"fluid_bulk_modulus": -1.0}, "fluid-bulk-modulus"),
+        ("undrained", {"fluid_bulk_modulus": np.nan}, "fluid-bulk-modulus"),
+        ("undrained", {"strain_ratio": 1.0}, "strain-ratio"),
+        ("proportional-strain", {}, "strain-ratio"),
+        ("proportional-strain", {"strain_ratio": np.inf}, "strain-ratio"),
+    ],
+)
+def test_numbers_of_programmes_are_checked(programme, numbers, word):
+    with pytest.raises(InputError, match=word):
+        stage_of(programme, 1, 1e-5, **numbers)

@@ -59,6 +59,8 @@ BAD = [
     ({"closure": "rigid"}, "--closure"),
     ({"spins": "up"}, "--spins"),
     ({"programme": "drianed"}, "--programme"),
+    ({"programme": "proportional-strain"}, "--strain-ratio"),
+    ({"fluid_bulk_modulus": 1.0}, "--fluid-bulk-modulus"),
 ]
 
 
@@ -230,6 +232,8 @@ def test_programmes_hold_what_they_say(programme):
     area = (1 - H[:, 0]) * (1 - H[:, 3]) - H[:, 1] * H[:, 2]
     held = {
         "drained": P[:, 3] - P[0, 3],
+        "cauchy-drained": P[:, 3] / (1 - H[:, 0]) - P[0, 3] / 0.95,
+        "biaxial": P[:, 3] / (1 - H[:, 0]) - P[0, 3] / 0.95,
         "isotropic": H[:, 0] - H[:, 3],
         "isotropic-stress": P[:, 0] - P[:, 3],
         "oedometric": H[:, 3] - 0.05,
