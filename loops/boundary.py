@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import wraps
-from typing import Any, Literal, NamedTuple, TypeVar, cast
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -315,28 +313,16 @@ def plane_stiffness(planes: PlaneContacts, radii: Floats, law: ContactLaw) -> Fl
 
 # Arguments of questions to a packing that `Boundary` has replaced; for one release.
 FORMER = ("planes", "plane_force", "held", "volume")
-Question = TypeVar("Question", bound=Callable[..., Any])
 
 
 def former_boundary(
-    question: Question, former: Sequence[str] = FORMER, stacklevel: int = 2
-) -> Question:
-    """Take the former arguments in place of `boundary`, with a warning."""
-
-    @wraps(question)
-    def asked(graph: GrainGraph, *args: Any, **options: Any) -> Any:
-        names = [name for name in former if name in options]
-        if names:
-            told = f"{question.__name__}: give boundary=boundary_of(graph, walls=, held=, volume=)"
-            warnings.warn(
-                f"{told}, not {', '.join(names)}", DeprecationWarning, stacklevel=stacklevel
-            )
-            given = [options.pop(n, None) if n in former else None for n in FORMER]
-            planes, force, held, volume = given
-            if planes is not None and force is not None:
-                planes = replace(planes, force=np.asarray(force, dtype=float))
-            boundary = boundary_of(graph, walls=planes, held=held, volume=volume)
-            options["boundary"] = boundary
-        return question(graph, *args, **options)
-
-    return cast(Question, asked)
+    graph: GrainGraph, options: dict[str, Any], former: Sequence[str] = FORMER
+) -> Boundary | None:
+    """Take the `former` options out, and return the boundary they stand for; None without any."""
+    given = {name: options.pop(name) for name in former if name in options}
+    if not given:
+        return None
+    planes, force = given.get("planes"), given.get("plane_force")
+    if planes is not None and force is not None:
+        planes = replace(planes, force=np.asarray(force, dtype=float))
+    return boundary_of(graph, walls=planes, held=given.get("held"), volume=given.get("volume"))

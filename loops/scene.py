@@ -12,6 +12,7 @@ from loops.errors import InputError
 from loops.faces import Faces, find_faces
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw
+from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 
 
@@ -49,6 +50,12 @@ class Scene(Shown):
             raise InputError("graph of a scene", type(graph).__name__, "a GrainGraph", remedy)
         if boundary is None:
             object.__setattr__(self, "boundary", boundary_of(self.graph))
+
+    @property
+    def given_volume(self) -> float | None:
+        """Return the area that was given for stresses; None where the graph's own serves."""
+        volume = self.boundary.volume
+        return None if volume == boundary_of(self.graph).volume else volume
 
     @cached_property
     def faces(self) -> Faces:
@@ -96,27 +103,35 @@ def of_scene(
 ]:
     """Let a question about a scene take a snapshot too, and for this release a graph and its law.
 
-    Of that form are also the options `boundary` and `regime`, which the scene has now, those that
-    `former_boundary` replaces, and its `defaults`.
+    That form warns. Its options `boundary` and `regime` are the scene's, `former` ones make a
+    boundary (`former_boundary`), and what it left out has its `defaults`, or functions of what is
+    asked first.
     """
 
     def of(
         question: Callable[Concatenate[Scene, Asked], Answer],
     ) -> Callable[Concatenate[Subject, Asked], Answer]:
-        loose = cast(Callable[..., Answer], question)
+        loose, name = cast(Callable[..., Answer], question), question.__name__
 
-        @wraps(question)
-        def of_graph(graph: GrainGraph, law: ContactLaw, *args: Any, **options: Any) -> Answer:
+        def of_pair(graph: GrainGraph, law: ContactLaw, *args: Any, **options: Any) -> Answer:
             boundary, regime = options.pop("boundary", None), options.pop("regime", None)
             given = graph if regime is None else graph.replace(regime=regime)
-            return loose(Scene(given, law, boundary), *args, **(defaults | options))
-
-        of_pair: Callable[..., Answer] = former_boundary(of_graph, former, stacklevel=3)
+            if boundary is None:
+                boundary = former_boundary(graph, options, former)
+            left_out = {
+                name: value(*args[:1]) if callable(value) else value
+                for name, value in defaults.items()
+            }
+            return loose(Scene(given, law, boundary), *args, **(left_out | options))
 
         @wraps(question)
         def asked(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
             if isinstance(subject, GrainGraph):
-                return of_pair(subject, *args, **options)
+                given = ("boundary", *former)
+                scene = "Scene(graph, law"
+                scene += ", boundary)" if any(one in options for one in given) else ")"
+                warn_of_old_name(f"{name}(graph, law, ...)", f"{name}({scene}, ...)")
+                return cast(Callable[..., Answer], of_pair)(subject, *args, **options)
             return loose(scene_of(subject), *args, **options)
 
         return asked

@@ -108,6 +108,14 @@ def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats
     return _average(contact_forces(graph), reference_branch_vectors(graph), volume)
 
 
+def cauchy_rate(H: Floats, P: Floats, H_rate: Floats, P_rate: Floats) -> Floats:
+    """Return the rate (2, 2) of the Cauchy stress `P F^T / det F`, `F = 1 - H`, all (2, 2)."""
+    F, F_rate = np.eye(2) - H, -H_rate
+    J = np.linalg.det(F)
+    growth = np.trace(np.linalg.solve(F, F_rate))
+    return np.asarray((P_rate @ F.T + P @ F_rate.T - growth * P @ F.T) / J)
+
+
 def _average(forces: Floats, branches: Floats, volume: ArrayLike) -> Floats:
     total = np.swapaxes(forces, -1, -2) @ branches
     return total / np.asarray(volume, dtype=float)[..., None, None]

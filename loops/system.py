@@ -26,7 +26,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import Boundary, PlaneContacts, boundary_of, plane_stiffness
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, contact_state, require_one_state
+from loops.graph import GrainGraph, branch_vectors, contact_frame, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.shown import Shown
@@ -242,6 +242,22 @@ def stiffness_matrix(system: System, stiffness: Floats | None = None) -> sparse.
 def packing_stress_rate(system: System, s: Floats) -> Floats:
     """Return the nominal stress rate `P' = (1/V) sum f' (x) d`, (2, 2) or (2, 2, k)."""
     return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
+
+
+def packing_stress(system: System) -> Floats:
+    """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
+    graph, planes = system.graph, system.planes
+    _, n, t = contact_frame(graph)
+    forces = graph.normal_force[:, None] * n + graph.shear_force[:, None] * t
+    total = forces.T @ branch_vectors(graph)
+    if planes is not None:
+        distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
+        overlap = np.maximum(graph.radii[planes.grain][:, None] - distance, 0.0)
+        push = planes.kn[:, None] * overlap * planes.branch / distance
+        total = total + (push if planes.force is None else -planes.force).T @ planes.to_plates(
+            graph.x
+        )
+    return np.asarray(total / system.volume)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from stability.follow import follow as follow
     from stability.path import Event as Event
     from stability.path import Path as Path
-    from stability.paths import rates_at as rates_at
     from stability.paths.supported import SupportedRates as SupportedRates
     from stability.paths.supported import slip_problem as slip_problem
     from stability.programmes import Programme as Programme
     from stability.programmes import Stage as Stage
+    from stability.rates_at import rates_at as rates_at
     from stability.regimes import RateSolution as RateSolution
     from stability.regimes import Regimes as Regimes
     from stability.second_order_work import PlaneCone as PlaneCone
@@ -67,9 +67,9 @@ NAMES = {
     "stability.directional": "BranchFraction DirectionalWork branch_fraction directional_work",
     "stability.follow": "follow",
     "stability.path": "Event Path",
-    "stability.paths": "rates_at",
     "stability.paths.supported": "SupportedRates slip_problem",
     "stability.programmes": "Programme Stage programmes",
+    "stability.rates_at": "rates_at",
     "stability.regimes": "RateSolution Regimes",
     "stability.second_order_work": (
         "PlaneCone PolarDiagram alpha_e imhof_fraction normalised_second_order_work plane_cone "

@@ -18,7 +18,7 @@ from stability.programmes import Stage
 Options = TypeVar("Options")
 
 
-@of_scene(former=("planes", "plane_force"), closure="affine")
+@of_scene(closure="affine")
 def follow(
     scene: Scene,
     stages: Sequence[Stage] | Stage,
@@ -57,7 +57,9 @@ def follow(
         in a cell or between four walls along the axes (`boundary_of`), with their forces where
         walls are rough. Walls move with the strain of the box and keep their directions
         (`H12 = H21 = 0`); grains that touch a wall later have its mean stiffness over the radius,
-        or its mean stiffness where that varies less.
+        or its mean stiffness where that varies less. The volume of the boundary is the reference
+        area V0 of a loop; the cell's or the polygon's if it has none. The diamond of Nicot et al.
+        2016 uses `L10 L20`, twice its polygon.
     stages : Stage or sequence of Stage
         Programmes and the values at which they end.
     closure : {'affine', 'traction', 'packing'}
@@ -67,9 +69,6 @@ def follow(
         What the grains' spins do.
     subspace : {'diagonal', 'symmetric', 'full'}, or several of them
         Where the spectra are taken: `Event.subspace` names it; the first is that of `Path.K`.
-    volume : float, optional
-        Reference area V0; the cell's or the polygon's if left out. The diamond of Nicot et al.
-        2016 uses `L10 L20`, twice its polygon.
     contact_on_touch : {'ignore', 'stop', 'add'}
         What to do where grains without a contact touch: report it and let them overlap (the
         paper), stop, or add the contact, with the parameters of contact 0. Not looked for in
@@ -139,12 +138,7 @@ def follow(
     if not stages or stages[0].fallback:
         received = "no stage" if not stages else "a fallback as the first stage"
         raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
-    if closure is None:
-        if scene.boundary.kind not in ("cell", "walls"):
-            expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
-            raise InputError("closure", "none", expected, remedy)
-        closure = "packing"
-    check_choice("closure", closure, (*get_args(Closure), "packing"))
+    closure = closure_of(scene, closure, ("cell", "walls"))
     whole_number("max_steps", max_steps, 1)
     whole_number("rows", rows, 0)
     if closure == "packing":
@@ -153,9 +147,18 @@ def follow(
         asked = _options(PackingPathOptions, options, closure)
         return follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
     chosen = _options(LoopPathOptions, options, closure)
-    return follow_loop(
-        scene.graph, scene.law, stages, closure, chosen, rows=rows, max_steps=max_steps
-    )
+    return follow_loop(scene, stages, closure, chosen, rows=rows, max_steps=max_steps)
+
+
+def closure_of(
+    scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
+) -> Closure | Literal["packing"]:
+    """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
+    if closure is None and scene.boundary.kind not in packings:
+        expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
+        raise InputError("closure", "none", expected, remedy)
+    check_choice("closure", closure or "packing", (*get_args(Closure), "packing"))
+    return closure or "packing"
 
 
 def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:

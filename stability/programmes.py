@@ -4,11 +4,12 @@ Examples
 --------
 Five grains compressed along axis 1 at constant stress along axis 2:
 
->>> from loops import LinearFrictional
+>>> from loops import LinearFrictional, Scene
 >>> from patterns import regular_polygon
 >>> from stability import Stage, follow, programmes
 >>> stage = Stage(programmes.drained_biaxial(), "H11", 0.15)
->>> path = follow(regular_polygon(5, strain=0.1), LinearFrictional(1.0, 0.5), stage)
+>>> scene = Scene(regular_polygon(5, strain=0.1), LinearFrictional(1.0, 0.5))
+>>> path = follow(scene, stage, closure="affine")
 >>> path.status, round(abs(float(path.P[-1, 3] - path.P[0, 3])), 12)
 ('finished', 0.0)
 """

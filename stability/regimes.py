@@ -27,7 +27,7 @@ from stability.complementarity import (
     solve_complementarity,
 )
 
-RateStatus = Literal["unique", "one found", "several", "family", "none", "none found"]
+RateStatus = Literal["unique", "one found", "several", "family", "none", "none found", "given"]
 # Number of combinations of regimes up to which all are solved in full, where that is cheap.
 ENUMERATION_LIMIT = 256
 # Number of combinations up to which all are solved in full if pivoting finds nothing.
@@ -185,11 +185,12 @@ class Regimes(Shown, Generic[AnyTrial]):
 
     Attributes
     ----------
-    status : {'unique', 'one found', 'several', 'family', 'none', 'none found'}
+    status : {'unique', 'one found', 'several', 'family', 'none', 'none found', 'given'}
         Number of solutions. Combinations of regimes that give the same rates count once. 'unique'
         and 'none' are known: every combination was tried, or there is a proof. 'one found' and
         'none found': not every one was tried, and there may be more. 'family': a line of solutions
-        at least, see `families`; those listed are its corners and any others.
+        at least, see `families`; those listed are its corners and any others. 'given': the regimes
+        were told, and may disagree with their rates.
     solutions : tuple of RateSolution
         All that were found, the one that a path takes first: see `agreeing`.
     exhaustive : bool
@@ -225,6 +226,26 @@ class Regimes(Shown, Generic[AnyTrial]):
     def taken(self) -> RateSolution[AnyTrial]:
         """The solution that a path takes; `IndexError` if there is none."""
         return self.solutions[0]
+
+    @property
+    def strain_rate(self) -> Floats:
+        """`H'` (2, 2), compression positive; not numbers without a solution."""
+        return self._mean("strain_rate")
+
+    @property
+    def stress_rate(self) -> Floats:
+        """Nominal stress rate `P'` (2, 2), compression positive; not numbers without a solution."""
+        return self._mean("stress_rate")
+
+    @property
+    def cauchy_rate(self) -> Floats:
+        """Rate of the Cauchy stress (2, 2), compression positive; not numbers as above."""
+        return self._mean("cauchy_rate")
+
+    def _mean(self, name: str) -> Floats:
+        """Return a mean rate of the solution that a path takes; a supported cluster has none."""
+        rates = getattr(self.taken.rates, name) if self.solutions else np.full((2, 2), np.nan)
+        return np.asarray(rates)
 
 
 def agreeing(
@@ -288,6 +309,15 @@ def agreeing(
         proof,
         tuple(lines) if distinct else (),
     )
+
+
+def given(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:
+    """Return the rates with regimes that were told, whether they agree or not."""
+    taken, count = tuple(choices), prod(float(len(can)) for can in problem.options)
+    rates = problem.rates(taken)
+    found = (RateSolution(taken, rates),) if rates.trusted else ()
+    status: RateStatus = "given" if found else "none"
+    return Regimes(status, found, False, int(not found), 1, count)
 
 
 class _Search(Generic[AnyTrial]):

@@ -173,11 +173,12 @@ def path_table(path: Path) -> pd.DataFrame:
 
     Examples
     --------
-    >>> from loops import LinearFrictional
+    >>> from loops import LinearFrictional, Scene
     >>> from patterns import regular_polygon
     >>> from stability import Stage, follow, programmes
     >>> stage = Stage(programmes.isotropic_strain(), "H11", 0.2)
-    >>> path = follow(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2), stage)
+    >>> scene = Scene(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2))
+    >>> path = follow(scene, stage, closure="affine")
     >>> table = path_table(path)
     >>> round(float(table["H11"].iloc[-1]), 12)
     0.2

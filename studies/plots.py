@@ -309,12 +309,13 @@ def plot_path(
 
     Examples
     --------
-    >>> from loops import LinearFrictional
+    >>> from loops import LinearFrictional, Scene
     >>> from matplotlib.figure import Figure
     >>> from patterns import regular_polygon
     >>> from stability import Stage, follow, programmes
     >>> stage = Stage(programmes.isotropic_strain(), "H11", 0.2)
-    >>> path = follow(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2), stage)
+    >>> scene = Scene(regular_polygon(5), LinearFrictional(kn=1.0, kt=0.2))
+    >>> path = follow(scene, stage, closure="affine")
     >>> [line.get_label() for line in plot_path(path, ax=Figure().add_subplot()).lines][:2]
     ['$P_{11}$', '$P_{22}$']
     """

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import fsolve
 
-from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, contact_state
+from loops import GrainGraph, LinearFrictional, Regime, Scene, branch_vectors, contact_state
 from patterns.synthetic import synthetic_network
 from stability import Programme, Stage
 from stability.packing import replay
@@ -180,11 +180,13 @@ def _jam(grains, seed, law, shear=(1e-3, -1e-3)):
     quiet = {"damping": 0.3, "viscous": 0.05}
     for density in (0.75, 0.80, 0.83, 0.86, 0.88, 0.90):
         change = 1 - np.sqrt(np.pi * np.sum(radii**2) / density / abs(np.linalg.det(graph.cell)))
-        graph = replay(graph, loose, change * np.eye(2), duration=400.0, **quiet).state.graph()
+        graph = replay(
+            Scene(graph, loose), change * np.eye(2), duration=400.0, **quiet
+        ).state.graph()
         if graph.normal_force.sum() > 0.004 * graph.grain_count:
             break
-    graph = replay(graph, law, np.diag(shear), duration=4000.0, **quiet).state.graph()
-    return replay(graph, law, np.zeros((2, 2)), duration=4000.0, **quiet).state.graph()
+    graph = replay(Scene(graph, law), np.diag(shear), duration=4000.0, **quiet).state.graph()
+    return replay(Scene(graph, law), np.zeros((2, 2)), duration=4000.0, **quiet).state.graph()
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ import grainloops as gl
 import loops.packing
 import patterns
 import stability.packing
+from loops import Scene
 from loops.packing import loops_in_place, plane_contacts
 from loops.shown import LONGEST_REPR, Shown
-from stability.packing import loop_rates, packing_response, replay
+from stability import rates_at
+from stability.packing import loop_rates, replay
 from studies.reading import cells_by_number
 from tests.packings import LAW, jammed
 
@@ -37,12 +39,17 @@ def objects():
     kinetics = gl.order_kinetics([fates])
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.3)
     pentagon = gl.regular_polygon(5, strain=0.1)
-    path = gl.follow(pentagon, gl.LinearFrictional(1, 0.2, 0.0875), stage)
+    path = gl.follow(
+        gl.Scene(pentagon, gl.LinearFrictional(1, 0.2, 0.0875)), stage, closure="affine"
+    )
     packing, walls = jammed(16, 2), snapshot.walls
-    in_place = loops_in_place(packing, LAW, gl.find_faces(packing))
-    response = packing_response(packing, LAW, [[1e-3, 0], [0, 0]])
+    in_place = loops_in_place(Scene(packing, LAW), gl.find_faces(packing))
+    response = rates_at(Scene(packing, LAW), H=[[1e-3, 0], [0, 0]])
     along = gl.follow(
-        packing, LAW, gl.Stage(gl.programmes.oedometric(), "H11", 1e-5), closure="packing", rows=1
+        gl.Scene(packing, LAW),
+        gl.Stage(gl.programmes.oedometric(), "H11", 1e-5),
+        closure="packing",
+        rows=1,
     )
     return {
         "snapshot": snapshot,
@@ -72,7 +79,9 @@ def objects():
         "path": path,
         "event": path.events[0],
         "model": path.model,
-        "rates": gl.rates_at(pentagon, gl.LinearFrictional(1, 0.2, 0.1), stage.programme),
+        "rates": gl.rates_at(
+            gl.Scene(pentagon, gl.LinearFrictional(1, 0.2, 0.1)), stage.programme, closure="affine"
+        ),
         "planes": plane_contacts(snapshot.graph, walls.grain, walls.force, walls.branch),
         "in_place": in_place,
         "system": in_place.system,
@@ -80,8 +89,8 @@ def objects():
         "response": response,
         "loop_rates": loop_rates(response, gl.find_faces(packing)),
         "probe": gl.probe(after, 4),
-        "held": gl.hold(packing, LAW),
-        "replay": replay(packing, LAW, [[1e-6, 0], [0, 0]], duration=1.0),
+        "held": gl.hold(gl.Scene(packing, LAW)),
+        "replay": replay(Scene(packing, LAW), [[1e-6, 0], [0, 0]], duration=1.0),
         "packing_path": along,
         "packing_state": along.states[0],
         "event_of_packing": along.events[:1],

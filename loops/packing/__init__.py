@@ -16,6 +16,7 @@ from loops.system import System as System
 from loops.system import balancing_forces as balancing_forces
 from loops.system import factorised as factorised
 from loops.system import in_freedoms as in_freedoms
+from loops.system import packing_stress as packing_stress
 from loops.system import packing_stress_rate as packing_stress_rate
 from loops.system import packing_system as packing_system
 from loops.system import relative_motion as relative_motion

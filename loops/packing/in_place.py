@@ -14,21 +14,19 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
-from loops.boundary import Boundary, boundary_of, former_boundary
 from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
-from loops.laws.frictional import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.packing.gears import RegularMatrix, regular_matrix
 from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
+from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.system import (
     System,
@@ -481,31 +479,25 @@ class LoopsInPlace(Shown):
         return self.matrix_error + self.alone_error
 
 
-@former_boundary
+@of_scene()
 def loops_in_place(
-    graph: GrainGraph,
-    law: ContactLaw,
-    faces: Faces,
+    scene: Scene,
+    faces: Faces | None = None,
     *,
-    regime: ArrayLike | None = None,
     method: Method = "auto",
     block: float = BLOCK,
     buffer: float = BUFFER,
-    boundary: Boundary | None = None,
     threads: int | None = None,
 ) -> LoopsInPlace:
     """Operators of all loops of a snapshot in their packing: Theory, equation (11.5).
 
     Parameters
     ----------
-    graph : GrainGraph
-        The packing, one state.
-    law : ContactLaw
-        Contact law.
-    faces : Faces
-        Its faces.
-    regime : (C,) array of Regime, optional
-        Regime of each contact; the graph's own, else read from the state by the law if left out.
+    scene : Scene or Snapshot
+        The packing, one state; the regimes of its contacts where they are known, else those that
+        the law reads from the state.
+    faces : Faces, optional
+        Faces of the graph; those of the scene if left out.
     method : {'auto', 'whole', 'blocks'}
         Invert the whole packing, or square blocks with a buffer of moving grains around them and
         all others held: less memory. By default blocks beyond 400,000 grains.
@@ -514,8 +506,6 @@ def loops_in_place(
     threads : int, optional
         Threads of the inversion, all cores if left out; results are the same with any number. BLAS
         should use one thread each (`OPENBLAS_NUM_THREADS=1`).
-    boundary : Boundary, optional
-        What the packing ends at; its cell if left out.
 
     Returns
     -------
@@ -528,9 +518,10 @@ def loops_in_place(
     """
     if method not in METHODS:
         raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
+    graph, law = scene.graph, scene.law
+    faces = scene.faces if faces is None else faces
     # No stress is asked for.
-    whole = replace(boundary_of(graph) if boundary is None else boundary, volume=1.0)
-    system = packing_system(graph, law, regime=regime, boundary=whole)
+    system = packing_system(graph, law, boundary=replace(scene.boundary, volume=1.0))
     polygons = polygons_of(graph, faces)
     if method == "auto":
         method = "whole" if graph.grain_count <= WHOLE else "blocks"
@@ -540,12 +531,9 @@ def loops_in_place(
     row = np.zeros(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(len(faces.loops))
     alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
-    given = None if regime is None else np.asarray(regime, dtype=np.int8)
     for batch in loop_batches(graph, faces):
-        own = None if given is None else given[batch.contacts]
-        tangent = macroscopic_tangent(
-            batch.graph, law.take(batch.contacts), "traction", spins="free", regime=own
-        )
+        own = law.take(batch.contacts)
+        tangent = macroscopic_tangent(batch.graph, own, "traction", spins="free")
         alone[row[batch.face]] = tangent.matrix
         alone_error[row[batch.face]] = tangent.rounding
     return LoopsInPlace(found.matrix, alone, error, alone_error, system)

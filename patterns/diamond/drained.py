@@ -369,12 +369,14 @@ class PrintedRule(LinearFrictional):
 
     Examples
     --------
+    >>> from loops import Scene
     >>> from patterns.diamond import TABLE_1, PrintedRule, diamond
     >>> from stability import Stage, follow, programmes
     >>> import numpy as np
     >>> stages = [Stage(programmes.isotropic_strain(), "H11", 0.3),
     ...           Stage(programmes.drained_biaxial(), "H11", 0.5)]
-    >>> path = follow(diamond(np.pi / 4), PrintedRule(1.0, TABLE_1.kappa, TABLE_1.mu), stages)
+    >>> scene = Scene(diamond(np.pi / 4), PrintedRule(1.0, TABLE_1.kappa, TABLE_1.mu))
+    >>> path = follow(scene, stages, closure="affine")
     >>> loaded = path.normal_force[:, 0] > 0  # at the end (2 N_B - N) / N, N_B = 0.2769
     >>> use = np.abs(path.shear_force / TABLE_1.mu)[loaded] / path.normal_force[loaded]
     >>> round(float(use[-1, 0]), 2)

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.boundary import Boundary, former_boundary
-from loops.graph import GrainGraph, branch_vectors, contact_state
-from loops.laws.frictional import ContactLaw, Regime, edge_rates
+from loops.graph import branch_vectors, contact_state
+from loops.laws.frictional import Regime, edge_rates
 from loops.packing import balancing_forces, relative_motion
+from loops.scene import Scene, of_scene
 from stability.complementarity import RaisedLoad, positive_definite, raise_load
 from stability.packing.response import (
     CONDENSED,
@@ -152,16 +152,13 @@ def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
     return replace(yielding, **arrays)
 
 
-@former_boundary
+@of_scene()
 def packing_increment(
-    graph: GrainGraph,
-    law: ContactLaw,
+    scene: Scene,
     strain: ArrayLike,
     *,
     stress: ArrayLike | None = None,
     candidates: float = CANDIDATES,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
 ) -> PackingResponse:
     """Return the motion of a packing over an increment of strain, in one solve.
 
@@ -170,8 +167,8 @@ def packing_increment(
 
     Parameters
     ----------
-    graph, law, regime, boundary
-        As in `packing_response`.
+    scene : Scene or Snapshot
+        The packing, in one state; contacts whose regime says that they slide may slide as well.
     strain : (2, 2) array
         Increment of `H`, compression positive; not a number where the stress is controlled instead.
     stress : (2, 2) array, optional
@@ -190,21 +187,23 @@ def packing_increment(
     Raises
     ------
     InputError
-        As `packing_response`.
+        If the packing floats, a control is not a number, or the boundary has no volume.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
+    >>> from loops import GrainGraph, LinearFrictional, Scene
     >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
     ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
     ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
     ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = packing_increment(lattice, LinearFrictional(1.0, 0.5, 0.5), [[1e-3, 0], [0, 0]])
+    >>> scene = Scene(lattice, LinearFrictional(1.0, 0.5, 0.5))
+    >>> found = packing_increment(scene, [[1e-3, 0], [0, 0]])
     >>> found.status, found.stress_rate.round(9).tolist()
     ('unique', [[0.001, 0.0], [0.0, 0.0]])
     """
     control = component_control(strain, stress)
     checked_band(candidates, "candidates", CANDIDATES)
-    yielding = yield_response(graph, law, yield_band=candidates, regime=regime, boundary=boundary)
+    around = scene.boundary
+    yielding = yield_response(scene.graph, scene.law, yield_band=candidates, boundary=around)
     return PackingIncrements(yielding).solved(control)

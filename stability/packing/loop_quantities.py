@@ -97,7 +97,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     Parameters
     ----------
     response : PackingResponse
-        From `packing_response`.
+        From `rates_at` of a packing.
     faces : Faces
         Faces of the same graph.
 

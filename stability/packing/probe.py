@@ -238,7 +238,7 @@ def probe(
 ) -> Probe:
     """Probe a packing: its response in many directions from one state.
 
-    Each direction is the rate problem of `packing_response` with its own regimes. One factorisation
+    Each direction is the rate problem of `rates_at` with its own regimes. One factorisation
     serves them all: what slides is an update of small rank.
 
     Parameters
@@ -257,7 +257,7 @@ def probe(
     faces : Faces, optional
         Faces of the graph; those of the scene if left out.
     starts : int
-        As in `packing_response`.
+        As in `rates_at`.
 
     Returns
     -------

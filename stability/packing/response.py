@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from loops.boundary import Boundary, boundary_of, former_boundary, plane_stiffne
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
+from loops.lazy import warn_of_old_name
 from loops.packing import (
     REFINEMENTS,
     Changed,
@@ -28,12 +30,15 @@ from loops.packing import (
     balancing_forces,
     factorised,
     in_freedoms,
+    packing_stress,
     packing_stress_rate,
     packing_system,
     relative_motion,
     stiffness_matrix,
 )
+from loops.scene import Scene
 from loops.shown import Shown
+from loops.stress_strain import cauchy_rate
 from stability.complementarity import (
     SIGN,
     STARTS,
@@ -47,11 +52,23 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.packing.pairs import AT_YIELD
+from stability.programmes import Programme
 
 ResponseStatus = Literal[
-    "unique", "one found", "several", "family", "none", "none found", "not converged", "nearest"
+    "unique",
+    "one found",
+    "several",
+    "family",
+    "none",
+    "none found",
+    "not converged",
+    "nearest",
+    "given",
 ]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several", "family")
+
+# Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
+YIELD_BAND = 0.99
 
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
 MECHANISM = "mechanism"
@@ -63,6 +80,9 @@ SCALED = "scaled definite"
 CRITICAL = "one critical contact"
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
+
+# In place of a proof: regimes that were told, not searched.
+GIVEN = "given"
 
 # H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
 UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
@@ -236,7 +256,7 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
     return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
 
 
-def checked_band(share: float, name: str = "yield_band", usual: float = 0.99) -> float:
+def checked_band(share: float, name: str = "yield_band", usual: float = YIELD_BAND) -> float:
     """Check the share of its strength from which a contact may slide."""
     if not 0.0 < share <= 1.0:
         remedy = f"Leave it out: {usual:g} is what was compared with simulations."
@@ -339,17 +359,19 @@ class PackingResponse(Shown):
 
     Attributes
     ----------
-    status : {'unique', 'one found', 'several', 'family', 'none', 'none found', 'not converged'}
+    status : {'unique', 'one found', 'several', 'family', 'none', 'none found', 'not converged', \
+'given'}
         `unique`: a solution, and a proof that there is no other. `one found`: a solution; every
         start of the search led to it, or failed (one start alone beyond 600 contacts at yield).
         `several`: more than one solution; this one slips least. `family`: solutions in unbroken
         rows, see `families`; this one slips least of their corners and any others. `none`: a proof
         that no combination of regimes agrees. `none found`: every start failed, without a proof.
-        `not converged`: a mechanism moves, forces stay out of balance.
+        `not converged`: a mechanism moves, forces stay out of balance. `given`: the regimes were
+        told, and `disagreeing` contacts have others by their rates.
 
-        In the last three the rates are those of the best regimes met: a few contacts,
-        `disagreeing`, are kept from sliding. They have softened so far that nothing quasi-static
-        holds them.
+        After `none`, `none found` and `not converged` the rates are those of the best regimes met:
+        a few contacts, `disagreeing`, are kept from sliding. They have softened so far that nothing
+        quasi-static holds them.
     proof : str
         Proof behind `unique` and `none`: 'enumeration' (up to 12 contacts at yield), 'positive
         definite', 'infeasible'; of probes besides 'scaled definite' (the matrix of the contacts at
@@ -365,7 +387,8 @@ class PackingResponse(Shown):
     disagreeing : int
         Candidates whose regime doesn't agree with their rates.
     strain_rate, stress_rate : (2, 2) array
-        `H'` and nominal stress rate `P'` (force per length), whichever was given.
+        `H'` and nominal stress rate `P'` (force per length), whichever was given; `cauchy_rate` is
+        the rate of the Cauchy stress.
     motion : (G, 2) array
         `u'` of the centres beyond the affine motion `-H' x`; 0 for grains that carry nothing.
     spin : (G,) array
@@ -414,6 +437,12 @@ class PackingResponse(Shown):
     families: tuple[Family, ...] = ()
     at_yield: Integers | None = None
 
+    @property
+    def cauchy_rate(self) -> Floats:
+        """(2, 2) rate of the Cauchy stress (force per length), compression positive."""
+        P = packing_stress(self.system)
+        return cauchy_rate(np.zeros((2, 2)), P, self.strain_rate, self.stress_rate)
+
     def __str__(self) -> str:
         return (
             f"packing response: {self.status}, residual {self.residual:.1e}, {self.sliding} of "
@@ -428,6 +457,17 @@ class HeldAndDriven(NamedTuple):
     strain: Floats
     driven: Floats
     stress: Floats
+
+
+class Mixed(NamedTuple):
+    """`stress @ P' + strain @ H' = rate`, rows of either or of both."""
+
+    stress: Floats
+    strain: Floats
+    rate: Floats
+
+
+Control = HeldAndDriven | Mixed
 
 
 class Solved(NamedTuple):
@@ -453,11 +493,7 @@ class PackingRates:
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
         self.elastic = linear_answer(yielding, self.none)
-        self.slips_left = 0.0
-        if self.small:
-            self.slips, left = slip_motion(yielding, self.elastic, self.every, refine)
-            self.slips_left = float(left.max(initial=0.0))
-            self.whole = condensed(yielding, self.none, self.elastic, self.every, self.slips)
+        self.refine = refine
         self.last = (self.none, self.elastic)
         # The last matrix under which no direction is infeasible.
         self.feasible: Floats = np.empty((0, 0))
@@ -467,19 +503,45 @@ class PackingRates:
         """Whether one matrix of all candidates is solved."""
         return len(self.every) <= CONDENSED
 
+    @cached_property
+    def _slips(self) -> tuple[Floats, float]:
+        motion, left = slip_motion(self.yielding, self.elastic, self.every, self.refine)
+        return motion, float(left.max(initial=0.0))
+
+    @property
+    def slips(self) -> Floats:
+        """Motions (size, m) under a unit of slip of each candidate."""
+        return self._slips[0]
+
+    @property
+    def slips_left(self) -> float:
+        """Largest share of such a load that no motion balances; zero where it is not asked."""
+        return self._slips[1] if self.small else 0.0
+
+    @cached_property
+    def whole(self) -> tuple[Floats, Floats]:
+        """Matrix and stress of all candidates' complementary variables, with all sticking."""
+        return condensed(self.yielding, self.none, self.elastic, self.every, self.slips)
+
     def response(
         self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = STARTS
     ) -> PackingResponse:
-        """Answer one programme, see `packing_response`."""
+        """Answer one control by components."""
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
-    def problem(self, control: HeldAndDriven) -> tuple[Floats, Floats]:
+    def given(self, control: Control, active: Flags) -> PackingResponse:
+        """Answer one control with these candidates sliding, whether that agrees or not."""
+        answer = linear_answer(self.yielding, active) if active.any() else self.elastic
+        told = Complementarity(active[None], GIVEN)
+        return self._response(answer, active, told, control)
+
+    def problem(self, control: Control) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
     def solved(
         self,
-        control: HeldAndDriven,
+        control: Control,
         starts: int = STARTS,
         known: Sequence[Flags] = (),
         complete: str = "",
@@ -520,13 +582,13 @@ class PackingRates:
         response = self._response(answer, active, found, control)
         return Solved(response, active, answer, found.active)
 
-    def rates_of(self, control: HeldAndDriven, active: Flags) -> tuple[Floats, Floats]:
+    def rates_of(self, control: Control, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
         answer = self._answer(active)
         H = controlled_strain(answer, control)
         return H, answer.stress @ H
 
-    def _by_parts(self, control: HeldAndDriven, free: Flags, proof: str) -> Solved:
+    def _by_parts(self, control: Control, free: Flags, proof: str) -> Solved:
         active, answer, done = regimes_by_parts(self.yielding, control, free)
         found = Complementarity(active[None][: int(done)], proof if done else "")
         response = self._response(answer, active, found, control)
@@ -547,7 +609,7 @@ class PackingRates:
         return self.last[1]
 
     def _response(
-        self, answer: LinearAnswer, active: Flags, found: Complementarity, control: HeldAndDriven
+        self, answer: LinearAnswer, active: Flags, found: Complementarity, control: Control
     ) -> PackingResponse:
         yielding = self.yielding
         system, graph = yielding.system, yielding.system.graph
@@ -568,7 +630,10 @@ class PackingRates:
         residual = float(np.linalg.norm(left)) / size
         # With all contacts sticking: otherwise q and M are those of the regularised packing.
         moves = float(np.linalg.norm(self.elastic.unbalanced @ H.ravel())) / size
-        proof = found.proof if max(moves, self.slips_left) <= TRUSTED else MECHANISM
+        told = found.proof == GIVEN
+        moves = float(np.linalg.norm(answer.unbalanced @ H.ravel())) / size if told else moves
+        certain = moves if told else max(moves, self.slips_left)
+        proof = found.proof if certain <= TRUSTED else MECHANISM
         v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
         n = len(system.contacts)
         branch_rate = -branch_vectors(graph) @ H.T
@@ -605,7 +670,7 @@ class PackingRates:
 
 
 def regimes_by_parts(
-    yielding: YieldResponse, control: HeldAndDriven, free: Flags
+    yielding: YieldResponse, control: Control, free: Flags
 ) -> tuple[Flags, LinearAnswer, bool]:
     """Find regimes of too many candidates to condense; and the answer, and whether they agree.
 
@@ -655,11 +720,17 @@ def controlled(
     answer: LinearAnswer,
     chosen: Integers,
     pair: tuple[Floats, Floats],
-    control: HeldAndDriven,
+    control: Control,
 ) -> tuple[Floats, Floats]:
     """Return `q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
     unit = complementary_rates(yielding, active, answer.relative)[chosen]
     matrix, stress = pair
+    if isinstance(control, Mixed):
+        A = control.stress @ answer.stress + control.strain
+        solved = np.linalg.solve(A, np.column_stack([control.rate, -control.stress @ stress]))
+        q, driven = unit @ solved[:, 0], unit @ solved[:, 1:]
+        M = matrix + driven
+        return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
     solved = np.linalg.solve(B @ answer.stress @ B.T, np.column_stack([imposed, -B @ stress]))
@@ -668,77 +739,47 @@ def controlled(
     return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
 
 
-@former_boundary
+def packing_rates(
+    scene: Scene,
+    control: Control,
+    *,
+    regime: Literal["elastic", "sliding"] | None = None,
+    yield_band: float = YIELD_BAND,
+    starts: int = STARTS,
+) -> PackingResponse:
+    """Return rates of all grains and contacts of a packing, see `stability.rates_at`.
+
+    Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
+    contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
+    complementarity problem, condensed on these contacts. Theory, equations (11.1) and (11.2).
+    """
+    around = scene.boundary
+    yielding = yield_response(scene.graph, scene.law, yield_band=yield_band, boundary=around)
+    rates = PackingRates(yielding)
+    if regime is None:
+        return rates.solved(control, starts).response
+    return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
+
+
 def packing_response(
     graph: GrainGraph,
     law: ContactLaw,
     strain_rate: ArrayLike,
     *,
     stress_rate: ArrayLike | None = None,
-    yield_band: float = 0.99,
     regime: ArrayLike | None = None,
     boundary: Boundary | None = None,
+    yield_band: float = YIELD_BAND,
     starts: int = STARTS,
+    **former: Any,
 ) -> PackingResponse:
-    """Return rates of all grains and contacts of a packing, spins free, under a strain rate.
-
-    Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
-    contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
-    complementarity problem, condensed on these contacts. Theory, equations (11.1) and (11.2).
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        A periodic packing, or one with walls or held grains; one state.
-    law : ContactLaw
-        Contact law.
-    strain_rate : (2, 2) array
-        `H'`, compression positive; not a number where the stress is controlled instead.
-    stress_rate : (2, 2) array, optional
-        `P'` of these components; zero if left out.
-    yield_band : float
-        Contacts with `|T| >= yield_band mu N` may slide.
-    regime : (C,) array of Regime, optional
-        Flags of a DEM code: contacts flagged sliding may slide as well, open ones are left out.
-        The graph's own if left out.
-    boundary : Boundary, optional
-        What the packing ends at: its cell if left out, else walls or held grains (`boundary_of`).
-    starts : int
-        Starts of the search for solutions beyond 12 contacts at yield.
-
-    Returns
-    -------
-    PackingResponse
-
-    Raises
-    ------
-    InputError
-        If the packing floats, a control is not a number or given twice, or the boundary has no
-        volume.
-
-    Examples
-    --------
-    A square lattice of discs under uniaxial compression:
-
-    >>> import numpy as np
-    >>> from loops import GrainGraph, LinearFrictional
-    >>> lattice = GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5] * 4,
-    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
-    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
-    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.01))
-    >>> found = packing_response(lattice, LinearFrictional(1.0, 0.5, 0.5), [[1, 0], [0, 0]])
-    >>> found.status, found.stress_rate.round(9).tolist()
-    ('unique', [[1.0, 0.0], [0.0, 0.0]])
-    """
-    component_control(strain_rate, stress_rate)
-    yielding = yield_response(
-        graph,
-        law,
-        yield_band=yield_band,
-        regime=regime,
-        boundary=boundary,
-    )
-    return PackingRates(yielding).response(strain_rate, stress_rate, starts)
+    """Old form of `stability.rates_at(scene, H=strain_rate, P=stress_rate)`, for one release."""
+    warn_of_old_name("packing_response", "rates_at(Scene(graph, law, boundary), H=, P=)")
+    around = former_boundary(graph, former) if boundary is None else boundary
+    given = graph if regime is None else graph.replace(regime=regime)
+    control = component_control(strain_rate, stress_rate)
+    scene = Scene(given, law, boundary_of(given) if around is None else around)
+    return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDriven:
@@ -758,8 +799,30 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDri
     return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
 
 
-def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
+def control_of(programme: Programme) -> Control:
+    """Return the control of a programme at the start; rows of strain or of stress apart."""
+    stress, strain, rate = programme.equations(np.zeros(4))
+    driven, held = stress.any(axis=1), strain.any(axis=1)
+    if (driven & held).any():
+        return Mixed(stress, strain, rate)
+    return HeldAndDriven(
+        *_orthonormal(strain[held], rate[held]), *_orthonormal(stress[driven], rate[driven])
+    )
+
+
+def _orthonormal(rows: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return equations `rows @ a = values` with orthonormal rows; as they are if they are so."""
+    if np.array_equal(rows @ rows.T, np.eye(len(rows))):
+        return rows, values
+    Q, R = np.linalg.qr(rows.T)
+    return np.ascontiguousarray(Q.T), np.linalg.solve(R.T, values)
+
+
+def controlled_strain(answer: LinearAnswer, control: Control) -> Floats:
     """Return the strain rate (4,), its driven part as the stress asks for."""
+    if isinstance(control, Mixed):
+        A = control.stress @ answer.stress + control.strain
+        return np.asarray(np.linalg.solve(A, control.rate))
     held, B = control.held.T @ control.strain, control.driven
     imposed = control.stress - B @ answer.stress @ held
     return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))
@@ -767,6 +830,8 @@ def controlled_strain(answer: LinearAnswer, control: HeldAndDriven) -> Floats:
 
 def _status(found: Complementarity, proof: str, residual: float) -> ResponseStatus:
     solutions = len(found.active)
+    if proof == GIVEN:
+        return "given"
     if solutions and residual <= TRUSTED:
         proved = proof in (
             "enumeration", "positive definite", WHOLE_CIRCLE, SCALED, CRITICAL

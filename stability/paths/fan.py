@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853
 
-from loops import GrainGraph, Regime
+from loops import GrainGraph, Regime, Scene, boundary_of
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import translational_blocks
 from loops.closures import Spins
@@ -672,8 +672,9 @@ def followed_limits(
     load = CONTROLS[fan.control](np.cos(b), np.sin(b))
     stage = Stage(load, "parameter", fan.reach * (1.0 if fan.control == "strain" else STRESS_REACH))
     watched = ("diagonal", "symmetric")
-    options = LoopPathOptions(spins=spins, subspace=watched, volume=model.volume)
-    path = follow_loop(start, model.law, [stage], model.closure, options)
+    options = LoopPathOptions(spins=spins, subspace=watched)
+    around = boundary_of(start, volume=model.volume)
+    path = follow_loop(Scene(start, model.law, around), [stage], model.closure, options)
     i, j = model.contacts.T
 
     def state(row: int, H: ArrayLike) -> LoopStates:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.closures import Spins
@@ -68,7 +67,6 @@ class LoopPathOptions:
 
     spins: Spins = "blocked"
     subspace: str | Sequence[str] = "diagonal"
-    volume: ArrayLike | None = None
     contact_on_touch: OnTouch = "ignore"
     rtol: float = 1e-12
     atol: float = 1e-14

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
+from typing import Literal
 
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_of, edge_rates
+from loops.stress_strain import cauchy_rate
 from loops.symmetry import PointGroup, point_group
 from stability.paths.model import PathModel, compressed
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
@@ -24,8 +26,11 @@ from stability.regimes import (
     Regimes,
     agreeing,
     edge_options,
+    given,
 )
 
+# Regimes that all contacts at the edge are told to have.
+Held = Literal["elastic", "sliding"]
 # Lengths over r_i + r_j at which the laws of contacts are compared.
 PROBES = (0.9, 0.99)
 # Row spaces of two controls that differ by less are the same.
@@ -41,6 +46,23 @@ class EdgeTrial:
     edge: EdgeRates
     vector: Floats
     trusted: bool
+    state: StateRates
+
+    @property
+    def strain_rate(self) -> Floats:
+        """Return `H'` (2, 2)."""
+        return self.rates.H.reshape(2, 2)
+
+    @property
+    def stress_rate(self) -> Floats:
+        """Return `P'` (2, 2)."""
+        return self.rates.P.reshape(2, 2)
+
+    @property
+    def cauchy_rate(self) -> Floats:
+        """Return the rate (2, 2) of the Cauchy stress."""
+        H, P = self.state.H.reshape(2, 2), self.state.P.reshape(2, 2)
+        return cauchy_rate(H, P, self.strain_rate, self.stress_rate)
 
 
 def edge_choices(
@@ -82,11 +104,13 @@ def edge_problem(
     preferred: dict[int, Choice],
     direction: Floats | None,
     gauge: Floats = UNIT_PARAMETER,
+    held: Held | None = None,
 ) -> Regimes[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
     Contacts that the model's symmetry maps on each other take the same regime, so that only motions
-    that keep the symmetry are found.
+    that keep the symmetry are found. With regimes that are `held` nothing is searched: contacts at
+    the edge all stick, or all slide that may.
     """
     options = edge_choices(model, state, mode, preferred)
     orbits = edge_orbits(model, options)
@@ -96,7 +120,8 @@ def edge_problem(
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
         chosen = orbits.applied(mode, choices)
-        rates = StateRates(model, state, chosen, programme, gauge).raw_rates
+        at = StateRates(model, state, chosen, programme, gauge)
+        rates = at.raw_rates
         _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
         # A contact that never slides has no strength to compare with.
         strength = np.where(np.isfinite(model.mu), strength, 0.0)[orbits.representatives]
@@ -105,7 +130,7 @@ def edge_problem(
             shear[orbits.representatives],
             np.where(inside, np.inf, strength),
         )
-        return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted)
+        return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted, at)
 
     wanted = first_choices(model, orbits, preferred)
     first = []
@@ -115,9 +140,18 @@ def edge_problem(
         choice = wanted.get(c, present)
         first.append(choice if choice in can else can[0])
     problem = FullProblem(orbits.options, rates_for)
-    found = agreeing(problem, preferred=first, direction=direction)
+    if held is None:
+        found = agreeing(problem, preferred=first, direction=direction)
+    else:
+        found = given(problem, [_held(can, held) for can in orbits.options])
     count = prod(float(len(can)) for can in options.values())
     return replace(found, combinations=count, contacts=orbits.representatives)
+
+
+def _held(can: Sequence[Choice], held: Held) -> Choice:
+    """Return the option of a contact that sticks, or that slides; what it has where that is not."""
+    wanted = Regime.ELASTIC if held == "elastic" else Regime.SLIDING
+    return next((choice for choice in can if choice.regime == wanted), can[0])
 
 
 def rate_vector(model: PathModel, rates: Rates) -> Floats:

@@ -17,7 +17,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from loops import GrainGraph, LinearFrictional, Support
+from loops import GrainGraph, LinearFrictional, Scene, Support
 from loops.arrays import Floats
 from stability import Family, rates_at, slip_problem
 from studies.examples import run_example, save
@@ -70,7 +70,7 @@ def answer(beta: float) -> dict[str, Any]:
     """Return status, kind, `q`, `M` and the sum of both slips on the line at an angle (degrees)."""
     graph = discs(beta)
     q, M = slip_problem(graph, LAW, SUPPORT)
-    found = rates_at(graph, LAW, SUPPORT)
+    found = rates_at(Scene(graph, LAW), SUPPORT)
     sticks = any((one.rates.regime == 1).all() for one in found.solutions)
     line: Family | None = found.families[0] if found.families else None
     kind = " ".join(["stick,"] * sticks + ["line"] * bool(line)).rstrip(",") or "none"

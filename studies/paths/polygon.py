@@ -12,7 +12,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from loops import ContactLaw, GrainGraph, Regime, Scene, contact_state, macroscopic_tangent
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    Regime,
+    Scene,
+    boundary_of,
+    contact_state,
+    macroscopic_tangent,
+)
 from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from stability import (
@@ -205,13 +213,13 @@ def follow_path(
 ) -> tuple[LoopPath, tuple[str, ...]]:
     """Path of a study, with the spectral events of every subspace, and the names of its stages."""
     names, stages = zip(*options.stages(), strict=True)
+    graph = options.graph()
     path = follow(
-        Scene(options.graph(), options.law()),
+        Scene(graph, options.law(), boundary_of(graph, volume=options.volume)),
         stages,
         closure=options.closure,
         spins=options.spins,
         subspace=subspaces,
-        volume=options.volume,
         contact_on_touch=options.contact_on_touch,
         **TOLERANCES,
         max_steps=MOST_STEPS,
@@ -301,7 +309,7 @@ def isotropic_threshold(
     is refined to 1e-15 where an eigenvalue changes sign between two of `COUNT` strains; one that is
     gained again between them is missed.
 
-    >>> from loops import LinearFrictional
+    >>> from loops import boundary_of, LinearFrictional
     >>> law = LinearFrictional(kn=1.0, kt=0.25)
     >>> pentagon = PolygonOptions(5).graph
     >>> isotropic_threshold(pentagon, law, "traction", "free")

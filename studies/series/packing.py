@@ -205,7 +205,7 @@ def packing_predictions(
     forces there is an `InputError`. With `following` the packing's path and replay predict too, the
     replay at the rate of the sample where `times` or the snapshots tell it.
     """
-    graph, (law, _) = before.graph, before.mechanics()
+    graph = before.graph
     H, source = sample_strain(before, after)
     columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
@@ -234,12 +234,12 @@ def packing_predictions(
             response, branch_rate=rate, force_rate=forces_of_motion(increments.yielding, rate, spin)
         )
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
-    boundary, notes = sample_boundary(before)
+    _, notes = sample_boundary(before)
     by_events: dict[str, Any] = {}
     if following is not None:
         found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
-    place = loops_in_place(graph, law, before.faces, boundary=boundary)
+    place = loops_in_place(before.scene)
     columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
     row = {
         "packing_status": response.status,

@@ -85,9 +85,7 @@ def add_in_packing(
     from loops.packing import loops_in_place
 
     scene, (_, notes) = snapshot.scene, sample_boundary(snapshot)
-    place = loops_in_place(
-        scene.graph, scene.law, scene.faces, method=method, boundary=scene.boundary
-    )
+    place = loops_in_place(scene, method=method)
     for name, values in place_columns(place, snapshot.mean_kn).items():
         table[name] = values
     if not np.isfinite(place.matrix).any():

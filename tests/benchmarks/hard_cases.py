@@ -10,6 +10,7 @@ import numpy as np
 from loops import (
     InputError,
     MacroTangent,
+    Scene,
     contact_state,
     find_faces,
     macroscopic_tangent,
@@ -197,4 +198,4 @@ def followed(scene: CaseState, closure: Any = "affine") -> Path:
     """The path of a scene."""
     stages = [Stage(CASE_PROGRAMMES[name](), quantity, end) for name, quantity, end in scene.stages]
     law: Any = scene.law
-    return follow(scene.graph, law, stages, closure=closure, spins=scene.spins)
+    return follow(Scene(scene.graph, law), stages, closure=closure, spins=scene.spins)

@@ -20,6 +20,8 @@ from loops import (
     GrainGraph,
     LinearFrictional,
     Regime,
+    Scene,
+    boundary_of,
     find_faces,
     macroscopic_tangent,
     traction_tangent,
@@ -161,13 +163,18 @@ def path_solver(rtol: float) -> tuple[float, float, float]:
     """E1, E2, s1 at B by `stability.follow` on the graph of four grains."""
     E = TABLE_1.confinement
     path = follow(
-        diamond(TABLE_1.alpha0, E1=E, E2=E),
-        LinearFrictional(1.0, TABLE_1.kappa, TABLE_1.mu),
+        Scene(
+            diamond(TABLE_1.alpha0, E1=E, E2=E),
+            LinearFrictional(1.0, TABLE_1.kappa, TABLE_1.mu),
+            boundary_of(
+                diamond(TABLE_1.alpha0, E1=E, E2=E), volume=2.0 * math.sin(2.0 * TABLE_1.alpha0)
+            ),
+        ),
         Stage(programmes.drained_biaxial(), "H11", E + SPAN),
-        volume=2.0 * math.sin(2.0 * TABLE_1.alpha0),  # L10 L20, the paper's reference area
         rtol=rtol,
         atol=1e-2 * rtol,
         max_step=1.0,
+        closure="affine",
     )
     row = next(event.index for event in path.events if event.kind == "yield")
     return float(path.H[row, 0]), float(path.H[row, 3]), float(path.P[row, 0])
@@ -435,5 +442,5 @@ def largest_difference(small: Path, full: Path) -> float:
 def _timed(family: Family, order: int, model: Any) -> tuple[Path, float]:
     how: Any = {"closure": family.closure, "spins": family.spins, "model": model}
     start = process_time()
-    path = follow(regular_polygon(order), BENCH_LAW, STAGES, **how)
+    path = follow(Scene(regular_polygon(order), BENCH_LAW), STAGES, **how)
     return path, process_time() - start

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
+from loops import InputError, LinearFrictional, Scene, affine_tangent, traction_tangent
 from patterns import regular_polygon
 from patterns.hard_cases import hard_case
 from stability import Stage, follow, programmes
@@ -81,7 +81,11 @@ def test_paths_with_other_events_are_infinitely_far_apart():
     drained = [Stage(programmes.isotropic_strain(), "H11", 0.1)]
     law = LinearFrictional(kn=1.0, kt=0.2, mu=0.09)
     one, two = (
-        follow(regular_polygon(4), law, [*drained, Stage(programmes.drained_biaxial(), "H11", end)])
+        follow(
+            Scene(regular_polygon(4), law),
+            [*drained, Stage(programmes.drained_biaxial(), "H11", end)],
+            closure="affine",
+        )
         for end in (0.12, 0.3)
     )
     assert largest_difference(one, two) == float("inf")

@@ -164,7 +164,10 @@ def test_the_law_with_the_first_power_is_the_linear_one(session):
     pentagon = gl.regular_polygon(5, strain=0.1)
     linear = gl.LinearFrictional(kn=1.0, kt=0.2, mu=0.3)
     first = names["Power"](k=1.0, kt=0.2, mu=0.3, m=1.0)
-    paths = [gl.follow(pentagon, law, names["drained"]) for law in (linear, first)]
+    paths = [
+        gl.follow(gl.Scene(pentagon, law), names["drained"], closure="affine")
+        for law in (linear, first)
+    ]
     np.testing.assert_allclose(paths[0].P[-1], paths[1].P[-1], rtol=1e-12, atol=1e-15)
     # Five equal contacts under isotropic strain, the power 3/2: P = n N l0 / (2 V0).
     area = 5 / (4 * np.tan(np.pi / 5))
@@ -302,7 +305,9 @@ def test_curves_of_a_path_are_those_of_a_dense_one():
     """
     pentagon, law = gl.regular_polygon(5, strain=0.1), gl.LinearFrictional(1.0, 0.2, 0.0875)
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.46)
-    path, dense = (gl.follow(pentagon, law, stage, rows=rows) for rows in (0, 800))
+    path, dense = (
+        gl.follow(gl.Scene(pentagon, law), stage, rows=rows, closure="affine") for rows in (0, 800)
+    )
     assert len(path) < 25 < 800 < len(dense)
     exact = dense.columns()
     for name, tolerance in (("P11", 2e-6), ("det_Ks", 1e-3)):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import HertzMindlin, LinearFrictional, RollingResistance, contact_state
+from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene, contact_state
 from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
@@ -40,8 +40,13 @@ def path_threshold(order, closure, spins, end):
     """Strain of the first loss on an isotropic path; 0 where the first loaded state has it."""
     law = LinearFrictional(kn=1.0, kt=KAPPA, mu=1e16)
     stage = Stage(programmes.isotropic_strain(), "H11", end)
-    path = follow(regular_polygon(order), law, [stage], closure=closure, spins=spins,
-                  subspace="diagonal")  # fmt: skip
+    path = follow(
+        Scene(regular_polygon(order), law),
+        [stage],
+        closure=closure,
+        spins=spins,
+        subspace="diagonal",
+    )
     loaded = np.flatnonzero(path.H[:, 0] > 0.0)
     if len(loaded) and path.symmetric_eigenvalues[loaded[0], 0] < 0.0:
         return 0.0

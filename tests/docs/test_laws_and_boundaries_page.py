@@ -13,6 +13,7 @@ from loops import (
     HertzMindlin,
     LinearFrictional,
     RollingResistance,
+    Scene,
     contact_state,
 )
 from loops.packing import loops_in_place
@@ -100,7 +101,7 @@ def sample(boundary, law):
 
 def in_place(one):
     boundary, _ = sample_boundary(one)
-    return loops_in_place(one.graph, one.law, one.faces, boundary=boundary).matrix
+    return loops_in_place(Scene(one.graph, one.law, boundary), one.faces).matrix
 
 
 def amplitude(one):
@@ -110,20 +111,19 @@ def amplitude(one):
 
 def at_rest(one):
     boundary, _ = sample_boundary(one)
-    return hold(one.graph, one.law, boundary=boundary).stress
+    return hold(Scene(one.graph, one.law, boundary)).stress
 
 
 def packing_path(one):
     boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
-    how = {"closure": "packing", "boundary": boundary}
-    return follow(one.graph, one.law, stage, **how).P
+    return follow(Scene(one.graph, one.law, boundary), stage, closure="packing").P
 
 
 def motion(one):
     boundary, _ = sample_boundary(one)
-    how = {"boundary": boundary, "inertial_number": 1e-4}
-    return replay(one.graph, one.law, 1e-5 * np.diag([1.0, -0.5]), **how).state.stress
+    scene, H = Scene(one.graph, one.law, boundary), 1e-5 * np.diag([1.0, -0.5])
+    return replay(scene, H, inertial_number=1e-4).state.stress
 
 
 def predicted(one, by_events=False):

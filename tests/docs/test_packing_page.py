@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from loops import Scene
 from loops.boundary import boundary_of
 from loops.packing import loops_in_place, outline_grains
 from loops.packing.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE
@@ -62,10 +63,10 @@ def test_an_outline_against_walls():
     box = read_snapshot(sample_path())
     faces = box.faces
     boundary, _ = sample_boundary(box)
-    between = loops_in_place(box.graph, box.law, faces, boundary=boundary).matrix
+    between = loops_in_place(Scene(box.graph, box.law, boundary), faces).matrix
     held = outline_grains(box.graph, faces)
     found = loops_in_place(
-        box.graph, box.law, faces, boundary=boundary_of(box.graph, held=held)
+        Scene(box.graph, box.law, boundary_of(box.graph, held=held)), faces
     ).matrix
     error = np.linalg.norm(found - between, axis=(1, 2)) / np.linalg.norm(between, axis=(1, 2))
     ends = [slice(*faces.offsets[face : face + 2]) for face in faces.loops]

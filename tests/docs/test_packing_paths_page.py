@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from loops import Scene
 from stability import follow
 from stability.packing import (
     equations_of_motion,
@@ -222,8 +223,8 @@ def test_slow_replays(row):
     number = int(told["snapshot"])
     (one, _), (two, _) = slow(number), slow(number + 1)
     H, graph = strain_between(one, two), one.graph
-    way = follow(graph, one.law, strained(H), closure="packing", instabilities=1000)
-    end = replay(graph, one.law, H, inertial_number=2.5e-7, balanced=True).state
+    way = follow(Scene(graph, one.law), strained(H), closure="packing", instabilities=1000)
+    end = replay(Scene(graph, one.law), H, inertial_number=2.5e-7, balanced=True).state
     for title, reached in (("AUC: path", way.states[-1]), ("AUC: slow replay", end)):
         found = predicted(one, two, lambda faces, s=reached: loop_changes(graph, s, faces))
         assert found == pytest.approx(float(told[title]), abs=3e-3)
@@ -245,7 +246,7 @@ def test_skill(row, numbers, step):
     for number in numbers:
         (one, _), (two, _) = slow(number), slow(number + step)
         stage = strained(strain_between(one, two))
-        way = follow(one.graph, one.law, stage, closure="packing", instabilities=1000)
+        way = follow(Scene(one.graph, one.law), stage, closure="packing", instabilities=1000)
         end, events = way.states[-1], events + len(way.events)
         areas.append(predicted(one, two, lambda f, g=one.graph, e=end: loop_changes(g, e, f)))
     assert len(areas) == int(told["steps"])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from loops import Boundary, GrainGraph, boundary_of
+from loops import Boundary, GrainGraph, Scene, boundary_of
 from loops.boundary import PlaneContacts, plane_contacts
+from stability import rates_at
 from stability.packing import packing_response, replay
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
@@ -68,16 +69,14 @@ def test_smooth_walls_have_no_shear_force_in_the_rate_problem():
 def test_former_arguments_warn_and_give_the_same():
     graph, planes, force = jammed_in_box(*JAMMED[3])
     law, boundary = JAMMED[3][2], between(planes, force, volume=12.0)
-    former = {"planes": planes, "plane_force": force}
-    with pytest.warns(DeprecationWarning, match="replay: give boundary=.*not planes, plane_force"):
+    former, scene = {"planes": planes, "plane_force": force}, Scene(graph, law, boundary)
+    with pytest.warns(DeprecationWarning, match=r"replay\(graph.*use replay\(Scene.*boundary\)"):
         old = replay(graph, law, 1e-5 * H, duration=5.0, **former).state
-    new = replay(graph, law, 1e-5 * H, duration=5.0, boundary=boundary).state
-    np.testing.assert_array_equal(old.x, new.x)
+    np.testing.assert_array_equal(old.x, replay(scene, 1e-5 * H, duration=5.0).state.x)
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 1e-6)
     with pytest.warns(DeprecationWarning, match="follow"):
         path = gl.follow(graph, law, stage, closure="packing", **former)
-    after = gl.follow(graph, law, stage, closure="packing", boundary=boundary)
-    np.testing.assert_array_equal(path.P, after.P)
+    np.testing.assert_array_equal(path.P, gl.follow(scene, stage).P)
     with pytest.warns(DeprecationWarning, match="hold"):
         held = gl.hold(graph, law, volume=12.0, unbalanced=1e-2, **former)
     with pytest.warns(DeprecationWarning, match=r"boundary.walls"):
@@ -85,15 +84,22 @@ def test_former_arguments_warn_and_give_the_same():
     with pytest.warns(DeprecationWarning, match=r"boundary.walls.force"):
         assert held.plane_force is held.boundary.walls.force
     periodic, some = jammed(12, 1), np.arange(12) < 2
-    with pytest.warns(DeprecationWarning, match="not held"):
+    with pytest.warns(DeprecationWarning, match="use rates_at"):
         answer = packing_response(periodic, LAW, H, held=some)
-    other = packing_response(periodic, LAW, H, boundary=boundary_of(periodic, held=some))
+    other = rates_at(Scene(periodic, LAW, boundary_of(periodic, held=some)), H=H)
     np.testing.assert_array_equal(answer.motion, other.motion)
 
 
-def test_the_volume_of_a_loop_is_no_boundary():
-    """`follow` of a loop takes `volume` as ever."""
-    ring = gl.regular_polygon(4)
-    stage = gl.Stage(gl.programmes.isotropic_strain(), "H11", 0.01)
-    law = gl.LinearFrictional(1.0, 0.5)
-    assert gl.follow(ring, law, stage, volume=2.0).status == "finished"
+def test_the_volume_of_a_loop_is_that_of_its_boundary():
+    ring, law = gl.regular_polygon(4), gl.LinearFrictional(1.0, 0.5)
+    stage = gl.Stage("isotropic_strain", "H11", 0.01)
+    paths = [
+        gl.follow(Scene(ring, law, boundary_of(ring, volume=v)), stage, closure="affine")
+        for v in (2.0, 4.0)
+    ]
+    np.testing.assert_allclose(paths[0].P[-1], 2.0 * paths[1].P[-1], rtol=1e-9, atol=1e-15)
+    with pytest.warns(DeprecationWarning, match="follow"):
+        old = gl.follow(ring, law, stage, volume=2.0)
+    np.testing.assert_array_equal(old.P, paths[0].P)
+    with pytest.raises(gl.InputError, match="volume"):
+        gl.follow(Scene(ring, law), stage, closure="affine", volume=2.0)

@@ -6,6 +6,7 @@ import pytest
 from loops import (
     GrainGraph,
     LinearFrictional,
+    Scene,
     best_fit_strain,
     branch_vectors,
     find_faces,
@@ -103,7 +104,7 @@ def test_paths(closure):
     force = LAW.kn * (here.radii[graph.contacts].sum(axis=1) - length)
     here = here.replace(normal_force=force)
     stage = Stage(programmes.drained_biaxial(), "H11", 0.05)
-    path = follow(here, LAW, stage, closure=closure)
+    path = follow(Scene(here, LAW), stage, closure=closure)
     for shift in SHIFTS:
-        there = follow(shifted(here, shift), LAW, stage, closure=closure)
+        there = follow(Scene(shifted(here, shift), LAW), stage, closure=closure)
         np.testing.assert_array_equal(path.P, there.P)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from loops import GrainGraph, LinearFrictional, macroscopic_tangent
+from loops import GrainGraph, LinearFrictional, Scene, macroscopic_tangent
 from patterns import random_loop, regular_polygon
 from stability import Stage, follow, programmes, restrict, symmetric_spectrum
 
@@ -81,7 +81,7 @@ def test_short_paths(loop, frame, closure):
     image, turn = moved(loop, frame)
     size = frame[1] if frame[0] == "scaled" else 1.0
     stage = Stage(programmes.isotropic_strain(), "H11", 0.03)
-    there, here = (follow(graph, LAW, stage, closure=closure) for graph in (loop, image))
+    there, here = (follow(Scene(graph, LAW), stage, closure=closure) for graph in (loop, image))
     assert there.status == here.status
     both = np.kron(turn, turn)
     wanted = both @ there.P[-1]
@@ -100,7 +100,7 @@ def test_affine_is_never_softer(order, orientation):
     stage = Stage(programmes.isotropic_strain(), "H11", 0.25)
     loop = regular_polygon(order, orientation=orientation)
     law = LinearFrictional(kn=1.0, kt=0.4)
-    path = follow(loop, law, stage, closure="affine")
+    path = follow(Scene(loop, law), stage, closure="affine")
     for row in range(0, len(path), 3):
         state = loop.replace(x=path.x[row], normal_force=path.normal_force[row])
         relaxed = macroscopic_tangent(state, law, "traction").matrix

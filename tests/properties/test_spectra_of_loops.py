@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from loops import LinearFrictional, macroscopic_tangent
+from loops import LinearFrictional, Scene, macroscopic_tangent
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, restrict, spectrum, symmetric_spectrum
 
@@ -64,8 +64,7 @@ def test_losses_come_in_order_along_a_path(order, orientation, kappa, phi, closu
         Stage(programmes.drained_biaxial(), "H11", 0.35),
     ]
     path = follow(
-        regular_polygon(order, orientation=orientation),
-        law,
+        Scene(regular_polygon(order, orientation=orientation), law),
         stages,
         closure=closure,
         rtol=1e-9,
@@ -92,7 +91,7 @@ def test_events_of_ks_come_before_those_of_k_where_there_is_shear(alpha0, kappa,
         Stage(programmes.oedometric(), "H11", 0.75),
     ]
     law = LinearFrictional(kn=1.0, kt=kappa)
-    path = follow(diamond(np.radians(alpha0)), law, stages, closure=closure, rtol=1e-9)
+    path = follow(Scene(diamond(np.radians(alpha0)), law), stages, closure=closure, rtol=1e-9)
     first_Ks, first_K = (path.of_kind(kind)[:1] for kind in ("det_Ks_zero", "det_K_zero"))
     assert first_Ks or not first_K
     for of_Ks, of_K in zip(first_Ks, first_K, strict=False):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, macroscopic_tangent
+from loops import InputError, LinearFrictional, Scene, boundary_of, macroscopic_tangent
 from patterns import regular_polygon
 from patterns.diamond import (
     TABLE_1,
@@ -129,7 +129,7 @@ def test_path_under_the_control_loses_strength_in_one_sense(table):
     lost = []
     for rate in (1.0, -1.0):
         stage = Stage(strain_driven(control, "diagonal", rate), "parameter", 0.02)
-        path = follow(graph, law, stage, volume=volume)
+        path = follow(Scene(graph, law, boundary_of(graph, volume=volume)), stage, closure="affine")
         assert path.status == "finished"
         strain = (path.H - path.H[0])[:, [0, 3]]
         np.testing.assert_allclose(strain @ control.held, 0, atol=1e-13)
@@ -149,7 +149,9 @@ def test_path_inside_the_cone_softens_at_once(table):
     control = softening_control(K)
     assert control.work == pytest.approx(symmetric_spectrum(K)[0], rel=1e-12)
     path = follow(
-        graph, law, Stage(strain_driven(control, "diagonal"), "parameter", 0.02), volume=volume
+        Scene(graph, law, boundary_of(graph, volume=volume)),
+        Stage(strain_driven(control, "diagonal"), "parameter", 0.02),
+        closure="affine",
     )
     strength = (path.P - path.P[0])[:, [0, 3]] @ control.direction
     length = (path.H - path.H[0])[:, [0, 3]] @ control.direction
@@ -176,7 +178,7 @@ def test_control_in_three_dimensions_and_its_path():
     basis = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
     np.testing.assert_allclose(basis @ response, control.direction, atol=1e-12)
     stage = Stage(programme, "parameter", 0.01)
-    path = follow(graph, law, stage, closure="traction", subspace="symmetric")
+    path = follow(Scene(graph, law), stage, closure="traction", subspace="symmetric")
     strength = (path.P - path.P[0]) @ basis.T @ control.direction
     length = (path.H - path.H[0]) @ basis.T @ control.direction
     assert path.status == "finished" and falls(strength, length)

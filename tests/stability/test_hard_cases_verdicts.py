@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import affine_tangent, contact_state, traction_tangent
+from loops import Scene, affine_tangent, contact_state, traction_tangent
 from loops.arrays import ROUNDING
 from loops.assembly import compliance_growth
 from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
@@ -184,6 +184,6 @@ def test_within_rounding_of_yield_directions_decide_alike(closure):
     # Not at yield, nothing slides: no direction is unstable.
     assert below.unstable == 0.0 < shares[0]
     for scene in scenes[1:]:
-        found = rates_at(scene.graph, scene.law, programmes.oedometric(), closure=closure)
+        found = rates_at(Scene(scene.graph, scene.law), programmes.oedometric(), closure=closure)
         assert found.status == "unique"
         assert found.taken.rates.rates.condition < 1e4

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime
+from loops import LinearFrictional, Regime, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT, EdgeRates, FullProblem, agreeing
@@ -143,7 +143,7 @@ def test_a_loop_of_14_at_yield_has_two_solutions():
     graph = random_loop(14, seed=14, polydispersity=0.3, strain=0.02, convex=False)
     law = LinearFrictional(1.0, 0.3, 0.5)
     at_yield = graph.replace(shear_force=0.5 * graph.normal_force)
-    found = rates_at(at_yield, law, programmes.drained_biaxial(), closure="traction")
+    found = rates_at(Scene(at_yield, law), programmes.drained_biaxial(), closure="traction")
     assert (found.status, found.exhaustive, found.tried < 30) == ("several", True, True)
     regimes = {tuple(one.rates.mode.regime.tolist()) for one in found.solutions}
     first = [1, 1, 1, 1, 2, 2, 1, 2, 1, 1, 1, 1, 2, 1]
@@ -203,7 +203,7 @@ def test_a_touching_contact_parts_sticks_or_slides_either_way(un, shear, expecte
 )
 def test_virgin_diamond_takes_the_regime_of_its_direction(programme, regime, closure):
     law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
-    found = rates_at(diamond(np.pi / 4), law, programme, closure=closure)
+    found = rates_at(Scene(diamond(np.pi / 4), law), programme, closure=closure)
     assert found.taken.rates.mode.regime.tolist() == [regime] * 4
     assert (found.status, found.exhaustive) == ("unique", True)
 
@@ -211,7 +211,7 @@ def test_virgin_diamond_takes_the_regime_of_its_direction(programme, regime, clo
 @pytest.mark.parametrize("closure", ["affine", "traction"])
 def test_virgin_diamond_parts_without_force(closure):
     law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
-    found = rates_at(diamond(0.8), law, programmes.isotropic_strain(-1.0), closure=closure)
+    found = rates_at(Scene(diamond(0.8), law), programmes.isotropic_strain(-1.0), closure=closure)
     assert found.status == "unique"
     assert not np.abs(found.taken.rates.rates.P).max() > 1e-15
     # Relaxed centres may keep a contact that carries nothing; affine ones part everywhere.
@@ -221,7 +221,7 @@ def test_virgin_diamond_parts_without_force(closure):
 
 def test_virgin_ring_of_many_contacts_is_solved_by_pivoting():
     law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
-    found = rates_at(regular_polygon(40), law, programmes.oedometric(), closure="affine")
+    found = rates_at(Scene(regular_polygon(40), law), programmes.oedometric(), closure="affine")
     assert (found.status, found.exhaustive) == ("one found", False)
     rates = found.taken.rates
     # Affine rates of each contact decide alone: s T' > mu N' slides, un' > 0 parts.
@@ -239,7 +239,7 @@ def test_a_ring_without_continuation_says_so():
         Stage(programmes.isotropic_strain(), "H11", 0.05),
         Stage(programmes.drained_biaxial(), "H11", 0.1),
     ]
-    path = follow(regular_polygon(12), law, stages, closure="traction")
+    path = follow(Scene(regular_polygon(12), law), stages, closure="traction")
     assert path.status == "no_solution"
     (event,) = path.of_kind("control_limit")
     assert event.contacts == (2, 3, 8, 9)

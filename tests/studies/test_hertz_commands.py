@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from loops import HertzMindlin
+from loops import HertzMindlin, Scene
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
@@ -35,10 +35,10 @@ def files(tmp_path_factory):
     graph, planes, force = jammed_in_box(*JAMMED[1])
     volume = float(np.linalg.det(start_state(graph, between(planes, force)).cell))
     boundary = between(planes, force, volume=volume)
-    held = hold(graph, LAW, boundary=boundary, unbalanced=1e-9)
+    held = hold(Scene(graph, LAW, boundary), unbalanced=1e-9)
     walls = held.boundary.walls
     first = written(folder / "grains_0.parquet", held.graph, walls, walls.force)
-    end = replay(held.graph, LAW, STRAIN, inertial_number=2e-7, boundary=held.boundary).state
+    end = replay(Scene(held.graph, LAW, held.boundary), STRAIN, inertial_number=2e-7).state
     return first, written(folder / "grains_1.parquet", *split(end, SMOOTH))
 
 
@@ -79,8 +79,7 @@ def test_a_path_is_that_of_the_law(monkeypatch, tmp_path, files):
     one, table = read(files[0]), pd.read_parquet(tmp_path / "path.parquet")
     boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 2e-3)
-    path = follow(one.graph, LAW, stage, closure="packing", rows=2, interval=2e-5,
-                  boundary=boundary)  # fmt: skip
+    path = follow(Scene(one.graph, LAW, boundary), stage, closure="packing", rows=2, interval=2e-5)
     assert len(path.events) > 1
     np.testing.assert_allclose(table[["H11", "H22", "P11", "P22"]].iloc[-1],
                                [*path.H[-1][[0, 3]], *path.P[-1][[0, 3]]], rtol=1e-7)  # fmt: skip

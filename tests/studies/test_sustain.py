@@ -80,7 +80,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
 
 def test_tables_are_the_numerics(results, state):
     read = read_snapshot(state, shear_increment="radii")
-    held = gl.hold(read.graph, read.law)
+    held = gl.hold(gl.Scene(read.graph, read.law))
     found = sustain_packing(held.graph, held.law, 4, largest=0.0022, interval=4e-5)
     table = pd.read_parquet(results / "sustain.parquet")
     assert table["status"].tolist() == found.status.tolist()
@@ -182,8 +182,8 @@ def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
     for mu in (planes.mu, 0.5 * planes.mu):
         rough = replace(planes, mu=mu)
         boundary = between(rough, force, volume=np.linalg.det(start.cell))
-        held = gl.hold(graph, law, boundary=boundary)
-        limits.append(sustain_packing(held.graph, law, 2, **how, boundary=held.boundary))
+        held = gl.hold(gl.Scene(graph, law, boundary))
+        limits.append(sustain_packing(gl.Scene(held.graph, law, held.boundary), 2, **how))
     found, other = limits
     assert table["status"].tolist() == found.status.tolist() == ["failed", "failed"]
     # Held by another call, whose box is rounded otherwise: motions raise that to 3e-7 of a limit.

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from loops import InputError
+from loops import InputError, Scene
 from patterns import read_snapshot
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.hold import hold
@@ -84,7 +84,7 @@ def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
     Contacts of the yield band are put on their limit, what this leaves out of balance is a load.
     (D, looks, 2, 2) in place of `P'`; (D, looks) speeds over the strain rate, in mean radii.
     """
-    held = hold(snapshot.graph, snapshot.law, unbalanced=1e-8)
+    held = hold(Scene(snapshot.graph, snapshot.law), unbalanced=1e-8)
     graph, law = held.graph, held.law
     edge = yield_response(graph, law, yield_band=0.99)
     found = probe_edge(edge, directions)

@@ -13,7 +13,7 @@ from collections import Counter
 
 import numpy as np
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces, loop_batches
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import frobenius
 from loops.packing import loops_in_place
 from patterns.synthetic import synthetic_network
@@ -129,7 +129,7 @@ def eigenvalues(matrix):
 def compared(graph, law, regime):
     """Counts, the largest error over the stated one, and the stated errors, of one packing."""
     faces = find_faces(graph)
-    found = loops_in_place(graph, law, faces, regime=regime, method="whole")
+    found = loops_in_place(Scene(graph.replace(regime=regime), law), faces, method="whole")
     # Contacts of grains that are left out carry nothing.
     carries = found.system.carrying
     exact = operators(graph, law, faces, np.where(carries.contacts, regime, Regime.OPEN))

@@ -14,7 +14,7 @@ from collections import Counter
 
 import numpy as np
 
-from loops import HertzMindlin, LinearFrictional, RollingResistance, contact_state
+from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene, contact_state
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
 
@@ -89,7 +89,7 @@ def run(seed, limit):
     signal.signal(signal.SIGVTALRM, _ring)
     signal.setitimer(signal.ITIMER_VIRTUAL, limit)
     try:
-        path = follow(graph, law, stages, **options)
+        path = follow(Scene(graph, law), stages, **options)
         status, message = path.status, path.message
     except _TooLongError:
         status, message = "too long", f"over {limit} s"

@@ -19,6 +19,7 @@ from loops import (
     InputError,
     LinearFrictional,
     Regime,
+    Scene,
     assemble_tangent,
     branch_vectors,
     contact_state,
@@ -130,9 +131,10 @@ def compared(graph, law, control):
     if segments is None:
         return None
     A, S = dense[2:]
-    branch, found = branch_numbers(segments), probe(
-        graph, law, DIRECTIONS, control=control, yield_band=AT_YIELD
-    )  # fmt: skip
+    branch, found = (
+        branch_numbers(segments),
+        probe(Scene(graph, law), DIRECTIONS, control=control, yield_band=AT_YIELD),
+    )
     listed, counts, known, missed = found.solutions, Counter(), set(), []
     for k, direction in enumerate(found.directions):
         true = []

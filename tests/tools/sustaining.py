@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from loops import Scene
 from stability.packing import sustain
 from stability.packing.sustain import renumbered
 from studies.style import BLUE, GREY, ORANGE, TWO_COLUMNS, VERMILION, new_panels, styled
@@ -39,7 +40,7 @@ def loads_beside_yade() -> Iterator[dict[str, object]]:
             theta = np.radians(degrees)
             largest = 2.0 * high if np.isfinite(high) else own["load"].max()
             along = [[np.cos(theta), np.sin(theta)]]
-            (path,) = sustain(graph, law, along, largest=largest).paths
+            (path,) = sustain(Scene(graph, law), along, largest=largest).paths
             yield {
                 "state": state,
                 "degrees": degrees,
@@ -64,7 +65,7 @@ def limits_anew(table: pd.DataFrame) -> pd.DataFrame:
     for row in table.itertuples():
         one = renumbered(graph, law, None, row.numbering)[:2] if row.numbering else (graph, law)
         how = {"largest": largest, "interval": row.interval, "spread": False}
-        (path,) = sustain(*one, [[np.cos(theta), np.sin(theta)]], **how).paths
+        (path,) = sustain(Scene(*one), [[np.cos(theta), np.sin(theta)]], **how).paths
         after.append(path.limit)
     return table.assign(after=after)
 

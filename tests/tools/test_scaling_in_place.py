@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from loops import branch_vectors, find_faces
+from loops import Scene, branch_vectors, find_faces
 from loops.packing import loops_in_place
 from tests.tools.scaling.in_place import METHODS, PEERS, in_place_figure, peer, replicated
 
@@ -17,7 +17,7 @@ def test_a_repeated_cell_is_the_same_packing():
     loops = [len(find_faces(graph).loops) for graph in (one, four)]
     assert loops[1] == 4 * loops[0]
     # Copies of a loop answer alike within their errors, whatever the order of the fronts.
-    place = loops_in_place(four, laws, find_faces(four))
+    place = loops_in_place(Scene(four, laws), find_faces(four))
     trace = np.sort(np.trace(place.matrix, axis1=1, axis2=2)).reshape(-1, 4)
     assert np.nanmax(place.error) < 1e-6
     np.testing.assert_allclose(trace, np.repeat(trace[:, :1], 4, axis=1), rtol=1e-6)

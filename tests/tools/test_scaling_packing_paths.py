@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from loops import Scene
 from stability.packing import replay
 from tests.packings import LAW, jammed
 from tests.tools.scaling import packing_paths as study
@@ -15,8 +16,8 @@ def test_a_replay_in_parts_is_one_replay():
     graph, direction = jammed(16, 2), np.diag([0.6, -0.8])
     amplitudes = np.array([1e-5, 2.5e-5, 1e-4])
     stresses = study.replayed(graph, LAW, direction, amplitudes, 1e-5)
-    whole = replay(graph, LAW, 1e-4 * direction, inertial_number=1e-5).state.stress
-    start = replay(graph, LAW, np.zeros((2, 2)), duration=1e-9).state.stress
+    whole = replay(Scene(graph, LAW), 1e-4 * direction, inertial_number=1e-5).state.stress
+    start = replay(Scene(graph, LAW), np.zeros((2, 2)), duration=1e-9).state.stress
     # Parts end on whole steps, and their rates are constant each.
     change = np.linalg.norm(whole - start)
     np.testing.assert_allclose(stresses[-1], whole, atol=2e-3 * change)

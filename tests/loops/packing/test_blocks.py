@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, assemble_tangent, find_faces
+from loops import GrainGraph, LinearFrictional, Scene, assemble_tangent, find_faces
 from loops.arrays import frobenius
 from loops.boundary import Boundary
 from loops.packing import in_place, loops_in_place, packing_system
@@ -131,7 +131,7 @@ def test_the_error_of_held_grains_is_a_power_of_their_distance():
     graph = packing(30, seed=2)
     faces = find_faces(graph)
     system, polygons = packing_system(graph, LAW), polygons_of(graph, faces)
-    exact = loops_in_place(graph, LAW, faces).matrix
+    exact = loops_in_place(Scene(graph, LAW), faces).matrix
     rng = np.random.default_rng(0)
     rho = rng.uniform(2.0, 9.0, len(exact))
     found = _truncation(system, polygons, exact * (1.0 + 0.3 * rho**-1.9)[:, None, None], rho)
@@ -155,7 +155,7 @@ def test_the_error_is_taken_from_loops_spread_over_all(monkeypatch):
     graph = packing(30, seed=2)
     faces = find_faces(graph)
     system, polygons = packing_system(graph, LAW), polygons_of(graph, faces)
-    exact = loops_in_place(graph, LAW, faces).matrix
+    exact = loops_in_place(Scene(graph, LAW), faces).matrix
     rho, count = np.full(len(exact), 4.0), len(exact)
     for k in range(count):
         matrix = exact.copy()
@@ -202,6 +202,6 @@ def test_entries_of_the_inverse_at_contacts(kn):
 
 def test_frobenius_error_of_what_is_stated():
     graph = packing(30, seed=2)
-    found = loops_in_place(graph, LAW, find_faces(graph))
+    found = loops_in_place(Scene(graph, LAW), find_faces(graph))
     np.testing.assert_array_equal(found.matrix_error, found.error * frobenius(found.matrix))
     np.testing.assert_array_equal(found.surroundings_error, found.matrix_error + found.alone_error)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.packing import Factor, PlaneContacts, factorised, loops_in_place, packing_system
 from loops.system import carrying_grains
 from tests.stability.packing.walled_packings import between
@@ -52,7 +52,9 @@ def test_a_band_that_winds_one_way_carries():
 
 
 def test_every_band_is_held_by_a_grain_of_its_own():
-    one, two = (loops_in_place(graph, LAW, find_faces(graph)) for graph in (strips(1), strips(2)))
+    one, two = (
+        loops_in_place(Scene(graph, LAW), find_faces(graph)) for graph in (strips(1), strips(2))
+    )
     twice = np.repeat(np.sort(one.matrix[:, 0, 0]), 2)
     assert np.allclose(np.sort(two.matrix[:, 0, 0]), twice, rtol=1e-9)
     # Nothing is left for the regularisation of singular fronts, which would leave doubt.

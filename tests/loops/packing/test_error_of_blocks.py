@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime, find_faces
+from loops import LinearFrictional, Regime, Scene, find_faces
 from loops.arrays import frobenius
 from loops.packing import in_place, loops_in_place
 from patterns import read_snapshot, sample_path, synthetic_network
@@ -61,12 +61,12 @@ def judged(sample, monkeypatch, **numbers):
         monkeypatch.setattr(in_place, name, value)
     graph, law, boundary = SAMPLES[sample]()
     faces = find_faces(graph)
-    whole = loops_in_place(graph, law, faces, method="whole", **boundary).matrix
+    whole = loops_in_place(Scene(graph, law, **boundary), faces, method="whole").matrix
     known = np.isfinite(whole).all(axis=(1, 2))
     shares, claimed, wrong = [], 0, 0
     for block, buffer in ((25.0, 8.0), (10.0, 8.0), (6.0, 3.0)):
         how = {"method": "blocks", "block": block, "buffer": buffer}
-        part = loops_in_place(graph, law, faces, **how, **boundary)
+        part = loops_in_place(Scene(graph, law, **boundary), faces, **how)
         change = frobenius((part.matrix - whole)[known])
         if not change.max() > 1e-9 * frobenius(whole[known]).max():
             continue  # a single block is the whole

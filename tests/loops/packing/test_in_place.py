@@ -12,6 +12,7 @@ from loops import (
     InputError,
     LinearFrictional,
     Regime,
+    Scene,
     assemble_tangent,
     contact_state,
     find_faces,
@@ -62,7 +63,7 @@ def dense_operators(graph, law, regime):
 def test_in_place_is_the_dense_inverse(sliding):
     graph = packing(30, seed=2, sliding=sliding)
     regime = LAW.regime(contact_state(graph))
-    found = loops_in_place(graph, LAW, find_faces(graph))
+    found = loops_in_place(Scene(graph, LAW), find_faces(graph))
     dense = dense_operators(graph, LAW, regime)
     # The pseudo-inverse errs by its condition, about 1e3 roundings.
     assert np.allclose(found.matrix, dense, rtol=1e-11, atol=1e-11)
@@ -73,7 +74,7 @@ def test_surroundings_are_what_the_loop_alone_lacks():
     law = LinearFrictional(1.0, 0.5)
     graph = packing(30, seed=2, share=0.0)
     faces = find_faces(graph)
-    found = loops_in_place(graph, law, faces)
+    found = loops_in_place(Scene(graph, law), faces)
     row = {face: k for k, face in enumerate(faces.loops)}
     for batch in loop_batches(graph, faces):
         alone = traction_tangent(batch.graph, law, spins="free").matrix
@@ -108,7 +109,7 @@ def test_a_hinged_triangle_changes_nothing_else():
     """It rolls on its one contact, which carries nothing: a mechanism, and a singular matrix."""
     graph = packing(30, seed=2, share=0.0).replace(normal_force=None, shear_force=None)
     regime = np.full(graph.contact_count, Regime.ELASTIC)
-    alone = loops_in_place(graph, LAW, find_faces(graph), regime=regime)
+    alone = loops_in_place(Scene(graph.replace(regime=regime), LAW), find_faces(graph))
     grain = int(np.argmax(np.linalg.norm(graph.x, axis=1)))
     count = graph.grain_count
     more = graph.x[grain] + 0.2 * np.array([[0.3, 0.9], [1.3, 1.0], [0.7, 1.9]])
@@ -139,11 +140,12 @@ def test_no_loop_is_judged_where_every_grain_is_held(method, case):
     if case == "no shear stiffness":
         law, regime = LinearFrictional(1.0, 0.0, 0.5), np.full(graph.contact_count, Regime.ELASTIC)
     found = loops_in_place(
-        graph,
-        law,
+        Scene(
+            graph.replace(regime=regime),
+            law,
+            boundary_of(graph, held=np.ones(graph.grain_count, bool)),
+        ),
         find_faces(graph),
-        regime=regime,
-        boundary=boundary_of(graph, held=np.ones(graph.grain_count, bool)),
         method=method,
     )
     assert np.isnan(found.matrix).all() and np.isnan(found.error).all()
@@ -274,7 +276,7 @@ def test_solving_again_changes_rounding_alone(monkeypatch, many):
     """All loops, or the five whose sweep errs most."""
     graph, law, _ = CASES["several fronts"]
     faces = find_faces(graph)
-    expected = loops_in_place(graph, law, faces, threads=1)
+    expected = loops_in_place(Scene(graph, law), faces, threads=1)
     swept, met = in_place._swept_error, []
 
     def spy(*given):
@@ -283,7 +285,7 @@ def test_solving_again_changes_rounding_alone(monkeypatch, many):
 
     monkeypatch.setattr(in_place, "_swept_error", spy)
     monkeypatch.setattr(in_place, "AGAIN", many * 4 * expected.system.size)
-    found = loops_in_place(graph, law, faces, threads=1)
+    found = loops_in_place(Scene(graph, law), faces, threads=1)
     change = frobenius(found.matrix - expected.matrix) / frobenius(expected.matrix)
     again = change > 0
     assert (change < 0.1 * expected.error).all()
@@ -308,7 +310,7 @@ def test_rounding_of_the_sweep_knows_no_units(monkeypatch):
             x=unit * graph.x, radii=unit * graph.radii, cell=unit * graph.cell,
             normal_force=unit * graph.normal_force, shear_force=unit * graph.shear_force,
         )  # fmt: skip
-        loops_in_place(scaled, law, find_faces(scaled), threads=1)
+        loops_in_place(Scene(scaled, law), find_faces(scaled), threads=1)
     np.testing.assert_allclose(met[1], met[0], rtol=1e-9)
 
 
@@ -344,7 +346,7 @@ def test_loops_that_the_sweep_spoils_are_solved_again(monkeypatch):
 
     swept = in_place._swept_error
     monkeypatch.setattr(in_place, "_swept_error", spy)
-    found = loops_in_place(graph, law, faces, regime=regime)
+    found = loops_in_place(Scene(graph.replace(regime=regime), law), faces)
     worst = np.argsort(-met[0])[:12]
     modes = spin_modes(found.system.stiffness, found.system.ends, found.system.size)
     exact = eighty_bits.operators(found.system, faces, modes, some=set(worst.tolist()))[worst]
@@ -357,7 +359,7 @@ def test_loops_that_the_sweep_spoils_are_solved_again(monkeypatch):
     assert (met[0][worst] > 10 * stated).all() and (error < 1e-3 * stated).all()
     # Where they would be too many, what the sweep makes is stated.
     monkeypatch.setattr(in_place, "AGAIN", 4 * found.system.size * 4.0)
-    few, few_stated = errors(loops_in_place(graph, law, faces, regime=regime))
+    few, few_stated = errors(loops_in_place(Scene(graph.replace(regime=regime), law), faces))
     assert np.array_equal(few[:4], error[:4]) and np.array_equal(few_stated[:4], stated[:4])
     assert (few < few_stated).all() and (few[4:] > 10 * error[4:]).all()
     np.testing.assert_allclose(few_stated[4:], stated[4:] + met[0][worst[4:]], rtol=0.05)
@@ -466,7 +468,7 @@ def test_a_separator_is_as_small_as_a_matching_is_large():
 def test_threads_change_no_bit():
     graph = synthetic_network(400, seed=3, periodic=True, coordination=4.6)
     faces = find_faces(graph)
-    one, three = (loops_in_place(graph, LAW, faces, threads=n) for n in (1, 3))
+    one, three = (loops_in_place(Scene(graph, LAW), faces, threads=n) for n in (1, 3))
     assert np.array_equal(one.matrix, three.matrix) and np.array_equal(one.error, three.error)
 
 
@@ -475,9 +477,9 @@ def test_tasks_change_no_bit(monkeypatch, share):
     """One task for all fronts, a few, one for each."""
     graph, law, _ = CASES["several fronts"]
     faces = find_faces(graph)
-    expected = loops_in_place(graph, law, faces, threads=1)
+    expected = loops_in_place(Scene(graph, law), faces, threads=1)
     monkeypatch.setattr(multifrontal, "TASK", share)
-    found = loops_in_place(graph, law, faces, threads=1)
+    found = loops_in_place(Scene(graph, law), faces, threads=1)
     assert np.array_equal(found.matrix, expected.matrix)
     assert np.array_equal(found.error, expected.error)
 
@@ -486,10 +488,10 @@ def test_blocks_tend_to_the_whole_and_keep_their_error():
     graph = synthetic_network(1600, seed=3, periodic=True, coordination=4.6)
     graph = graph.replace(shear_force=0.5 * graph.shear_force)
     faces, law = find_faces(graph), LinearFrictional(1.0, 0.5)
-    whole = loops_in_place(graph, law, faces, method="whole").matrix
+    whole = loops_in_place(Scene(graph, law), faces, method="whole").matrix
     median = []
     for buffer in (3.0, 6.0):
-        part = loops_in_place(graph, law, faces, method="blocks", block=10.0, buffer=buffer)
+        part = loops_in_place(Scene(graph, law), faces, method="blocks", block=10.0, buffer=buffer)
         error = frobenius(part.matrix - whole) / frobenius(whole)
         assert np.mean(error <= part.error) > 0.99
         assert (part.error > 0).all() and np.isfinite(part.matrix).all()
@@ -502,19 +504,19 @@ def test_larger_packings_are_cut_into_blocks(monkeypatch):
     graph = synthetic_network(400, seed=3, periodic=True, coordination=4.6)
     faces, how = find_faces(graph), {"block": 8.0, "buffer": 3.0}
     whole, blocks = (
-        loops_in_place(graph, LAW, faces, method=m, **how) for m in ("whole", "blocks")
+        loops_in_place(Scene(graph, LAW), faces, method=m, **how) for m in ("whole", "blocks")
     )
     assert not np.array_equal(whole.matrix, blocks.matrix)
     for most, same in ((400, whole), (399, blocks)):
         monkeypatch.setattr(in_place, "WHOLE", most)
-        assert np.array_equal(loops_in_place(graph, LAW, faces, **how).matrix, same.matrix)
+        assert np.array_equal(loops_in_place(Scene(graph, LAW), faces, **how).matrix, same.matrix)
 
 
 def test_a_loop_beyond_its_buffer_has_no_error():
     """Grains of a loop that reaches further than the buffer move with it; all around is held."""
     graph = synthetic_network(400, seed=5, periodic=True, coordination=3.4)
     faces = find_faces(graph)
-    part = loops_in_place(graph, LAW, faces, method="blocks", block=5.0, buffer=1.0)
+    part = loops_in_place(Scene(graph, LAW), faces, method="blocks", block=5.0, buffer=1.0)
     beyond = np.isinf(part.error)
     order = faces.order[faces.loops]
     assert beyond.any() and order[beyond].min() > np.median(order)
@@ -523,10 +525,10 @@ def test_a_loop_beyond_its_buffer_has_no_error():
 
 def test_a_loop_that_carries_nothing_has_no_operator():
     more = with_idle_triangle(packing(24, seed=3))
-    found = loops_in_place(more, LAW, find_faces(more))
+    found = loops_in_place(Scene(more, LAW), find_faces(more))
     assert np.isnan(found.matrix).all(axis=(1, 2)).sum() == 1
     with pytest.raises(InputError, match="method"):
-        loops_in_place(more, LAW, find_faces(more), method="patch")
+        loops_in_place(Scene(more, LAW), find_faces(more), method="patch")
 
 
 def test_selected_inverse_of_any_matrix_on_any_tree():

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime, find_faces, loop_batches
+from loops import LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import frobenius
 from loops.geometry import boundary_vectors, polygon_area
 from loops.packing import factorised, loops_in_place, packing_system
@@ -33,7 +33,7 @@ class State:
         self.whole = self.by(method="whole")
 
     def by(self, **how):
-        return loops_in_place(self.graph, self.law, self.faces, **how)
+        return loops_in_place(Scene(self.graph, self.law), self.faces, **how)
 
     def error(self, found):
         return frobenius(found.matrix - self.whole.matrix) / frobenius(self.whole.matrix)
@@ -171,7 +171,9 @@ def test_stated_errors_against_eighty_bits(request, name):
     for ratio in (0.5, 1e-8) if "flagged" in name else (0.5, 1e-6, 1e-8, 1e-10):
         law = LinearFrictional(kn, ratio * kn, mu, "radii")
         regime = state.graph.regime
-        found = loops_in_place(state.graph, law, state.faces, regime=regime, method="whole")
+        found = loops_in_place(
+            Scene(state.graph.replace(regime=regime), law), state.faces, method="whole"
+        )
         system = found.system
         modes = spin_modes(system.stiffness, system.ends, system.size)
         exact = eighty_bits.operators(system, state.faces, modes)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, find_faces
+from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
 from loops.arrays import frobenius
 from loops.packing import loops_in_place, packing_system
 from loops.packing.gears import HIDDEN, UNKNOWN, spin_modes
@@ -61,8 +61,8 @@ def test_the_slip_of_the_ring_is_felt(off):
     count, ratio, stated = compared(graph, law, regime)
     assert count["answered"] == 16 and count["beyond"] == 0 and ratio > 1e-4
     faces = find_faces(graph)
-    slips = loops_in_place(graph, law, faces, regime=regime)
-    gears = loops_in_place(lattice(off)[0], law, faces, regime=regime)
+    slips = loops_in_place(Scene(graph.replace(regime=regime), law), faces)
+    gears = loops_in_place(Scene(lattice(off)[0].replace(regime=regime), law), faces)
     change = frobenius(slips.matrix - gears.matrix) / frobenius(gears.matrix)
     assert np.median(change) > 0.05 and (stated < 1e-14 / off**2).all()
 
@@ -81,7 +81,9 @@ def test_a_ring_that_may_close_by_rounding_is_not_judged():
     graph, regime = lattice_of(np.zeros((16, 2)), 0.4 + turn), np.full(32, 1, np.int8)
     faces = find_faces(graph)
     by_branch, by_radii = (
-        loops_in_place(graph, LinearFrictional(1.0, 0.5, 0.3, increment), faces, regime=regime)
+        loops_in_place(
+            Scene(graph.replace(regime=regime), LinearFrictional(1.0, 0.5, 0.3, increment)), faces
+        )
         for increment in ("branch", "radii")
     )
     assert np.isnan(by_branch.matrix).all() and np.isinf(by_branch.error).all()
@@ -91,7 +93,7 @@ def test_a_ring_that_may_close_by_rounding_is_not_judged():
 def test_numbers_and_units_change_rounding_alone():
     graph, law, regime = lattice(1e-3, radii=1e-3)
     faces = find_faces(graph)
-    found = loops_in_place(graph, law, faces, regime=regime)
+    found = loops_in_place(Scene(graph.replace(regime=regime), law), faces)
     turn = np.random.default_rng(5).permutation(16)
     place = np.argsort(turn)
     flip = np.arange(32) % 3 == 0
@@ -104,7 +106,9 @@ def test_numbers_and_units_change_rounding_alone():
         images=images[::-1], cell=unit * graph.cell,
     )  # fmt: skip
     moved = find_faces(other)
-    again = loops_in_place(other, LinearFrictional(unit, 0.5 * unit), moved, regime=regime)
+    again = loops_in_place(
+        Scene(other.replace(regime=regime), LinearFrictional(unit, 0.5 * unit)), moved
+    )
     centres = [
         np.sort([np.sort(f.grains[slice(*f.offsets[k : k + 2])]) for k in f.loops], axis=1)
         for f in (faces, moved)

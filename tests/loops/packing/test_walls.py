@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.boundary import Boundary
 from loops.packing import PlaneContacts, outline_grains, plane_contacts
 from patterns.synthetic import synthetic_network
-from stability.packing import packing_response
+from stability import rates_at
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5)
@@ -30,7 +30,7 @@ def lattice(n=3):
 def test_a_lattice_between_walls_is_springs_in_series():
     graph, grain, branch = lattice()
     planes = PlaneContacts(grain, branch, np.full(len(grain), 3.0), np.zeros(len(grain)))
-    found = packing_response(graph, LAW, [[1.0, 0], [0, 0]], boundary=between(planes, volume=9.0))
+    found = rates_at(Scene(graph, LAW, between(planes, volume=9.0)), H=[[1.0, 0], [0, 0]])
     # Three rows of two walls' and two contacts' springs over a length of three.
     force = 3.0 / (2 / 3.0 + 2 / 1.0)
     assert np.allclose(found.stress_rate, [[3 * force * 3.0 / 9.0, 0], [0, 0]], atol=1e-12)
@@ -43,11 +43,8 @@ def test_rough_walls_resist_shear_and_smooth_ones_do_not():
     shear = [[0.0, 0.5], [0.5, 0.0]]
     stiff = np.full(len(grain), 3.0)
     smooth, rough = (
-        packing_response(
-            graph,
-            LAW,
-            shear,
-            boundary=between(PlaneContacts(grain, branch, stiff, kt), volume=9.0),
+        rates_at(
+            Scene(graph, LAW, between(PlaneContacts(grain, branch, stiff, kt), volume=9.0)), H=shear
         )
         for kt in (0.0 * stiff, 0.5 * stiff)
     )
@@ -72,7 +69,7 @@ def test_a_held_outline_strains_a_sample_without_walls():
     held = outline_grains(graph, faces)
     H = np.array([[0.4, 0.1], [0.2, -0.3]])
     boundary = Boundary(held=held, volume=float(faces.area[faces.loops].sum()))
-    found = packing_response(graph, LAW, H, boundary=boundary)
+    found = rates_at(Scene(graph, LAW, boundary), H=H)
     assert 20 < held.sum() < 100 and np.abs(found.motion[held]).max() == 0
     assert found.residual < 1e-9 and "held to the affine motion" in found.system.boundary
     assert np.abs(found.motion[~held]).max() > 0.01

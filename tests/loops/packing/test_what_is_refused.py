@@ -8,7 +8,7 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.boundary import Boundary
 from loops.packing import (
     PlaneContacts,
@@ -96,9 +96,9 @@ def test_a_system_needs_an_area():
 
 def test_methods_are_named_where_one_is_unknown():
     graph = packing(16)
-    assert refusal(lambda: loops_in_place(graph, LAW, find_faces(graph), method="patch")) == (
-        "method: got 'patch', expected 'auto', 'whole', 'blocks'. Pick one."
-    )
+    assert refusal(
+        lambda: loops_in_place(Scene(graph, LAW), find_faces(graph), method="patch")
+    ) == ("method: got 'patch', expected 'auto', 'whole', 'blocks'. Pick one.")
 
 
 def test_the_boundary_names_all_that_drives():

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from loops import GrainGraph, LinearFrictional, Regime, find_faces
+from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
 from loops.boundary import Boundary, boundary_of
 from loops.packing import (
     PlaneContacts,
@@ -122,7 +122,9 @@ BLOCKS = {
 def in_place(case, **how):
     """Operators of the loops of a packing."""
     graph, law, options = CASES[case]
-    found = loops_in_place(graph, law, find_faces(graph), threads=1, **options, **how)
+    regime, boundary = (options.get(name) for name in ("regime", "boundary"))
+    given = graph if regime is None else graph.replace(regime=regime)
+    found = loops_in_place(Scene(given, law, boundary), threads=1, **how)
     return {"boundary": found.system.boundary}, {
         "matrix": found.matrix,
         "alone": found.alone,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import HertzMindlin, InputError, Regime, contact_state
+from loops import HertzMindlin, InputError, Regime, Scene, contact_state
 from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checked import HERTZ
@@ -100,7 +100,7 @@ def test_tangents_are_told_by_their_content():
     np.testing.assert_array_equal(told.law.young, asked.law.young)
     np.testing.assert_array_equal(told.law.ratio, asked.law.ratio)
     assert is_hertz(tables()) and not is_hertz(tables(), law="linear")
-    path = follow(told.graph, told.law, strained(np.diag([1e-5, 0])), closure="packing")
+    path = follow(Scene(told.graph, told.law), strained(np.diag([1e-5, 0])), closure="packing")
     assert path.status == "finished"
     again = tables()
     for name, unit in (("fn", 1e6), ("ft", 1e6), ("kn", 1e9), ("ks", 1e9)):
@@ -257,7 +257,7 @@ def test_a_run_of_liggghts_is_read_and_followed():
     N = before.law.normal_force(contact_state(before.graph))
     np.testing.assert_allclose(before.graph.normal_force, N, rtol=1e-9)
     H = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
-    path = follow(before.graph, before.law, strained(H), closure="packing", past="dynamic")
+    path = follow(Scene(before.graph, before.law), strained(H), closure="packing", past="dynamic")
     match = match_contacts(before.graph, before.ids, after.graph, after.ids)
     kept = match.shared
     assert path.status == "finished" and len(kept) == before.graph.contact_count
@@ -267,5 +267,5 @@ def test_a_run_of_liggghts_is_read_and_followed():
         # Forces change by some percent; LIGGGHTS strained at an inertial number near 1e-6.
         assert np.linalg.norm(moved - last) < 1e-3 * np.linalg.norm(last - first)
     other = read_snapshot(RUN / "atoms.0.dump.gz", RUN / "contacts.0.dump.gz", **how)
-    T = follow(other.graph, other.law, strained(H), closure="packing").states[-1].shear_force
+    T = follow(Scene(other.graph, other.law), strained(H), closure="packing").states[-1].shear_force
     assert np.linalg.norm(T[: len(first)] - last) > 3e-3 * np.linalg.norm(last - first)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, macroscopic_tangent
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, macroscopic_tangent
 from patterns import regular_polygon
 from patterns.diamond import (
     TABLE_1,
@@ -188,7 +188,7 @@ def test_solutions_are_those_of_the_rate_problem(closure, spins, touching, subsp
         )
         for k, e in enumerate(found.directions):
             control = programmes.combination(np.zeros((4, 4)), np.eye(4), e @ basis)
-            other = rates_at(graph, law, control, closure=closure, spins=spins)
+            other = rates_at(Scene(graph, law), control, closure=closure, spins=spins)
             seen.add(other.status)
             assert found.status[k] == other.status
             if other.solutions:

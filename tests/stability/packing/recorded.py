@@ -15,7 +15,7 @@ import numpy as np
 
 from loops import LinearFrictional, Scene, find_faces
 from loops.boundary import boundary_of
-from stability import Stage, complementarity, follow, programmes
+from stability import Stage, complementarity, follow, programmes, rates_at
 from stability.packing import (
     HeldPacking,
     PackingResponse,
@@ -24,7 +24,6 @@ from stability.packing import (
     hold,
     loop_changes,
     loop_rates,
-    packing_response,
     probe,
     regime_regions,
     replay,
@@ -110,8 +109,8 @@ def named(value):
     return {name: plain(getattr(value, name)) for name in names}
 
 
-def path_of(graph, law, stage, **how):
-    path = follow(graph, law, stage, closure="packing", **how)
+def path_of(graph, law, stage, boundary=None, **how):
+    path = follow(Scene(graph, law, boundary), stage, closure="packing", **how)
     found = plain(path) | {"states": plain(path.states[-1])}
     for event in found["events"]:
         event["detail"] = re.sub(r"\S+(?= released)", _energy, event["detail"])
@@ -154,18 +153,22 @@ def loads():
     own, how = ("theta", "status", "limit", "first_large_load"), {"spread": False}
     graph = jammed(16, 2, LAW)
     largest = 0.3 * np.trace(start_state(graph).stress)
-    found = sustain(graph, LAW, [[1, -1]], largest=largest, interval=4e-5, **how)
+    found = sustain(Scene(graph, LAW), [[1, -1]], largest=largest, interval=4e-5, **how)
     (path,) = found.paths
     yield with_own(found, *own)
     yield plain([path.mode, path.mode.grains])
-    found = sustain(graph, LAW, [[1, -1]], largest=largest, interval=1e-4, most_snaps=0, **how)
+    found = sustain(
+        Scene(graph, LAW), [[1, -1]], largest=largest, interval=1e-4, most_snaps=0, **how
+    )
     yield with_own(found, *own)
-    found = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4, **how)
+    found = sustain(Scene(diamonds(), LAW), [[-1, 1]], largest=0.02, interval=1e-4, **how)
     yield with_own(found, *own)
     graph = jammed(12, 1, LAW)
-    yield plain(sustain(graph, LAW, [[-1, 0, 1]], subspace="symmetric", interval=1e-4, **how))
+    yield plain(
+        sustain(Scene(graph, LAW), [[-1, 0, 1]], subspace="symmetric", interval=1e-4, **how)
+    )
     graph, law, walls = small_box(0)
-    yield plain(sustain(graph, law, [[-1, 0.3]], interval=1e-4, **how, **walls))
+    yield plain(sustain(Scene(graph, law, **walls), [[-1, 0.3]], interval=1e-4, **how))
 
 
 @case
@@ -183,7 +186,7 @@ def motions_that_take_long():
     with patch.object(sustain_module, "MOST_STEPS", 700):
         largest = 0.3 * np.trace(start_state(graph).stress)
         how = {"interval": 1e-4, "spread": False}
-        yield plain(sustain(graph, LAW, [[0, -1]], largest=largest, **how))
+        yield plain(sustain(Scene(graph, LAW), [[0, -1]], largest=largest, **how))
 
 
 @case
@@ -280,20 +283,22 @@ def motions():
     kick, turn = 1e-3 * rng.standard_normal((12, 2)), 1e-3 * rng.standard_normal(12)
     drained = Stage(DRAINED, "H11", 1e-3)
     for found in (
-        replay(graph, LAW, PURE, inertial_number=1e-3),
-        replay(graph, LAW, PURE, duration=50.0, time_step=0.1, velocity=kick, spin=turn, rows=3),
-        replay(graph, LAW, drained, duration=200.0, damping=0.1, viscous=0.02),
-        replay(graph, LAW, Stage(programmes.undrained(), "H11", 1e-3), duration=200.0),
-        replay(moved(graph, 1e-4), BRANCH, PURE, duration=50.0, mass=1.0 + np.arange(12)),
-        replay(moved(graph, 1e-4), BRANCH, PURE, duration=50.0, balanced=True),
-        replay(graph, LAW, PURE, duration=50.0, inertia=1.0 + np.arange(12)),
-        replay(graph, hertz_of(graph), 10 * PURE, duration=100.0),
+        replay(Scene(graph, LAW), PURE, inertial_number=1e-3),
+        replay(
+            Scene(graph, LAW), PURE, duration=50.0, time_step=0.1, velocity=kick, spin=turn, rows=3
+        ),
+        replay(Scene(graph, LAW), drained, duration=200.0, damping=0.1, viscous=0.02),
+        replay(Scene(graph, LAW), Stage(programmes.undrained(), "H11", 1e-3), duration=200.0),
+        replay(Scene(moved(graph, 1e-4), BRANCH), PURE, duration=50.0, mass=1.0 + np.arange(12)),
+        replay(Scene(moved(graph, 1e-4), BRANCH), PURE, duration=50.0, balanced=True),
+        replay(Scene(graph, LAW), PURE, duration=50.0, inertia=1.0 + np.arange(12)),
+        replay(Scene(graph, hertz_of(graph)), 10 * PURE, duration=100.0),
     ):
         yield with_own(found, "states")
     for k in (0, 3):
         graph, law, walls = small_box(k)
-        yield plain(replay(graph, law, np.diag([5e-3, -5e-3]), duration=100.0, **walls))
-        yield plain(replay(graph, law, drained, duration=200.0, **walls))
+        yield plain(replay(Scene(graph, law, **walls), np.diag([5e-3, -5e-3]), duration=100.0))
+        yield plain(replay(Scene(graph, law, **walls), drained, duration=200.0))
 
 
 @case
@@ -303,20 +308,24 @@ def rests():
     kick, turn = 2e-3 * rng.standard_normal((12, 2)), 1e-3 * rng.standard_normal(12)
     loose = {"unbalanced": 1e-3, "damping": (0.3, 0.5)}
     found = [
-        hold(graph, LAW, velocity=kick, spin=turn, **loose),
-        hold(graph, LAW, velocity=kick, control="stress", mass=1 + np.arange(12), **loose),
+        hold(Scene(graph, LAW), velocity=kick, spin=turn, **loose),
+        hold(Scene(graph, LAW), velocity=kick, control="stress", mass=1 + np.arange(12), **loose),
         hold(
-            graph, LAW, velocity=5 * kick, unbalanced=1e-10, most_steps=1000, damping=(0.02, 0.03)
+            Scene(graph, LAW),
+            velocity=5 * kick,
+            unbalanced=1e-10,
+            most_steps=1000,
+            damping=(0.02, 0.03),
         ),
-        hold(graph, hertz_of(graph), velocity=kick, inertia=1 + np.arange(12.0), **loose),
-        hold(graph, LinearFrictional(1.0, 0.5, 0.05), control="stress", **loose),
+        hold(Scene(graph, hertz_of(graph)), velocity=kick, inertia=1 + np.arange(12.0), **loose),
+        hold(Scene(graph, LinearFrictional(1.0, 0.5, 0.05)), control="stress", **loose),
     ]
     for k in (0, 3):
         graph, law, walls = small_box(k)
         walls = {"boundary": replace(walls["boundary"], volume=12.0)}
         kick = 1e-3 * rng.standard_normal((graph.grain_count, 2))
         graph = moved(graph, 1e-4)
-        found.append(hold(graph, law, velocity=kick, **walls, **loose))
+        found.append(hold(Scene(graph, law, **walls), velocity=kick, **loose))
     for one in found:
         yield plain(one) | {"text": str(one)}
 
@@ -335,13 +344,13 @@ def rates():
         graph = packing(grains, 2, 0.9, share)
         faces = find_faces(graph)
         for H, P in CONTROLS:
-            answer = packing_response(graph, LAW, H, stress_rate=P)
+            answer = rates_at(Scene(graph, LAW), H=H, P=P)
             yield plain(answer) | {"loops": plain(loop_rates(answer, faces))}
             with patch.object(response, "CONDENSED", 3), patch.object(response, "PART", 8):
-                yield plain(packing_response(graph, LAW, H, stress_rate=P))
+                yield plain(rates_at(Scene(graph, LAW), H=H, P=P))
     for seed in (0, 1, 2, 4, 5):
         graph, law = small(8, seed, 0.5)
-        yield plain(packing_response(graph, law, CONTROLS[0][0], yield_band=0.9))
+        yield plain(rates_at(Scene(graph, law), H=CONTROLS[0][0], yield_band=0.9))
 
 
 @case
@@ -350,17 +359,13 @@ def rates_of_held_and_walled_packings():
     plates = replace(walls["boundary"].walls, force=None)
     boundary = boundary_of(graph, walls=plates, volume=12.0)
     for band in (0.5, 0.99):
-        answer = packing_response(
-            graph, law, np.diag([1.0, -0.5]), boundary=boundary, yield_band=band
-        )
+        answer = rates_at(Scene(graph, law, boundary), H=np.diag([1.0, -0.5]), yield_band=band)
         yield plain(answer) | {"loops": plain(loop_rates(answer, find_faces(graph)))}
     graph = packing(16, 3, 0.9, 0.3)
     flags = np.where(np.arange(graph.contact_count) % 5 == 0, 2, 1)
-    yield plain(
-        packing_response(graph, LAW, PURE, boundary=boundary_of(graph, held=np.arange(16) < 3))
-    )
-    yield plain(packing_response(graph, LAW, PURE, regime=flags))
-    yield plain(packing_response(graph, LAW, PURE, boundary=boundary_of(graph, volume=1.0)))
+    yield plain(rates_at(Scene(graph, LAW, boundary_of(graph, held=np.arange(16) < 3)), H=PURE))
+    yield plain(rates_at(Scene(graph.replace(regime=flags), LAW), H=PURE))
+    yield plain(rates_at(Scene(graph, LAW, boundary_of(graph, volume=1.0)), H=PURE))
 
 
 @case
@@ -371,8 +376,8 @@ def probes():
         for seed, share in ((2, 0.3), (5, 0.7)):
             graph = packing(16, seed, 0.9, share)
             for found in (
-                probe(graph, LAW, 8, control=control),
-                probe(graph, LAW, 5, control=control, subspace="symmetric"),
+                probe(Scene(graph, LAW), 8, control=control),
+                probe(Scene(graph, LAW), 5, control=control, subspace="symmetric"),
             ):
                 yield with_own(found, *own) | {"text": str(found)}
                 yield plain(found.solutions.work)
@@ -389,7 +394,7 @@ def probes_of_few_contacts():
     for control in ("strain", "stress"):
         for grains, seed, share in FEW:
             graph, law = small(grains, seed, share)
-            found = probe(graph, law, 12, control=control, yield_band=0.9)
+            found = probe(Scene(graph, law), 12, control=control, yield_band=0.9)
             answer = with_own(found, *own) | {"text": str(found)}
             if len(found.cones) > 1:
                 # Rounding decides between the edges of opposite cones.
@@ -399,7 +404,9 @@ def probes_of_few_contacts():
             graph, law = small(grains, seed, share)
             with patch.object(complementarity, "ENUMERATED", 0):
                 with patch.object(regime_regions, "ENUMERATED", 0):
-                    answer = with_own(probe(graph, law, 8, control=control, yield_band=0.9), *own)
+                    answer = with_own(
+                        probe(Scene(graph, law), 8, control=control, yield_band=0.9), *own
+                    )
             del answer["destabilising"]
             yield answer
 
@@ -409,14 +416,14 @@ def probes_to_an_amplitude():
     graph = jammed(12, 1, LAW)
     faces = find_faces(graph)
     for control, amplitude in (("strain", 1e-4), ("stress", 1e-4)):
-        start = probe(graph, LAW, [[1.0, 0.3], [-1, -0.2]], control=control, faces=faces)
+        start = probe(Scene(graph, LAW), [[1.0, 0.3], [-1, -0.2]], control=control, faces=faces)
         yield plain(probe_to(start, Scene(graph, LAW), amplitude))
 
 
 @case
 def changes_of_loops():
     graph = jammed(16, 2, BRANCH)
-    after = replay(graph, BRANCH, 3 * PURE, duration=100.0).state
+    after = replay(Scene(graph, BRANCH), 3 * PURE, duration=100.0).state
     yield plain(loop_changes(graph, after, find_faces(graph)))
 
 
@@ -424,11 +431,11 @@ def changes_of_loops():
 def states_of_loops():
     """Structural indicators; what the best linear map leaves of the grains' motions."""
     for graph in (jammed(24, 3, LAW), packing(16, 3, 0.9, 0.3)):
-        yield plain(indicators(graph, LAW, find_faces(graph)))
+        yield plain(indicators(Scene(graph, LAW), find_faces(graph)))
     graph, law, walls = small_box(3)
     plates = replace(walls["boundary"].walls, force=None)
     boundary = boundary_of(graph, walls=plates)
-    yield plain(indicators(graph, law, find_faces(graph), boundary=boundary))
+    yield plain(indicators(Scene(graph, law, boundary), find_faces(graph)))
     graph = packing(16, 1)
     later = np.random.default_rng(1).standard_normal((graph.contact_count, 2))
     later[::7] = np.nan

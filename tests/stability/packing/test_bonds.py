@@ -5,7 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from loops import CohesiveFrictional, GrainGraph, InputError, RollingResistance, contact_state
+from loops import (
+    CohesiveFrictional,
+    GrainGraph,
+    InputError,
+    RollingResistance,
+    Scene,
+    contact_state,
+)
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.pairs import contact_pairs, normal_energy, overlaps, require_movable
@@ -24,7 +31,8 @@ def at_rest(share, bonded, rolls=False):
     law = CohesiveFrictional(1.0, 0.5, 0.5, pull, bonded=bonded, shear_increment="radii")
     law = RollingResistance(law, 0.02, 0.1) if rolls else law
     held = hold(
-        graph.replace(normal_force=law.normal_force(contact_state(graph))), law, unbalanced=1e-8
+        Scene(graph.replace(normal_force=law.normal_force(contact_state(graph))), law),
+        unbalanced=1e-8,
     )
     assert held.status == "at rest"
     return held.graph, held.law
@@ -53,7 +61,7 @@ def test_bonds_hold_across_a_gap_and_touch_again_without_cohesion(way):
     for stretch, wanted in ((0.0139, -0.0039), (0.0141, 0.0)):
         H = np.array([[-stretch, 0.0], [0.0, 0.0]])
         if way == "path":
-            path = follow(graph, law, strained(H), closure="packing", interval=5e-4)
+            path = follow(Scene(graph, law), strained(H), closure="packing", interval=5e-4)
             state = path.states[-1]
             if wanted:
                 assert path.status == "finished"
@@ -64,17 +72,17 @@ def test_bonds_hold_across_a_gap_and_touch_again_without_cohesion(way):
                 continue
         else:
             # Both grains stay where the affine strain takes them: no load is on them.
-            state = replay(graph, law, H, duration=20).state
+            state = replay(Scene(graph, law), H, duration=20).state
         np.testing.assert_allclose(state.normal_force, wanted, rtol=1e-8, atol=1e-12)
     if way == "replay":
         H = np.array([[[-0.02, 0.0], [0.0, 0.0]], [[0.002, 0.0], [0.0, 0.0]]])
-        end = replay(graph, law, H, duration=40).state
+        end = replay(Scene(graph, law), H, duration=40).state
         np.testing.assert_allclose(end.normal_force, 0.012, rtol=1e-8)
-        end = replay(graph, law, np.array([H[0], -H[1]]), duration=40).state
+        end = replay(Scene(graph, law), np.array([H[0], -H[1]]), duration=40).state
         np.testing.assert_allclose(end.normal_force, 0.008, rtol=1e-8)
         # Attraction comes back with the touch.
         graph, law = row(bonded=False)
-        end = replay(graph, law, H, duration=40).state
+        end = replay(Scene(graph, law), H, duration=40).state
         np.testing.assert_allclose(end.normal_force, 0.012 - PULL, rtol=1e-8)
 
 
@@ -104,8 +112,9 @@ CASES = [
 @pytest.mark.parametrize(("share", "bonded", "times"), CASES)
 def test_the_energy_closes_through_contacts_that_pull_off(share, bonded, times, past):
     graph, law = at_rest(share, bonded)
-    path = follow(graph, law, strained(times * EXTENSION), closure="packing", past=past,
-                  interval=4e-5)  # fmt: skip
+    path = follow(
+        Scene(graph, law), strained(times * EXTENSION), closure="packing", past=past, interval=4e-5
+    )
     torn = [event for event in path.of_kind("opening") if event.cause == "pulls_off"]
     passed = {"viscous": "dragged", "dynamic": "replayed"}[past]
     assert torn and all(event.passed == passed and np.isfinite(event.released) for event in torn)
@@ -115,14 +124,18 @@ def test_the_energy_closes_through_contacts_that_pull_off(share, bonded, times, 
 @pytest.mark.slow
 def test_energy_of_a_weak_pull_that_is_passed_by_a_motion():
     graph, law = at_rest(0.3, True, rolls=True)
-    path = follow(graph, law, strained(EXTENSION), closure="packing", past="dynamic", interval=1e-4)
+    path = follow(
+        Scene(graph, law), strained(EXTENSION), closure="packing", past="dynamic", interval=1e-4
+    )
     assert path.of_kind("opening") and abs(left_over(path)) < 2e-12
 
 
 @pytest.mark.slow
 def test_a_path_that_stops_names_the_contact_that_pulls_off():
     graph, law = at_rest(0.3, True)
-    path = follow(graph, law, strained(EXTENSION), closure="packing", past="stop", interval=1e-4)
+    path = follow(
+        Scene(graph, law), strained(EXTENSION), closure="packing", past="stop", interval=1e-4
+    )
     event = path.events[-1]
     assert path.status == "instabilities" and event.kind == "opening"
     assert path.message.startswith(f"contact {event.contacts[0]}: it pulls off")
@@ -154,11 +167,15 @@ def test_a_gap_that_is_no_length_is_refused():
 def test_slow_replays_come_to_a_path_through_openings(bonded):
     """Half the rate has about half the distance; the path goes through its openings by motions."""
     graph, law = at_rest(0.3, bonded)
-    path = follow(graph, law, strained(EXTENSION), closure="packing", past="dynamic", interval=1e-5)
+    path = follow(
+        Scene(graph, law), strained(EXTENSION), closure="packing", past="dynamic", interval=1e-5
+    )
     assert path.of_kind("opening")
     first = slice(graph.contact_count)
     wanted = path.states[-1].forces[first]
-    ends = [replay(graph, law, EXTENSION, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
+    ends = [
+        replay(Scene(graph, law), EXTENSION, duration=t, viscous=0.02).state for t in (2e3, 4e3)
+    ]
     fast, slow = (np.linalg.norm(end.forces[first] - wanted) for end in ends)
     assert slow < 0.7 * fast and slow < 1e-3 * np.linalg.norm(wanted)
 
@@ -167,5 +184,5 @@ def test_slow_replays_come_to_a_path_through_openings(bonded):
 def test_a_programme_with_a_held_stress_passes_a_bond_that_breaks():
     graph, law = at_rest(0.3, True)
     stage = Stage(programmes.drained_biaxial(), "H11", 5e-3)
-    path = follow(graph, law, stage, closure="packing", past="dynamic", interval=1e-4)
+    path = follow(Scene(graph, law), stage, closure="packing", past="dynamic", interval=1e-4)
     assert abs(left_over(path)) < 2e-12 or path.status != "finished"

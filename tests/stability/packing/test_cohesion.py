@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import FrictionalLaw, GrainGraph, RollingResistance, contact_state
+from loops import FrictionalLaw, GrainGraph, RollingResistance, Scene, contact_state
 from stability import follow
 from stability.packing import hold, replay
 from stability.packing.pairs import (
@@ -47,7 +47,7 @@ def at_rest(adhesion, bond=0.0, rolls=False):
     law = glued(adhesion * graph.normal_force[graph.normal_force > 0].mean(), bond)
     law = RollingResistance(law, 0.02, 0.1) if rolls else law
     forces = law.normal_force(contact_state(graph))
-    held = hold(graph.replace(normal_force=forces), law, unbalanced=1e-8)
+    held = hold(Scene(graph.replace(normal_force=forces), law), unbalanced=1e-8)
     assert held.status == "at rest"
     return held.graph, held.law
 
@@ -55,7 +55,9 @@ def at_rest(adhesion, bond=0.0, rolls=False):
 def test_without_attraction_the_path_is_that_of_the_linear_law_bit_by_bit():
     graph, how = jammed(12, 1), {"closure": "packing", "interval": 4e-5}
     for strain in (SHEAR, EXTENSION):
-        one, other = (follow(graph, law, strained(strain), **how) for law in (glued(0.0), LAW))
+        one, other = (
+            follow(Scene(graph, law), strained(strain), **how) for law in (glued(0.0), LAW)
+        )
         assert one.events == other.events and len(one.events) > 3
         for name in ("forces", "x", "closed"):
             a, b = (getattr(path.states[-1], name) for path in (one, other))
@@ -69,7 +71,7 @@ CASES = [(0.1, False, SHEAR), (0.3, True, EXTENSION), (1.0, False, EXTENSION), (
 @pytest.mark.parametrize(("adhesion", "rolls", "strain"), CASES)
 def test_the_energy_of_a_cohesive_path_closes(adhesion, rolls, strain):
     graph, law = at_rest(adhesion, rolls=rolls)
-    path = follow(graph, law, strained(strain), closure="packing", interval=4e-5)
+    path = follow(Scene(graph, law), strained(strain), closure="packing", interval=4e-5)
     assert path.status == "finished" and (path.states[-1].normal_force < 0).any()
     work, *spent = path.work[-1]
     left = work - sum(spent) - (path.energy[-1] - path.energy[0])
@@ -81,10 +83,10 @@ def test_the_energy_of_a_cohesive_path_closes(adhesion, rolls, strain):
 def test_slow_replays_come_to_the_forces_of_a_cohesive_path(adhesion):
     """Half the rate has half the distance."""
     graph, law = at_rest(adhesion)
-    path = follow(graph, law, strained(SHEAR), closure="packing", interval=5e-6)
+    path = follow(Scene(graph, law), strained(SHEAR), closure="packing", interval=5e-6)
     first = np.arange(graph.contact_count)
     wanted = path.states[-1].forces[first]
-    ends = [replay(graph, law, SHEAR, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
+    ends = [replay(Scene(graph, law), SHEAR, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
     fast, slow = (np.linalg.norm(end.forces[first] - wanted) for end in ends)
     assert 1.8 < fast / slow < 2.2 and slow < 2e-4 * np.linalg.norm(wanted)
 
@@ -99,7 +101,7 @@ def test_contacts_without_a_force_are_closed_where_they_overlap():
     assert state.normal_force[3] == 0.0 and state.closed[3]
     np.testing.assert_array_equal(state.closed, overlap > 0)
     assert (state.normal_force[state.closed] < 0).any()
-    path = follow(graph, law, strained(0 * SHEAR + 1e-9), closure="packing")
+    path = follow(Scene(graph, law), strained(0 * SHEAR + 1e-9), closure="packing")
     np.testing.assert_array_equal(path.states[0].closed[: len(overlap)], overlap > 0)
 
 
@@ -154,7 +156,7 @@ def test_a_bond_that_breaks_under_shear_lets_its_energy_go():
     """A contact that opens with shear left: its energy is released, not slip, and all closes."""
     graph, law = at_rest(0.3, bond=1e-4)
     how = {"closure": "packing", "interval": 4e-5}
-    path = follow(graph, law, strained(EXTENSION), **how)
+    path = follow(Scene(graph, law), strained(EXTENSION), **how)
     assert path.status == "finished" and path.of_kind("opening")
     work, *spent = path.work[-1]
     left = work - sum(spent) - (path.energy[-1] - path.energy[0])

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, contact_state
-from stability import Stage, follow, programmes
-from stability.packing import packing_response, replay
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Scene, contact_state
+from stability import Stage, follow, programmes, rates_at
+from stability.packing import replay
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
@@ -36,7 +36,7 @@ def walked(name, history, interval):
     else:
         graph, stage, walls = jammed(*which), strained(H), {}
     law = hertz_of(graph, history)
-    return follow(graph, law, stage, closure="packing", interval=interval, **walls)
+    return follow(Scene(graph, law, **walls), stage, closure="packing", interval=interval)
 
 
 @pytest.mark.parametrize("history", ["force", "displacement"])
@@ -71,7 +71,7 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path_in_a_cell(name, history):
     graph = jammed(*PACKINGS[name])
     law, first = hertz_of(graph, history), np.arange(graph.contact_count)
     wanted = walked(name, history, 5e-6).states[-1].forces[first]
-    ends = [replay(graph, law, H, duration=t, viscous=0.02).state for t in (1e4, 1e5)]
+    ends = [replay(Scene(graph, law), H, duration=t, viscous=0.02).state for t in (1e4, 1e5)]
     fast, slow = (np.linalg.norm(e.forces[first] - wanted) / np.linalg.norm(wanted) for e in ends)
     assert slow < fast and slow < 3e-5
 
@@ -85,8 +85,8 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path_between_walls(which, hist
     law, walls = hertz_of(graph, history, which[2].shear_increment), {}
     walls["boundary"] = between(planes, force)
     stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
-    path = follow(graph, law, stage, closure="packing", interval=2e-6, **walls).states[-1]
-    moved = replay(graph, law, stage, inertial_number=2e-7, balanced=True, **walls).state
+    path = follow(Scene(graph, law, **walls), stage, closure="packing", interval=2e-6).states[-1]
+    moved = replay(Scene(graph, law, **walls), stage, inertial_number=2e-7, balanced=True).state
     first = np.arange(graph.contact_count + len(planes.grain))
     size = np.abs(path.forces).max()
     assert np.abs(path.forces[first] - moved.forces[first]).max() < 2e-5 * size
@@ -110,7 +110,7 @@ def test_a_lattice_under_isotropic_strain_in_closed_form(strain):
     law, first = HertzMindlin(3.0, 0.3, 0.5), 1e-2
     graph = square(first)
     graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
-    path = follow(graph, law, strained(strain * np.eye(2)), closure="packing", interval=1e-4)
+    path = follow(Scene(graph, law), strained(strain * np.eye(2)), closure="packing", interval=1e-4)
     l0 = 1.0 - first
     delta = 1.0 - l0 * (1.0 - strain)
     factor = 4 / 3 * 3.0 / (2 * (1 - 0.3**2)) * np.sqrt(0.25)
@@ -126,7 +126,7 @@ def test_a_lattice_replayed_under_isotropic_strain_in_closed_form(strain):
     law, first = HertzMindlin(3.0, 0.3, 0.5), 1e-2
     graph = square(first)
     graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
-    end = replay(graph, law, strain * np.eye(2), inertial_number=1e-3).state
+    end = replay(Scene(graph, law), strain * np.eye(2), inertial_number=1e-3).state
     side = (1.0 - first) * (1.0 - strain)
     N = 4 / 3 * 3.0 / (2 * (1 - 0.3**2)) * np.sqrt(0.25) * (1.0 - side) ** 1.5
     # Thousands of steps round positions by 1e-13 in all, over overlaps of 1e-3.
@@ -140,7 +140,7 @@ def test_the_energy_closes_through_instabilities(history):
     graph, planes, force = jammed_in_box(*ROUGH)
     how = {"boundary": between(planes, force), "past": "dynamic", "interval": 4e-5}
     stage = Stage(programmes.drained_biaxial(), "H11", 6e-3)
-    path = follow(graph, hertz_of(graph, history), stage, closure="packing", **how)
+    path = follow(Scene(graph, hertz_of(graph, history)), stage, closure="packing", **how)
     assert path.status == "finished"
     work, *spent = path.work[-1]
     assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
@@ -150,8 +150,8 @@ def test_the_energy_closes_through_instabilities(history):
 def test_the_first_increment_is_that_of_the_rate_problem(history):
     graph = jammed(24, 3)
     law = hertz_of(graph, history)
-    rates = packing_response(graph, law, H, yield_band=1 - 1e-6)
-    path = follow(graph, law, strained(1e-6 * H), closure="packing", interval=1e-9)
+    rates = rates_at(Scene(graph, law), H=H, yield_band=1 - 1e-6)
+    path = follow(Scene(graph, law), strained(1e-6 * H), closure="packing", interval=1e-9)
     change = (path.P[-1] - path.P[0]) / 1e-6
     np.testing.assert_allclose(change, rates.stress_rate.ravel(), rtol=1e-4, atol=1e-5)
 
@@ -163,16 +163,15 @@ def test_two_histories_differ_and_a_stiff_start_is_linear():
     graph = graph.replace(normal_force=hertz.normal_force(contact_state(graph)))
     kn, kt = hertz.stiffnesses(contact_state(graph))
     stage = strained([[1e-5, 0], [0, 0]])
+    radii = graph.normal_force[0] / kn[0] / 2 + np.full(4, 0.475)
+    linear = graph.replace(radii=radii)
     change = [
         path.P[-1] - path.P[0]
         for path in (
-            follow(graph, hertz, stage, closure="packing"),
-            follow(
-                graph.replace(radii=graph.normal_force[0] / kn[0] / 2 + np.full(4, 0.475)),
-                LinearFrictional(kn, kt, 0.5), stage, closure="packing",
-            ),
+            follow(Scene(graph, hertz), stage, closure="packing"),
+            follow(Scene(linear, LinearFrictional(kn, kt, 0.5)), stage, closure="packing"),
         )
-    ]  # fmt: skip
+    ]
     np.testing.assert_allclose(*change, rtol=2e-4, atol=1e-9)
     one, other = (walked("24", history, 4e-5).P[-1] for history in ("force", "displacement"))
     assert np.abs(one - other).max() > 1e-4 * np.abs(one).max()

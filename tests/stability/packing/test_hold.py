@@ -10,6 +10,7 @@ from loops import (
     GrainGraph,
     InputError,
     LinearFrictional,
+    Scene,
     contact_forces,
     love_weber_stress,
     match_contacts,
@@ -70,7 +71,7 @@ def moving_sample(number=10):
 
 def test_a_periodic_sample_comes_to_rest_at_its_cell():
     snapshot = moving_sample()
-    held = hold(snapshot.graph, snapshot.law)
+    held = hold(Scene(snapshot.graph, snapshot.law))
     assert held.status == "at rest" and held.unbalanced <= 1e-6
     # By another sum than the kernel's.
     assert unbalanced(held) == pytest.approx(held.unbalanced, rel=1e-6)
@@ -98,7 +99,7 @@ def branches(graph):
 def test_held_stress_stays_and_the_cell_gives_way():
     graph, law = jammed(24, 3), LinearFrictional(1.0, 0.5, 0.5, "radii")
     kicked = 2e-3 * np.random.default_rng(1).standard_normal((24, 2))
-    held = hold(graph, law, control="stress", velocity=kicked)
+    held = hold(Scene(graph, law), control="stress", velocity=kicked)
     assert held.status == "at rest"
     assert unbalanced(held) < 1.01e-6
     assert held.forces_changed > 1e-3
@@ -117,12 +118,14 @@ def test_the_strain_under_a_held_stress_says_what_it_hangs_on(monkeypatch):
     graph, law = jammed(36, 5), LinearFrictional(1.0, 0.5, 0.5, "radii")
     pushed = graph.replace(shear_force=0.9 * graph.shear_force)
     how = {"control": "stress"}
-    held, turned = (hold(pushed, law, damping=two, **how) for two in ((0.2, 0.4), (0.4, 0.2)))
+    held, turned = (
+        hold(Scene(pushed, law), damping=two, **how) for two in ((0.2, 0.4), (0.4, 0.2))
+    )
     size, apart = np.linalg.norm(held.strain), [turned.strain - held.strain]
     for times in (3.0, 1.0 / 3.0):
         with monkeypatch.context() as patch:
             patch.setattr(equations_of_motion, "LAG", times * equations_of_motion.LAG)
-            apart.append(hold(pushed, law, **how).strain - held.strain)
+            apart.append(hold(Scene(pushed, law), **how).strain - held.strain)
     other, slow, quick = np.linalg.norm(apart, axis=(1, 2)) / size
     # The lag is rounded otherwise here: 3e-7 of the difference.
     assert held.strain_spread == pytest.approx(max(other, slow), rel=1e-5)
@@ -133,7 +136,7 @@ def test_the_strain_under_a_held_stress_says_what_it_hangs_on(monkeypatch):
 
 def test_a_sample_between_walls_comes_to_rest_with_its_walls():
     snapshot, walls = walled_sample()
-    held = hold(snapshot.graph, snapshot.law, boundary=walls)
+    held = hold(Scene(snapshot.graph, snapshot.law, walls))
     assert held.status == "at rest"
     assert unbalanced(held) == pytest.approx(held.unbalanced, rel=1e-6)
     assert held.graph.cell is None and held.graph.images is None
@@ -159,9 +162,7 @@ def test_a_disc_between_four_walls_finds_its_place():
         [[-0.49, 0.0], [0.48, 0.0], [0.0, -0.5], [-0.49, 0.0], [0.48, 0.0], [0.0, 0.48]]
     )
     planes = PlaneContacts(grain, branch, np.array([2.0, 1.0, 1.0, 2.0, 1.0, 1.0]), np.zeros(6))
-    held = hold(
-        graph, LinearFrictional(1.0, 0.5, 0.0), boundary=between(planes, volume=0.97 * 1.97)
-    )
+    held = hold(Scene(graph, LinearFrictional(1.0, 0.5, 0.0), between(planes, volume=0.97 * 1.97)))
     assert held.status == "at rest"
     # 2 (.5 - x) = .5 - (.97 - x), and three springs of 1 in a row of length 1.97.
     np.testing.assert_allclose(held.graph.x[:, 0], 1.47 / 3.0, atol=1e-7)
@@ -183,7 +184,7 @@ def test_discs_between_rough_walls_turn_and_move_as_their_springs_say():
     force = -0.01 * branch / arm
     force[0, 0] = push
     planes = PlaneContacts(grain, branch, *stiffness)
-    held = hold(graph, LinearFrictional(1.0, 0.5, 0.0), boundary=between(planes, force, volume=2.9))
+    held = hold(Scene(graph, LinearFrictional(1.0, 0.5, 0.0), between(planes, force, volume=2.9)))
     assert held.status == "at rest"
     # Floor: T = -push + kt (u + arm w), ceiling: T = -kt (u - arm w); force on the disc, moment.
     K = np.zeros((6, 6))
@@ -207,14 +208,14 @@ def test_discs_between_rough_walls_turn_and_move_as_their_springs_say():
 def test_a_packing_that_loses_its_friction_flows_under_its_stress():
     graph, law = jammed(24, 3), LinearFrictional(1.0, 0.5, 0.01, "radii")
     squeezed = graph.replace(shear_force=0.5 * np.sign(graph.shear_force) * graph.normal_force)
-    held = hold(squeezed, law, control="stress", most_steps=20_000)
+    held = hold(Scene(squeezed, law), control="stress", most_steps=20_000)
     assert held.status == "flows"
     assert np.linalg.norm(held.strain) > 0.05
 
 
 def test_a_hold_that_is_cut_short_says_so():
     snapshot = moving_sample()
-    held = hold(snapshot.graph, snapshot.law, most_steps=1)
+    held = hold(Scene(snapshot.graph, snapshot.law), most_steps=1)
     assert held.status == "not at rest" and held.unbalanced > 1e-6
 
 
@@ -223,12 +224,12 @@ def test_where_one_damping_alone_comes_to_rest_its_state_is_the_answer():
     graph, law = jammed(24, 3), LinearFrictional(1.0, 0.5, 0.5, "radii")
     kicked = 2e-3 * np.random.default_rng(1).standard_normal((24, 2))
     options = {"velocity": kicked, "most_steps": 4000, "unbalanced": 1e-6}
-    slow = hold(graph, law, damping=(0.001, 0.002), **options)
-    found = hold(graph, law, damping=(0.001, 0.4), **options)
+    slow = hold(Scene(graph, law), damping=(0.001, 0.002), **options)
+    found = hold(Scene(graph, law), damping=(0.001, 0.4), **options)
     assert slow.status == slow.other_status == "not at rest" and slow.damping == 0.001
     assert (found.status, found.other_status, found.damping) == ("at rest", "not at rest", 0.4)
     assert "at rest with damping 0.4 (other damping: not at rest)" in str(found)
-    alone = hold(graph, law, damping=(0.4, 0.4), **options)
+    alone = hold(Scene(graph, law), damping=(0.4, 0.4), **options)
     np.testing.assert_array_equal(found.graph.normal_force, alone.graph.normal_force)
     assert found.unbalanced == alone.unbalanced < 1e-6 < slow.unbalanced
 
@@ -249,8 +250,9 @@ def test_where_one_damping_alone_comes_to_rest_its_state_is_the_answer():
 def test_bad_input_is_one_clear_error(options, told):
     snapshot, walls = walled_sample()
     boundary = replace(walls, **options.get("boundary", {}))
+    asked = {name: one for name, one in options.items() if name != "boundary"}
     with pytest.raises(InputError, match=told):
-        hold(snapshot.graph, snapshot.law, **(options | {"boundary": boundary}))
+        hold(Scene(snapshot.graph, snapshot.law, boundary), **asked)
 
 
 def test_a_packing_without_contact_force_is_refused():
@@ -259,7 +261,7 @@ def test_a_packing_without_contact_force_is_refused():
         cell=[[2, 0], [0, 3]], normal_force=[0.0, 0.0],
     )  # fmt: skip
     with pytest.raises(InputError, match="hold: got no contact force"):
-        hold(row, LinearFrictional(1.0, 0.5, 0.5))
+        hold(Scene(row, LinearFrictional(1.0, 0.5, 0.5)))
 
 
 def test_yade_holds_a_moving_state_to_the_same_forces():
@@ -278,9 +280,12 @@ def test_yade_holds_a_moving_state_to_the_same_forces():
     )  # fmt: skip
     mass = 4.0 / 3.0 * np.pi * 2600.0 * graph.radii**3
     held = hold(
-        graph, LinearFrictional(1e6, 5e5, 0.5, "radii"), damping=(0.4, 0.2),
-        mass=mass, velocity=yade["velocity"], spin=yade["spin"],
-    )  # fmt: skip
+        Scene(graph, LinearFrictional(1e6, 5e5, 0.5, "radii")),
+        damping=(0.4, 0.2),
+        mass=mass,
+        velocity=yade["velocity"],
+        spin=yade["spin"],
+    )
     assert held.status == "at rest"
     assert held.unbalanced_before == pytest.approx(6.8e-3, rel=0.01)
     ids = np.arange(graph.grain_count)
@@ -319,7 +324,9 @@ def test_yade_holds_a_state_under_way_from_rest_to_the_same_forces():
     graph = GrainGraph(**same, **{name: yade[name] for name in names})
     known = GrainGraph(**same, **{name: yade[f"held_{name}"] for name in names})
     mass = 4.0 / 3.0 * np.pi * 2600.0 * graph.radii**3
-    held = hold(graph, LinearFrictional(1e6, 5e5, 0.5, "radii"), damping=(0.4, 0.2), mass=mass)
+    held = hold(
+        Scene(graph, LinearFrictional(1e6, 5e5, 0.5, "radii")), damping=(0.4, 0.2), mass=mass
+    )
     assert held.status == "at rest"
     ids = np.arange(graph.grain_count)
     assert held.graph.contact_count == known.contact_count

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, contact_state, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state, find_faces
 from stability import Programme, Stage, follow
 from stability.complementarity import _every_solution, raise_load, violation
 from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
@@ -97,10 +97,10 @@ def test_a_grain_at_its_plates_sticks_then_slides():
     # Sticking, both plates carry the same and there is no spin.
     slope = 2.0 * 0.98 / (4.0 + 2.0 * KT)
     at = (limit - T[0]) / (KT * slope)
-    before = packing_increment(graph, law, np.diag([0.9 * at, 0.0]), **how)
+    before = packing_increment(Scene(graph, law), np.diag([0.9 * at, 0.0]), **how)
     assert before.sliding == 0 and before.status == "unique"
     whole = at + 0.02
-    found = packing_increment(graph, law, np.diag([whole, 0.0]), **how)
+    found = packing_increment(Scene(graph, law), np.diag([whole, 0.0]), **how)
     # Beyond, the lower plate carries no more, and the disc rolls along the upper one.
     v = -slope * at - 2.0 * 0.98 * 0.02 / 4.0
     moved = found.motion[0, 0] - whole * graph.x[0, 0]
@@ -128,8 +128,8 @@ def test_increments_are_those_of_the_path_by_events(which, law):
     errors = []
     for size in (4e-6, 2e-6):
         stage = Stage(Programme("line", np.zeros((4, 4)), np.eye(4), H.ravel()), "parameter", size)
-        path = follow(graph, law, stage, closure="packing", past="stop")
-        found = packing_increment(graph, law, size * H, candidates=0.9)
+        path = follow(Scene(graph, law), stage, closure="packing", past="stop")
+        found = packing_increment(Scene(graph, law), size * H, candidates=0.9)
         if path.status != "finished" or found.status == "nearest":
             pytest.skip("an instability on the way")
         change = path.P[-1] - path.P[0]
@@ -140,7 +140,7 @@ def test_increments_are_those_of_the_path_by_events(which, law):
 
 def test_more_candidates_change_nothing_that_stays_inside():
     graph = near_yield(24, 3)
-    few, many = (packing_increment(graph, LAW, 1e-5 * H, candidates=c) for c in (0.9, 0.2))
+    few, many = (packing_increment(Scene(graph, LAW), 1e-5 * H, candidates=c) for c in (0.9, 0.2))
     assert many.candidates > few.candidates and few.beyond == many.beyond == 0
     size = np.abs(few.stress_rate).max()
     assert np.allclose(few.stress_rate, many.stress_rate, rtol=0, atol=1e-9 * size)
@@ -148,7 +148,7 @@ def test_more_candidates_change_nothing_that_stays_inside():
 
 def test_contacts_that_end_beyond_their_strength_are_counted():
     graph = near_yield(24, 3)
-    found = packing_increment(graph, LAW, 3e-3 * H, candidates=0.99)
+    found = packing_increment(Scene(graph, LAW), 3e-3 * H, candidates=0.99)
     state = contact_state(graph)
     N = graph.normal_force + np.sum(found.force_rate * state.n, axis=1)
     T = graph.shear_force + np.sum(found.force_rate * state.t, axis=1)
@@ -162,9 +162,9 @@ def test_contacts_that_end_beyond_their_strength_are_counted():
 
 def test_stress_control_gives_back_the_strain():
     graph = near_yield(24, 3)
-    given = packing_increment(graph, LAW, 1e-5 * H)
+    given = packing_increment(Scene(graph, LAW), 1e-5 * H)
     strain, stress = np.array([[1e-5, 0], [0, np.nan]]), given.stress_rate
-    found = packing_increment(graph, LAW, strain, stress=stress)
+    found = packing_increment(Scene(graph, LAW), strain, stress=stress)
     assert found.sliding == given.sliding > 0
     assert np.allclose(found.strain_rate, 1e-5 * H, rtol=0, atol=1e-12)
     assert np.allclose(found.force_rate, given.force_rate, rtol=0, atol=1e-11)
@@ -176,7 +176,7 @@ def test_frame_numbers_and_units_change_nothing(which):
     low, high = box(graph, planes)
     planes = replace(planes, force=force, fixed=low)
     volume = float(np.prod(high - low))
-    first = packing_increment(graph, which[2], 2e-3 * H, boundary=between(planes, volume=volume))
+    first = packing_increment(Scene(graph, which[2], between(planes, volume=volume)), 2e-3 * H)
     R = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     order = np.random.default_rng(1).permutation(graph.grain_count)
     back, rows = np.argsort(order), np.random.default_rng(2).permutation(graph.contact_count)
@@ -191,7 +191,7 @@ def test_frame_numbers_and_units_change_nothing(which):
     )  # fmt: skip
     law = LinearFrictional(0.02, 0.01, which[2].mu, which[2].shear_increment)
     found = packing_increment(
-        turned, law, 2e-3 * R @ H @ R.T, boundary=between(plates, volume=9.0 * volume)
+        Scene(turned, law, between(plates, volume=9.0 * volume)), 2e-3 * R @ H @ R.T
     )
     assert (found.status, found.sliding) == (first.status, first.sliding)
     size = np.abs(first.stress_rate).max()
@@ -230,14 +230,14 @@ def test_an_increment_beyond_any_solution_says_so():
 
 def test_candidates_are_a_share():
     with pytest.raises(InputError, match="share"):
-        packing_increment(jammed(16, 2), LAW, H, candidates=1.5)
+        packing_increment(Scene(jammed(16, 2), LAW), H, candidates=1.5)
 
 
 @pytest.mark.parametrize("control", ["strain", "stress"])
 def test_a_probe_by_increment_has_the_increment_of_every_direction(control):
     graph, size = near_yield(24, 3), {"strain": 1e-5, "stress": 1e-6}[control]
     faces, yielding = find_faces(graph), yield_response(graph, LAW, yield_band=0.7)
-    rates = probe(graph, LAW, 6, control=control, yield_band=0.99)
+    rates = probe(Scene(graph, LAW), 6, control=control, yield_band=0.99)
     found = probe_by_increment(rates, yielding, faces, size)
     slid = 0
     for k, direction in enumerate(found.directions):
@@ -245,7 +245,7 @@ def test_a_probe_by_increment_has_the_increment_of_every_direction(control):
         asked = {"strain": driven}
         if control == "stress":
             asked = {"strain": np.array([[np.nan, 0], [0, np.nan]]), "stress": driven}
-        one = packing_increment(graph, LAW, **asked)
+        one = packing_increment(Scene(graph, LAW), **asked)
         assert found.status[k] == one.status and found.sliding[k] == one.sliding
         slid += one.sliding
         for name in ("strain_rate", "stress_rate"):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, RollingResistance, find_faces
+from loops import LinearFrictional, RollingResistance, Scene, find_faces
 from stability import Stage, follow
 from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
@@ -99,7 +99,7 @@ def test_contacts_that_open_and_close_lose_the_energy_of_their_shear_springs(mu)
     """`T^2/(2 kt)` becomes work of slip: without friction's limit springs are loaded till then."""
     graph, law = stiffer(24, 3, mu)
     shear = strained([[0.0, -1e-2], [0.0, 0.0]])
-    path = follow(graph, law, shear, closure="packing", interval=2e-4)
+    path = follow(Scene(graph, law), shear, closure="packing", interval=2e-4)
     assert path.status == "finished"
     assert len(path.of_kind("opening")) > 1 and len(path.of_kind("closing")) > 0
     assert unaccounted(path) < 1e-9 and path.work[-1, 1] > 1e-3 * path.work[-1, 0]
@@ -109,7 +109,7 @@ def test_moments_of_contacts_that_open_become_work():
     graph, law = stiffer(24, 3, np.inf)
     law = RollingResistance(law, 0.07)
     shear = strained([[0.0, -8e-3], [0.0, 0.0]])
-    path = follow(graph, law, shear, closure="packing", interval=2e-4)
+    path = follow(Scene(graph, law), shear, closure="packing", interval=2e-4)
     assert path.status == "finished" and path.of_kind("opening")
     # Less than the least moment's; overlaps that end between two points leave the rest.
     assert path.work[-1, 1] > 1e-3 * path.work[-1, 0] and unaccounted(path) < 1e-6
@@ -125,7 +125,7 @@ def test_grains_turn_with_a_packing_that_turns(length):
         normal_force=length * graph.normal_force, shear_force=length * graph.shear_force,
     )  # fmt: skip
     turned = strained([[0.0, angle], [-angle, 0.0]])
-    path = follow(graph, LAW, turned, closure="packing", interval=1e-4)
+    path = follow(Scene(graph, LAW), turned, closure="packing", interval=1e-4)
     start, end = path.states[0], path.states[-1]
     assert path.status == "finished" and not path.of_kind("opening")
     np.testing.assert_allclose(end.angle[: end.count], angle, rtol=1e-3)
@@ -248,9 +248,11 @@ def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does():
     assert P[0, 0] == pytest.approx(-0.3 * stage.target, rel=1e-5)
     assert abs(P[1, 1]) < 1e-5 * 0.3 * stage.target
     path = follow(
-        jammed(12, 1), LAW, Stage(stage.programme, "parameter", 0.3 * stage.target),
-        closure="packing", interval=1e-5,
-    ).states[-1]  # fmt: skip
+        Scene(jammed(12, 1), LAW),
+        Stage(stage.programme, "parameter", 0.3 * stage.target),
+        closure="packing",
+        interval=1e-5,
+    ).states[-1]
     count = jammed(12, 1).contact_count
     off = end.forces[:count] - path.forces[:count]
     assert np.linalg.norm(off) < 1e-4 * np.linalg.norm(path.forces[:count])

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, branch_vectors, find_faces, loop_batches
+from loops import (
+    GrainGraph,
+    LinearFrictional,
+    Regime,
+    Scene,
+    branch_vectors,
+    find_faces,
+    loop_batches,
+)
 from loops.assembly import contact_tangent
 from loops.graph import contact_state
 from loops.packing import packing_system, stiffness_matrix
@@ -69,7 +77,7 @@ def held_to_dense(system):
 def test_vibralities_and_criticalities_of_loops():
     graph = packing(30, seed=1, sliding=0.2)
     faces, system = find_faces(graph), packing_system(graph, LAW)
-    found = indicators(graph, LAW, faces)
+    found = indicators(Scene(graph, LAW), faces)
     inverse, matrix, T = dense(system)
     diagonal = np.append(np.diag(inverse), 0.0) * system.unit
     motion = diagonal[system.freedom[:, 0]] + diagonal[system.freedom[:, 1]]
@@ -115,11 +123,13 @@ def test_a_scale_changes_nothing():
     law = LinearFrictional(1e5, 0.5e5, 0.5, "radii")
     past = np.random.default_rng(0).random(graph.grain_count)
     one, two = (
-        indicators(state, own, find_faces(state), nonaffinity=past)
+        indicators(Scene(state, own), find_faces(state), nonaffinity=past)
         for state, own in ((graph, LAW), (large, law))
     )
     assert tuple(one) == tuple(EXPECTED)
-    assert set(indicators(graph, LAW, find_faces(graph))) == set(EXPECTED) - {"past_nonaffinity"}
+    assert set(indicators(Scene(graph, LAW), find_faces(graph))) == set(EXPECTED) - {
+        "past_nonaffinity"
+    }
     for name, values in one.items():
         assert np.allclose(values, two[name], rtol=1e-6, atol=1e-9, equal_nan=True), name
 
@@ -186,20 +196,20 @@ def test_past_of_a_loop_is_the_mean_of_its_grains():
     graph = packing(30, seed=6)
     faces = find_faces(graph)
     past = np.where(np.arange(30) % 3 == 0, np.nan, np.arange(30.0) ** 2)
-    found = indicators(graph, LAW, faces, nonaffinity=past)["past_nonaffinity"]
+    found = indicators(Scene(graph, LAW), faces, nonaffinity=past)["past_nonaffinity"]
     for batch in loop_batches(graph, faces):
         at = np.searchsorted(faces.loops, batch.face)
         for k, grains in zip(at, batch.grains, strict=True):
             known = [past[grain] for grain in grains if grain % 3]
             assert found[k] == pytest.approx(np.mean(known), rel=1e-14)
-    nothing = indicators(graph, LAW, faces, nonaffinity=np.full(30, np.nan))
+    nothing = indicators(Scene(graph, LAW), faces, nonaffinity=np.full(30, np.nan))
     assert np.isnan(nothing["past_nonaffinity"]).all()
 
 
 def test_mobilisation_is_one_at_yield():
     graph = packing(30, seed=7, sliding=0.3)
     faces = find_faces(graph)
-    found = indicators(graph, LAW, faces)
+    found = indicators(Scene(graph, LAW), faces)
     ratio = np.abs(graph.shear_force) / (float(LAW.mu) * graph.normal_force)
     for k, face in enumerate(faces.loops):
         own = faces.contacts[faces.offsets[face] : faces.offsets[face + 1]]

@@ -5,12 +5,14 @@ import pytest
 
 from loops import (
     LinearFrictional,
+    Scene,
     branch_vectors,
     contact_forces,
     find_faces,
     love_weber_stress,
 )
-from stability.packing import loop_changes, loop_rates, packing_response, replay
+from stability import rates_at
+from stability.packing import loop_changes, loop_rates, replay
 from tests.packings import (
     LAW,
     balanced,
@@ -26,7 +28,7 @@ H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 @pytest.mark.parametrize("seed", range(3))
 def test_additive_work_sums_to_the_samples(seed):
     graph = packing(30, seed=seed, sliding=0.2)
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     loops = loop_rates(found, find_faces(graph))
     assert not np.isnan(loops.additive_work).any()
     whole = found.system.volume * np.sum(found.stress_rate * H)
@@ -38,7 +40,7 @@ def test_additive_work_sums_to_the_samples(seed):
 
 def test_loops_tile_the_strain_and_the_stress():
     graph = packing(30, seed=4)
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     loops = loop_rates(found, find_faces(graph))
     share = loops.area / found.system.volume
     assert share.sum() == pytest.approx(1.0, abs=1e-12)
@@ -49,7 +51,7 @@ def test_loops_tile_the_strain_and_the_stress():
 def test_a_rotation_does_no_corotated_work():
     graph = balanced(packing(24, seed=5))
     law = LinearFrictional(1.0, 0.5, np.inf, "radii")
-    found = packing_response(graph, law, [[0.0, 1.0], [-1.0, 0.0]])
+    found = rates_at(Scene(graph, law), H=[[0.0, 1.0], [-1.0, 0.0]])
     loops = loop_rates(found, find_faces(graph))
     nominal = np.sum(loops.stress * loops.strain, axis=(1, 2))
     assert np.abs(nominal).min() > 1e-5 and abs(love_weber_stress(graph)).max() > 1e-3
@@ -61,7 +63,7 @@ def test_nonaffinity_is_told_by_strains_whatever_the_sample_turns_by():
     turned = H + np.array([[0.0, 0.7], [-0.7, 0.0]])
     law = LinearFrictional(1.0, 0.5, np.inf, "radii")
     one, two = (
-        loop_rates(packing_response(graph, law, h), find_faces(graph)).nonaffinity
+        loop_rates(rates_at(Scene(graph, law), H=h), find_faces(graph)).nonaffinity
         for h in (H, turned)
     )
     assert np.ptp(one) > 0.1
@@ -71,7 +73,7 @@ def test_nonaffinity_is_told_by_strains_whatever_the_sample_turns_by():
 def test_times_of_opening_and_closing_are_those_of_straight_motion():
     graph = packing(30, seed=3)
     shrunk = graph.replace(radii=0.6 * graph.radii)
-    found = packing_response(shrunk, LAW, H)
+    found = rates_at(Scene(shrunk, LAW), H=H)
     faces = find_faces(shrunk)
     loops = loop_rates(found, faces)
     d, rate = branch_vectors(graph), found.branch_rate
@@ -101,7 +103,7 @@ def test_grains_that_overlap_without_a_contact_have_no_gap_to_close(degrees, clo
     half = np.radians(degrees)
     sides = [[np.cos(half)] * 2, [np.sin(half), -np.sin(half)]]
     graph = touching_lattice(sides, [(1, 0), (0, 1)], (2, 2))
-    found = packing_response(graph, LAW, np.diag([-1.0, 1.0]))
+    found = rates_at(Scene(graph, LAW), H=np.diag([-1.0, 1.0]))
     closing = loop_rates(found, find_faces(graph)).closing
     height = 2 * 0.99 * np.sin(half)
     # Affine: the height of the diamond shrinks by its own length in the unit of time.
@@ -110,7 +112,7 @@ def test_grains_that_overlap_without_a_contact_have_no_gap_to_close(degrees, clo
 
 def test_loops_of_what_carries_nothing_have_no_rates():
     more = with_idle_triangle(packing(24, seed=3))
-    found = packing_response(more, LAW, H)
+    found = rates_at(Scene(more, LAW), H=H)
     loops = loop_rates(found, find_faces(more))
     assert (found.system.carrying.clusters, found.system.carrying.clustered) == (1, 3)
     assert np.flatnonzero(np.isnan(loops.second_order_work)).size == 1
@@ -120,7 +122,7 @@ def test_loops_of_what_carries_nothing_have_no_rates():
 def test_changes_up_to_a_later_state_contact_by_contact():
     """Forces, openings by the overlaps, and the work, after a short replay."""
     graph = jammed(24, 3, LAW)
-    after = replay(graph, LAW, 1e-3 * H, inertial_number=1e-3).state
+    after = replay(Scene(graph, LAW), 1e-3 * H, inertial_number=1e-3).state
     faces = find_faces(graph)
     found = loop_changes(graph, after, faces)
     start, end = branch_vectors(graph), after.branches[: graph.contact_count]
@@ -146,7 +148,7 @@ def test_changes_up_to_a_later_state_contact_by_contact():
 
 def test_contacts_that_carry_nothing_follow_the_strain():
     graph = with_idle_triangle(packing(16, seed=1))
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     idle = np.arange(graph.contact_count - 3, graph.contact_count)
     expected = [-H @ d for d in branch_vectors(graph)[idle]]
     np.testing.assert_allclose(found.branch_rate[idle], expected, atol=1e-15)

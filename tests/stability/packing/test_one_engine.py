@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, contact_state
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, Scene, contact_state
 from loops.packing import PlaneContacts
 from stability import Stage, follow
 from stability.programmes import drained_biaxial
@@ -70,7 +70,7 @@ def test_triangles_event_by_event(increment):
     """Loading, unloading until a contact opens, and loading again."""
     law = LinearFrictional(1.0, 0.5, 0.2, increment)
     stages = [strained(factor * STRAIN) for factor in (1.0, -3.2, 2.0)]
-    whole = follow(TRIANGLES, law, stages, closure="affine", spins="free")
+    whole = follow(Scene(TRIANGLES, law), stages, closure="affine", spins="free")
     told, places = in_order(whole)
     assert {kind for kind, _ in told} == {"yield", "unloading", "opening", "closing"}
     assert len(told) == 13
@@ -92,7 +92,7 @@ def test_stresses_of_lattices(graph, most):
     """Two lattices strained to and fro, with free spins."""
     law = LinearFrictional(1.0, 0.5, 0.5)
     stages = [strained(STRAIN), strained(-1.2 * STRAIN)]
-    whole = follow(graph, law, stages, closure="affine", spins="free")
+    whole = follow(Scene(graph, law), stages, closure="affine", spins="free")
     error = []
     for interval in INTERVALS:
         path = followed(graph, law, stages, interval=interval)
@@ -128,10 +128,10 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
 def test_a_lattice_of_diamonds_follows_the_path_of_loops():
     """Errors of stress and of the place of yield halve with the interval."""
     law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    whole = follow(diamonds(), law, strained(strain), closure="affine", spins="blocked")
+    whole = follow(Scene(diamonds(), law), strained(strain), closure="affine", spins="blocked")
     yields = whole.of_kind("yield")[0].parameter
     part = strained(0.9 * yields * strain)
-    wanted = follow(diamonds(), law, part, closure="affine", spins="blocked").P[-1]
+    wanted = follow(Scene(diamonds(), law), part, closure="affine", spins="blocked").P[-1]
     error, place = [], []
     for interval in INTERVALS[1:]:
         path = followed(diamonds(), law, part, interval=interval)
@@ -156,7 +156,7 @@ def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
     n = vectors @ steps[2] / 1.001
     strain = 2.5e-3 * np.outer(n, n) + 1.5e-3 * mirror * np.outer([-n[1], n[0]], n)
     law = LinearFrictional(1.0, 0.5, mu)
-    whole = follow(graph, law, strained(strain), closure="affine", spins="free")
+    whole = follow(Scene(graph, law), strained(strain), closure="affine", spins="free")
     error = []
     for interval in INTERVALS[:2]:
         path = followed(graph, law, strained(strain), interval=interval)
@@ -218,7 +218,7 @@ def test_a_lattice_between_walls_follows_the_path_of_the_loop(law, target):
         spans = [x[[0, 1], [0, 1]] - x[[2, 3], [0, 1]] for x in (graph.x, end.x)]
         strain = 1.0 - spans[1] / spans[0]
         drained = Stage(drained_biaxial(), "H11", strain[0])
-        loop = follow(graph, law, drained, closure="traction", spins="blocked")
+        loop = follow(Scene(graph, law), drained, closure="traction", spins="blocked")
         (event,) = loop.of_kind("yield")
         assert loop.status == "finished" and len(event.contacts) == 4
         N, T = loop.normal_force[-1], loop.shear_force[-1]

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, contact_state
+from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.pairs import require_movable
@@ -95,8 +95,8 @@ KINDS = [("cell", "linear"), ("box", "linear"), ("cell", "force"), ("cell", "dis
 @pytest.mark.parametrize(("boundary", "kind"), KINDS)
 def test_a_known_law_written_anew_goes_the_same_path(boundary, kind):
     graph, stage, walls, own, known = own_and_known(boundary, kind)
-    how = {"closure": "packing", "interval": 4e-5, **walls}
-    one, other = (follow(graph, law, stage, **how) for law in (own, known))
+    how = {"closure": "packing", "interval": 4e-5}
+    one, other = (follow(Scene(graph, law, **walls), stage, **how) for law in (own, known))
     assert one.status == other.status == "finished"
     assert events(one) == events(other) and len(one.events) > 1
     a, b = (path.states[-1] for path in (one, other))
@@ -114,8 +114,8 @@ def test_a_known_law_written_anew_is_replayed_as_it(boundary, kind):
     for step in (0.15, 0.075) if kind == "displacement" else (0.15,):
         # Cundall's damping goes by signs, in which rounding grows.
         calm = {"damping": 0.0, "viscous": 0.02}
-        how = {"inertial_number": 1e-4, "time_step": step, **calm, **walls}
-        a, b = (replay(graph, law, strain, **how) for law in (own, known))
+        how = {"inertial_number": 1e-4, "time_step": step, **calm}
+        a, b = (replay(Scene(graph, law, **walls), strain, **how) for law in (own, known))
         assert a.steps == b.steps > 800
         left.append(np.abs(a.state.forces - b.state.forces).max() / np.abs(b.state.forces).max())
     slides = np.abs(b.state.shear_force) >= 0.5 * b.state.normal_force * (1 - 1e-12)
@@ -135,9 +135,12 @@ def stiffening():
     forces = np.where(graph.normal_force > 0, unit.closed_force(contact_state(graph)), 1.0)
     k = np.where(graph.normal_force > 0, graph.normal_force / forces, 1.0)
     law = Stiffening(k=k, b=40.0, c=5.0, kt=0.5, mu=0.54)
-    how = {"closure": "packing"}
     sizes = (4e-5, 2e-5, 1e-5)
-    return graph, law, [follow(graph, law, strained(H), interval=s, **how) for s in sizes]
+    return (
+        graph,
+        law,
+        [follow(Scene(graph, law), strained(H), interval=s, closure="packing") for s in sizes],
+    )
 
 
 def test_halving_the_interval_halves_the_error_and_the_energy_closes(stiffening):
@@ -159,7 +162,7 @@ def test_slow_replays_come_to_the_forces_of_the_path(stiffening):
     graph, law, paths = stiffening
     first = np.arange(graph.contact_count)
     wanted = paths[-1].states[-1].forces[first]
-    ends = [replay(graph, law, H, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
+    ends = [replay(Scene(graph, law), H, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
     left = [end.forces[first] - wanted for end in ends]
     fast, slow = np.linalg.norm(left, axis=(1, 2))
     assert 1.9 < fast / slow < 2.3 and slow < 4e-5 * np.linalg.norm(wanted)
@@ -169,7 +172,7 @@ def test_a_packing_is_held_under_a_law_of_ones_own(stiffening):
     """What comes to rest has the law's own forces, of its own contacts."""
     graph, law, _ = stiffening
     shifted = graph.replace(x=graph.x + 1e-4 * np.sin(np.arange(24)).reshape(12, 2), x0=None)
-    held = hold(shifted, law, unbalanced=1e-8)
+    held = hold(Scene(shifted, law), unbalanced=1e-8)
     assert held.status == "at rest" and held.unbalanced_before > 1e-3
     N = held.law.normal_force(contact_state(held.graph))
     np.testing.assert_allclose(held.graph.normal_force, N, rtol=1e-12)
@@ -213,5 +216,7 @@ def test_a_law_derived_from_a_known_one_is_taken_as_it_is_written():
             return 2.0 * self.kn, self.kt
 
     graph = two(shear_force=[0.0])
-    end = replay(graph, Twice(1.0, 0.5, 0.5), np.zeros((2, 2)), duration=1e-9, time_step=1e-9).state
+    end = replay(
+        Scene(graph, Twice(1.0, 0.5, 0.5)), np.zeros((2, 2)), duration=1e-9, time_step=1e-9
+    ).state
     assert end.normal_force[0] == pytest.approx(0.04, rel=1e-9)

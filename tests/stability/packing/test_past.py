@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional
+from loops import InputError, LinearFrictional, Scene
 from stability import Stage, follow
 from stability.packing import equations_of_motion, replay
 from stability.packing import past as past_module
@@ -64,7 +64,9 @@ def test_stop_ends_with_the_state_before():
 
 def test_dynamic_ends_where_a_slow_replay_ends():
     """The viscous way ends 20 times as far from it; replays at these two rates differ by 1e-3."""
-    ends = [replay(GRAPH, BRANCH, STRAIN, duration=t, balanced=True).state for t in (2e4, 2e5)]
+    ends = [
+        replay(Scene(GRAPH, BRANCH), STRAIN, duration=t, balanced=True).state for t in (2e4, 2e5)
+    ]
     slower, slow = (end.forces[: GRAPH.contact_count] for end in reversed(ends))
     size = np.linalg.norm(slower)
     assert np.linalg.norm(slow - slower) < 2e-3 * size
@@ -186,7 +188,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="past"):
         followed(GRAPH, BRANCH, strained(STRAIN), past="on")
     with pytest.raises(InputError, match="past: got 'stop' with the affine closure"):
-        follow(GRAPH, BRANCH, strained(STRAIN), closure="affine", past="stop")
+        follow(Scene(GRAPH, BRANCH), strained(STRAIN), closure="affine", past="stop")
 
 
 @pytest.mark.parametrize("past", ["viscous", "dynamic"])

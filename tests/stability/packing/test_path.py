@@ -13,13 +13,13 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    Scene,
     find_faces,
 )
-from stability import Stage, follow
+from stability import Stage, follow, rates_at
 from stability.packing import (
     loop_changes,
     loop_rates,
-    packing_response,
     replay,
 )
 from stability.packing import path as path_module
@@ -74,7 +74,7 @@ def test_a_slow_replay_comes_to_the_same_state(case):
     graph, (path, wanted) = packed(*case[:3]), forces(case, INTERVALS[-1])
     turned, error = path.states[-1].angle, []
     for duration in (2e4, 2e5):
-        end = replay(graph, case[2], H, duration=duration, viscous=0.02).state
+        end = replay(Scene(graph, case[2]), H, duration=duration, viscous=0.02).state
         error.append(np.linalg.norm(end.forces[: len(wanted)] - wanted) / np.linalg.norm(wanted))
     assert error[1] < error[0] < 2e-5 and error[1] < 1e-5
     assert np.allclose(end.angle, turned, rtol=0, atol=1e-3 * np.abs(turned).max())
@@ -130,7 +130,7 @@ def test_a_first_step_is_the_rate_problem(case):
     path = followed(graph, law, strained(step), interval=1e-8)
     assert path.events == () and path.imbalance[-1] < 1e-10
     changes = loop_changes(graph, path.states[-1], faces)
-    rates = loop_rates(packing_response(graph, law, step, yield_band=1 - 1e-6), faces)
+    rates = loop_rates(rates_at(Scene(graph, law), H=step, yield_band=1 - 1e-6), faces)
     for name in ("strain", "stress", "second_order_work"):
         wanted = getattr(rates, name)
         size = np.nanmax(np.abs(wanted))
@@ -316,7 +316,7 @@ def test_laws_at_their_limits(law, least):
     path = followed(graph, law, strained(H), interval=2e-5)
     assert (path.status == "finished" and path.of_kind("closing")) or path.of_kind("opening")
     assert not path.of_kind("instability") and not path.of_kind("yield")
-    wanted = replay(graph, law, H, duration=2e5, viscous=0.02).state.forces
+    wanted = replay(Scene(graph, law), H, duration=2e5, viscous=0.02).state.forces
     found = path.states[-1].forces[: graph.contact_count]
     error = np.linalg.norm(wanted[: len(found)] - found) / np.linalg.norm(found)
     assert error < least
@@ -441,7 +441,7 @@ def test_rattlers_that_touch(count):
     loose = with_a_row_of_rattlers(graph, count)
     paths = [followed(g, LAW, strained(H), interval=2e-5) for g in (graph, loose)]
     alone, end = (path.states[-1] for path in paths)
-    other = replay(loose, LAW, H, duration=2e4, viscous=0.02).state
+    other = replay(Scene(loose, LAW), H, duration=2e4, viscous=0.02).state
     pairs = (end.contacts >= first).all(axis=1)
     assert np.count_nonzero(pairs) == count - 1 and not end.closed[pairs].any()
     # Without them moving each other, they would overlap by ten times this.
@@ -508,7 +508,9 @@ def test_a_state_out_of_balance_keeps_its_load():
     found = path.states[-1].forces[: shaken.contact_count]
     error = []
     for balanced in (True, False):
-        end = replay(shaken, LAW, 0.1 * H, duration=2e4, viscous=0.02, balanced=balanced).state
+        end = replay(
+            Scene(shaken, LAW), 0.1 * H, duration=2e4, viscous=0.02, balanced=balanced
+        ).state
         error.append(np.linalg.norm(end.forces[: len(found)] - found) / np.linalg.norm(found))
     # Let go, the load of the start is found again in the forces.
     assert error[0] < 3e-6 and error[1] > 1e-3
@@ -557,7 +559,7 @@ def test_bad_input(change, message):
 @pytest.mark.parametrize("change", [{"interval": 1e-6}, {"instabilities": 3}])
 def test_options_of_packings_are_refused_by_a_loops_closure(change):
     with pytest.raises(InputError, match=f"{next(iter(change))}: got .* with the affine closure"):
-        follow(diamonds(), LAW, strained(H), closure="affine", **change)
+        follow(Scene(diamonds(), LAW), strained(H), closure="affine", **change)
 
 
 @pytest.mark.slow

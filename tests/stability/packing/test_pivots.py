@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from stability import follow
+from loops import Scene
+from stability import follow, rates_at
 from stability.compiled import packing_rates
-from stability.packing import packing_response, regime_factor, strain_increment
+from stability.packing import regime_factor, strain_increment
 from stability.packing.pairs import contact_pairs
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from stability.packing.state import start_state
@@ -45,7 +46,7 @@ def settle(frozen, control, critical):
 
 @pytest.mark.parametrize("stress_held", [False, True], ids=["strain", "P11 held"])
 def test_pivots_find_the_only_solution(stress_held):
-    """They lead to that of `packing_response` where enumeration proves that there is no other."""
+    """They lead to that of `rates_at` where enumeration proves that there is no other."""
     counts, compared = [], 0
     for seed in range(50):
         graph, frozen, critical = stuck_packing(seed)
@@ -54,7 +55,7 @@ def test_pivots_find_the_only_solution(stress_held):
         if stress_held:
             H[0, 0] = np.nan
             control = MixedControl(HELD, ALL - HELD, np.nan_to_num(H.ravel()))
-        wanted = packing_response(graph, LAW, H, yield_band=1 - 1e-9)
+        wanted = rates_at(Scene(graph, LAW), H=H, yield_band=1 - 1e-9)
         if (wanted.status, wanted.proof, wanted.settled) != ("unique", "enumeration", 0):
             continue
         counts += settle(frozen, control, critical)
@@ -117,11 +118,16 @@ def held_to_the_rate_problem(cases):
         graph = yielding(grains, seed, draw)
         for H in STRAINS:
             path = follow(
-                graph, LAW, strained(1e-8 * H), closure="packing", rows=1, interval=1e-8,
-                instabilities=1, past="stop",
-            )  # fmt: skip
+                Scene(graph, LAW),
+                strained(1e-8 * H),
+                closure="packing",
+                rows=1,
+                interval=1e-8,
+                instabilities=1,
+                past="stop",
+            )
             start = path.states[0].graph()
-            found = packing_response(start, LAW, H, yield_band=1.0 - 1e-6)
+            found = rates_at(Scene(start, LAW), H=H, yield_band=1.0 - 1e-6)
             if found.status in ("unique", "several", "family", "one found"):
                 assert path.status == "finished", (grains, seed, draw, path.message)
             if found.status == "none":
@@ -152,9 +158,12 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     monkeypatch.setattr(strain_increment, "solve_complementarity", search)
     monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
     path = follow(
-        yielding(36, 5, 3), LAW, strained(1e-8 * STRAINS[2]), closure="packing", rows=1,
+        Scene(yielding(36, 5, 3), LAW),
+        strained(1e-8 * STRAINS[2]),
+        closure="packing",
+        rows=1,
         interval=1e-8,
-    )  # fmt: skip
+    )
     (instability,) = path.of_kind("instability")
     assert instability.cause == "no_regimes" and instability.passed == "dragged"
     assert springs == list(strain_increment.GROUND_SPRINGS[:3])

@@ -6,10 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, LinearFrictional, Scene
 from loops.packing import PlaneContacts
-from stability import Stage, follow, programmes
-from stability.packing import packing_response
+from stability import Stage, follow, programmes, rates_at
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 ROUGH = [which for which in JAMMED if which[3][1] > 0]
@@ -24,7 +23,7 @@ def box(graph, planes):
 def response(graph, law, planes, H, volume=None, **how):
     low, high = box(graph, planes)
     boundary = between(planes, volume=volume or float(np.prod(high - low)))
-    return packing_response(graph, law, H, boundary=boundary, **how)
+    return rates_at(Scene(graph, law, boundary), H=H, **how)
 
 
 # One disc between four plates, off the middle; left and right ones are smooth.
@@ -112,8 +111,9 @@ def test_rates_are_those_of_the_first_step_of_a_path(which, k):
     graph, planes, force = jammed_in_box(*which)
     programme = programmes.oedometric() if k == 0 else programmes.drained_biaxial()
     stage = Stage(programme, "H11", 1e-8)
-    path = follow(graph, which[2], stage, closure="packing", boundary=between(planes, force),
-                  past="stop")  # fmt: skip
+    path = follow(
+        Scene(graph, which[2], between(planes, force)), stage, closure="packing", past="stop"
+    )
     assert path.status == "finished"
     driven = [[1.0, 0.0], [0.0, 0.0 if k == 0 else np.nan]]
     first = path.states[0]

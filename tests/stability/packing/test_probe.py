@@ -5,14 +5,13 @@ import sys
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, affine_tangent, find_faces
+from loops import InputError, LinearFrictional, Scene, affine_tangent, find_faces
 from loops.boundary import Boundary
 from loops.packing import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
-from stability import complementarity, plane_cone, restrict
+from stability import complementarity, plane_cone, rates_at, restrict
 from stability.packing import (
-    packing_response,
     probe,
     regime_regions,
     response,
@@ -46,7 +45,7 @@ TRIANGULAR = (
 def against_hand(case, cells, directions=24):
     vectors, branches, normal, shear, at_yield = case
     graph = lattice(vectors, branches, np.array(normal), np.array(shear), cells)
-    found = probe(graph, LATTICE_LAW, directions, yield_band=AT_YIELD)
+    found = probe(Scene(graph, LATTICE_LAW), directions, yield_band=AT_YIELD)
     count = cells[0] * cells[1]
     for k, H in enumerate(found.strain_rate):
         ((P, slides),) = lattice_rates(vectors, branches, normal, shear, LATTICE_LAW, H, at_yield)
@@ -96,7 +95,7 @@ def rhombic(E1, E2, share, mu):
 
 def test_one_diamond_tiled_has_the_papers_polar_diagram():
     graph, (K, _), _ = rhombic(0.35, 0.25, 0.4, 0.5)
-    found = probe(graph, LinearFrictional(1.0, KAPPA, 0.5), 72)
+    found = probe(Scene(graph, LinearFrictional(1.0, KAPPA, 0.5)), 72)
     P = found.directions @ K.T
     assert np.allclose(found.stress_rate[:, [0, 1], [0, 1]], P, atol=1e-13)
     w2 = np.sum(found.directions * P, axis=1) / np.linalg.norm(P, axis=1)
@@ -114,7 +113,7 @@ def test_one_diamond_tiled_has_the_papers_polar_diagram():
 def test_one_diamond_tiled_slides_as_the_papers_does(side):
     mu = 0.4
     graph, (elastic, sliding), (alpha, N, T) = rhombic(0.15, 0.1, side, mu)
-    found = probe(graph, LinearFrictional(1.0, KAPPA, mu), 72, yield_band=AT_YIELD)
+    found = probe(Scene(graph, LinearFrictional(1.0, KAPPA, mu)), 72, yield_band=AT_YIELD)
     length = 1.0 - N
     e1, e2 = found.directions.T
     more = length * (e1 * np.cos(alpha) ** 2 + e2 * np.sin(alpha) ** 2)
@@ -132,7 +131,7 @@ def test_elastic_packings_are_never_stiffer_than_the_affine_sum():
     for seed in range(4):
         graph = packing(30, seed=seed, share=0.0)
         A = restrict(affine_tangent(graph, law).matrix, "symmetric")
-        found = probe(graph, law, 40, subspace="symmetric")
+        found = probe(Scene(graph, law), 40, subspace="symmetric")
         affine = np.einsum("di,ij,dj->d", found.directions, A, found.directions)
         assert (found.work > 0).all() and (found.work < affine).all()
         assert found.destabilising.status == "definite" and found.unstable_fraction == 0.0
@@ -148,25 +147,23 @@ def said(found, k):
 @pytest.mark.parametrize("subspace", ["diagonal", "symmetric"])
 def test_strain_probes_are_the_responses_one_by_one(subspace):
     graph = packing(30, seed=3, sliding=0.3)
-    found = probe(graph, LAW, 24, subspace=subspace)
+    found = probe(Scene(graph, LAW), 24, subspace=subspace)
     assert len(found.arcs) > 5 and found.residual.max() < 1e-12
     for k, H in enumerate(found.strain_rate):
-        one = packing_response(graph, LAW, H)
+        one = rates_at(Scene(graph, LAW), H=H)
         assert one.status in said(found, k) and found.sliding[k] == one.sliding
         size = np.abs(one.stress_rate).max()
         assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)
-        elastic = packing_response(graph, LinearFrictional(1.0, 0.5, np.inf, "radii"), H)
+        elastic = rates_at(Scene(graph, LinearFrictional(1.0, 0.5, np.inf, "radii")), H=H)
         assert np.allclose(found.elastic_stress[k], elastic.stress_rate, atol=1e-12)
 
 
 def test_stress_probes_are_the_responses_one_by_one():
     graph = packing(30, seed=3, sliding=0.3)
-    found = probe(graph, LAW, 12, control="stress")
+    found = probe(Scene(graph, LAW), 12, control="stress")
     assert found.determined.sum() > 5 and len(found.arcs) > 3
     for k, (p1, p2) in enumerate(found.directions):
-        one = packing_response(
-            graph, LAW, [[np.nan, 0], [0, np.nan]], stress_rate=np.diag([p1, p2])
-        )
+        one = rates_at(Scene(graph, LAW), H=[[np.nan, 0], [0, np.nan]], P=np.diag([p1, p2]))
         assert one.status in said(found, k)
         if found.determined[k]:
             assert np.allclose(found.strain_rate[k], one.strain_rate, rtol=1e-10, atol=1e-12)
@@ -182,13 +179,13 @@ def test_one_factorisation_serves_all_directions(monkeypatch):
     monkeypatch.setattr(
         response, "factorised", lambda *given: calls.append(1) or factorised(*given)
     )
-    found = probe(packing(30, seed=3, sliding=0.3), LAW, 24)
+    found = probe(Scene(packing(30, seed=3, sliding=0.3), LAW), 24)
     assert len(found.tangents) > 10 and len(calls) == 1
 
 
 def test_stress_on_the_sphere_keeps_the_strain_symmetric():
     graph = packing(30, seed=3, sliding=0.3)
-    found = probe(graph, LAW, 12, control="stress", subspace="symmetric")
+    found = probe(Scene(graph, LAW), 12, control="stress", subspace="symmetric")
     known = found.determined
     assert known.any()
     H, P = found.strain_rate[known], found.stress_rate[known]
@@ -199,9 +196,9 @@ def test_stress_on_the_sphere_keeps_the_strain_symmetric():
 
 def test_many_contacts_at_yield_are_probed_one_direction_after_the_other(monkeypatch):
     graph = packing(30, seed=3, sliding=0.3)
-    whole = probe(graph, LAW, 6)
+    whole = probe(Scene(graph, LAW), 6)
     monkeypatch.setattr(response, "CONDENSED", 3)
-    parts = probe(graph, LAW, 6)
+    parts = probe(Scene(graph, LAW), 6)
     assert np.array_equal(parts.sliding, whole.sliding)
     assert np.allclose(parts.stress_rate, whole.stress_rate, atol=1e-12)
 
@@ -210,7 +207,7 @@ def test_directions_that_are_not_searched_are_answered_by_the_branches(monkeypat
     """Every fifth of 24 is; its branches have the solutions of all."""
     graph = packing(16, 1, sliding=0.3)
     monkeypatch.setattr(regime_regions.RegimeRegions, "_prove", lambda self: None)
-    everywhere = probe(graph, LAW, 24, yield_band=AT_YIELD)
+    everywhere = probe(Scene(graph, LAW), 24, yield_band=AT_YIELD)
     count = everywhere.candidates
     assert count > 5 and everywhere.determined.all() and everywhere.closed
     monkeypatch.setattr(probe_module, "SEARCH_WORK", 24 * count**3 / 5)
@@ -222,7 +219,7 @@ def test_directions_that_are_not_searched_are_answered_by_the_branches(monkeypat
         return complementarity.solve_complementarity(q, M, starts, *rest)
 
     monkeypatch.setattr(response, "solve_complementarity", counted)
-    fewer = probe(graph, LAW, 24, yield_band=AT_YIELD)
+    fewer = probe(Scene(graph, LAW), 24, yield_band=AT_YIELD)
     assert np.count_nonzero(searched[:24]) == 5
     np.testing.assert_allclose(fewer.stress_rate, everywhere.stress_rate, rtol=1e-12)
 
@@ -234,7 +231,7 @@ def test_a_step_of_searches_is_one_up_to_592_contacts():
 def test_loops_carry_the_samples_work():
     graph = packing(30, seed=3, sliding=0.3)
     faces = find_faces(graph)
-    found = probe(graph, LAW, 12, faces=faces)
+    found = probe(Scene(graph, LAW), 12, faces=faces)
     assert np.allclose(found.loop_work.sum(axis=1), found.work, rtol=1e-11)
     assert np.array_equal(found.order, faces.order[faces.loops])
     assert found.area.sum() == pytest.approx(found.system.volume)
@@ -252,13 +249,13 @@ def at_angle(theta):
 
 def test_cones_end_where_the_work_of_the_regimes_there_vanishes():
     graph = under_load(7, 0.3)
-    found = probe(graph, LAW, 72)
+    found = probe(Scene(graph, LAW), 72)
     assert len(found.cones) == 1 and found.refined.all() and found.determined.all()
     for begin, end in found.cones:
         for angle, inwards in ((begin, 1e-4), (end, -1e-4)):
-            assert abs(probe(graph, LAW, at_angle(angle)).normalised[0]) < 1e-8
-            assert probe(graph, LAW, at_angle(angle + inwards)).normalised[0] < -1e-7
-            assert probe(graph, LAW, at_angle(angle - inwards)).normalised[0] > 1e-7
+            assert abs(probe(Scene(graph, LAW), at_angle(angle)).normalised[0]) < 1e-8
+            assert probe(Scene(graph, LAW), at_angle(angle + inwards)).normalised[0] < -1e-7
+            assert probe(Scene(graph, LAW), at_angle(angle - inwards)).normalised[0] > 1e-7
     width = np.ptp(found.cones, axis=1).sum()
     assert found.unstable_fraction == pytest.approx(width / (2 * np.pi), rel=1e-12)
     assert found.unstable_fraction == pytest.approx(np.mean(found.work < 0), abs=2 / 72)
@@ -269,28 +266,30 @@ def test_a_cone_next_to_what_is_undetermined_ends_where_its_work_is_still_negati
     control, sliding
 ):
     graph = under_load(0, sliding)
-    found = probe(graph, LAW, 36, control=control)
+    found = probe(Scene(graph, LAW), 36, control=control)
     sharp = found.refined.ravel()
     assert sharp.any() and not sharp.all() and not found.determined.all()
     for angle, refined in zip(found.cones.ravel(), sharp, strict=True):
-        there = probe(graph, LAW, at_angle(angle), control=control).normalised[0]
+        there = probe(Scene(graph, LAW), at_angle(angle), control=control).normalised[0]
         assert abs(there) < 1e-8 if refined else there < -1e-4
 
 
 def test_the_destabilising_control_calls_up_nothing_but_the_reaction():
     graph = under_load(7, 0.3)
-    control = probe(graph, LAW, 72).destabilising
-    there = probe(graph, LAW, [control.direction])
+    control = probe(Scene(graph, LAW), 72).destabilising
+    there = probe(Scene(graph, LAW), [control.direction])
     stress = np.diag(there.stress_rate[0])
     assert control.held @ control.direction == pytest.approx(0.0, abs=1e-12)
     assert np.allclose(stress, control.reaction * control.held, atol=1e-8)
     # Of the two edges, the one whose reaction is weaker.
-    ends = [probe(graph, LAW, at_angle(end)) for end in probe(graph, LAW, 72).cones[0]]
+    ends = [
+        probe(Scene(graph, LAW), at_angle(end)) for end in probe(Scene(graph, LAW), 72).cones[0]
+    ]
     reactions = [np.linalg.norm(np.diag(end.stress_rate[0])) for end in ends]
     assert control.reaction == pytest.approx(min(reactions), rel=1e-6)
     assert max(reactions) > 1.01 * min(reactions)
     # On the sphere it lies along the softest direction.
-    sphere = probe(graph, LAW, 40, subspace="symmetric")
+    sphere = probe(Scene(graph, LAW), 40, subspace="symmetric")
     assert np.allclose(sphere.destabilising.direction, sphere.directions[sphere.softest])
     assert sphere.destabilising.work == pytest.approx(sphere.work[sphere.softest], rel=1e-9)
 
@@ -298,10 +297,10 @@ def test_the_destabilising_control_calls_up_nothing_but_the_reaction():
 @pytest.mark.parametrize("control", ["strain", "stress"])
 def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there(control):
     graph = packing(30, seed=6, sliding=0.3)
-    found = probe(graph, LAW, 72, control=control)
+    found = probe(Scene(graph, LAW), 72, control=control)
     assert found.determined.all()
     middle = np.column_stack([np.cos(found.arcs.mean(axis=1)), np.sin(found.arcs.mean(axis=1))])
-    again = probe(graph, LAW, middle, control=control)
+    again = probe(Scene(graph, LAW), middle, control=control)
     assert np.allclose(again.tangents[again.piece], found.tangents, atol=1e-12)
     inside = np.mod(found.theta - found.arcs[found.piece, 0], 2 * np.pi)
     assert (inside <= np.ptp(found.arcs, axis=1)[found.piece] + 1e-9).all()
@@ -311,7 +310,7 @@ def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there(control):
     assert np.count_nonzero(joined) > len(ends) / 2
     answer = np.asarray if control == "strain" else np.linalg.inv
     for own, arc in zip(found.tangents, found.arcs, strict=True):
-        beyond = probe(graph, LAW, at_angle(arc[1] + 1e-5), control=control)
+        beyond = probe(Scene(graph, LAW), at_angle(arc[1] + 1e-5), control=control)
         next_ = beyond.tangents[0]
         assert beyond.piece[0] == 0 and not np.allclose(next_, own, atol=1e-9)
         assert np.allclose((answer(next_) - answer(own)) @ at_angle(arc[1])[0], 0, atol=1e-4)
@@ -319,13 +318,13 @@ def test_pieces_hold_up_to_the_ends_of_their_arcs_and_join_there(control):
 
 def test_a_rate_that_vanishes_at_the_end_of_an_arc_agrees_with_either_regime():
     graph = packing(30, seed=6, sliding=0.3)
-    ends = probe(graph, LAW, 36).arcs[:, 1]
-    found = probe(graph, LAW, np.column_stack([np.cos(ends), np.sin(ends)]))
+    ends = probe(Scene(graph, LAW), 36).arcs[:, 1]
+    found = probe(Scene(graph, LAW), np.column_stack([np.cos(ends), np.sin(ends)]))
     assert found.determined.all() and (found.disagreeing == 0).all() and len(ends) > 20
 
 
 def test_where_there_is_no_solution_nothing_is_said():
-    found = probe(under_load(0, 0.3), LAW, 72)
+    found = probe(Scene(under_load(0, 0.3), LAW), 72)
     unknown = ~found.determined
     assert 10 < unknown.sum() < 60
     assert np.isin(found.status[unknown], ["none", "none found"]).all()
@@ -333,8 +332,8 @@ def test_where_there_is_no_solution_nothing_is_said():
     assert "undetermined" in str(found)
     # Beyond its strength a sample answers to no load at all.
     graph = under_load(2, 0.6)
-    loads = probe(graph, LAW, 36, control="stress")
-    lost = probe(graph, LAW, loads.directions[~loads.determined], control="stress")
+    loads = probe(Scene(graph, LAW), 36, control="stress")
+    lost = probe(Scene(graph, LAW), loads.directions[~loads.determined], control="stress")
     assert len(lost.directions) == 30 and lost.softest is None and len(lost.cones) == 0
     assert np.isnan(lost.unstable_fraction) and lost.destabilising.status == "undetermined"
 
@@ -353,7 +352,7 @@ def test_bad_input_is_one_clear_error():
         ({"yield_band": np.nan}, "yield_band"),
     ):
         with pytest.raises(InputError, match=named):
-            probe(graph, LAW, **how)
+            probe(Scene(graph, LAW), **how)
     floating = graph.replace(cell=None, cell0=None, images=None)
     with pytest.raises(InputError, match="float"):
-        probe(floating, LAW, boundary=Boundary(volume=1.0))
+        probe(Scene(floating, LAW, Boundary(volume=1.0)))

@@ -25,7 +25,7 @@ def case():
 @pytest.mark.parametrize("subspace", ["diagonal", "symmetric"])
 def test_small_amplitudes_are_rates(case, control, subspace):
     graph, _faces = case
-    rates = probe(graph, LAW, 6, control=control, subspace=subspace, yield_band=1 - 1e-6)
+    rates = probe(Scene(graph, LAW), 6, control=control, subspace=subspace, yield_band=1 - 1e-6)
     found = probe_to(rates, Scene(graph, LAW), 1e-7)
     assert set(found.status) == {"finished"} and found.determined.all()
     # What is left is the start's imbalance (1e-7 of forces) and curvature (1e-7 of strain).
@@ -41,9 +41,9 @@ def test_small_amplitudes_are_rates(case, control, subspace):
 
 def test_a_row_is_the_path_itself(case):
     graph, _faces = case
-    found = probe_to(probe(graph, LAW, [[3.0, -4.0]]), Scene(graph, LAW), 1e-3)
+    found = probe_to(probe(Scene(graph, LAW), [[3.0, -4.0]]), Scene(graph, LAW), 1e-3)
     strain = Programme("strain", np.zeros((4, 4)), np.eye(4), [0.6, 0, 0, -0.8])
-    path = follow(graph, LAW, Stage(strain, "parameter", 1e-3), closure="packing")
+    path = follow(Scene(graph, LAW), Stage(strain, "parameter", 1e-3), closure="packing")
     assert np.allclose(found.strain_rate[0].ravel(), [0.6, 0, 0, -0.8], rtol=0, atol=1e-10)
     assert np.allclose(found.stress_rate[0].ravel(), (path.P[-1] - path.P[0]) / 1e-3, rtol=1e-12)
     assert len(path.events) > 0 and len(found.cones) == 0
@@ -53,7 +53,7 @@ def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
     graph, _faces = case
     short = functools.partial(follow_packing, max_steps=2)
     monkeypatch.setattr(sys.modules["stability.packing.probe"], "follow_packing", short)
-    found = probe_to(probe(graph, LAW, 2), Scene(graph, LAW), 1e-4)
+    found = probe_to(probe(Scene(graph, LAW), 2), Scene(graph, LAW), 1e-4)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):
         assert np.isnan(getattr(found, name)).all()
@@ -64,4 +64,6 @@ def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
 def test_amplitudes_are_positive(case, amplitude):
     graph, _faces = case
     with pytest.raises(InputError, match="amplitude: got"):
-        probe_to(probe(graph, LAW, 1), Scene(graph, LinearFrictional(1.0, 0.5, 0.5)), amplitude)
+        probe_to(
+            probe(Scene(graph, LAW), 1), Scene(graph, LinearFrictional(1.0, 0.5, 0.5)), amplitude
+        )

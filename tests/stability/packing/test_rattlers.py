@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, LinearFrictional, Scene
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
 from stability.packing.pairs import contact_pairs, overlaps, with_normal_forces
@@ -226,7 +226,7 @@ def test_a_cage_that_closes_loads_its_grain_and_lets_it_go_again(interval):
     aside = 1e-4 * np.array([[1.0, 0.5], [-0.3, 0.2], [0.0, -1.0], [0.4, 0.4]])
     graph = lattice_around([ROOM - gap] * 4, middles + aside)
     there = [strained(most * np.eye(2)), strained(-most * np.eye(2))]
-    path = follow(graph, LAW, there, closure="packing", interval=interval, rows=10)
+    path = follow(Scene(graph, LAW), there, closure="packing", interval=interval, rows=10)
     assert path.status == "finished" and not path.of_kind("instability")
     seen = 0
     for row, end in enumerate(path.states):

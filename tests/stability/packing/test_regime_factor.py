@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from loops import branch_vectors
+from loops import Scene, branch_vectors
 from loops.compiled import columns
 from stability import Stage, follow, programmes
 from stability.compiled import packing_rates
@@ -96,7 +96,7 @@ def test_little_room_for_columns_changes_no_path(monkeypatch):
         for module in (regime_factor, strain_increment):
             monkeypatch.setattr(module, "ROOM", room)
         stage = Stage(programmes.drained_biaxial(axis=2), "H22", 5e-6)
-        paths.append(follow(graph, law, stage, closure="packing", rows=1))
+        paths.append(follow(Scene(graph, law), stage, closure="packing", rows=1))
     assert [path.status for path in paths] == ["finished"] * 2
     events = [[event.kind for event in path.events] for path in paths]
     assert events[0] == events[1] and len(events[0]) > 32

@@ -14,6 +14,7 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    Scene,
     contact_state,
 )
 from patterns import read_snapshot, sample_path
@@ -62,10 +63,10 @@ def test_an_elastic_collision_in_closed_form():
     touching = pair(1.0)
     start = {"mass": [1.0, 1.0], "velocity": [[v, 0], [0, 0]], "damping": 0.0}
     law, dt = LinearFrictional(2.0, 1.0, 0.5), 1e-3
-    half = replay(touching, law, STILL, duration=0.5 * np.pi / omega, time_step=dt, **start)
+    half = replay(Scene(touching, law), STILL, duration=0.5 * np.pi / omega, time_step=dt, **start)
     # Leapfrog: frequency to (w dt)^2/24, the start half a step off.
     assert half.state.normal_force[0] == pytest.approx(2.0 * v / omega, rel=1e-5)
-    after = replay(touching, law, STILL, duration=1.5 * np.pi / omega, time_step=dt, **start)
+    after = replay(Scene(touching, law), STILL, duration=1.5 * np.pi / omega, time_step=dt, **start)
     np.testing.assert_allclose(after.velocity, [[0, 0], [v, 0]], atol=1e-5 * v)
     assert after.state.normal_force[0] == 0
 
@@ -75,12 +76,12 @@ def test_a_motion_that_meets_others_in_every_step_is_refused():
     law, apart = LinearFrictional(1.0, 0.5, 0.5), pair(1.5)
     # Grains may come closer by the listed gap, a fiftieth of the diameter.
     fast = {"velocity": [[0.011, 0.0], [0.011, 0.0]], "time_step": 1.0}
-    end = replay(apart, law, STILL, duration=101.0, **fast)
+    end = replay(Scene(apart, law), STILL, duration=101.0, **fast)
     np.testing.assert_allclose(end.velocity[:, 0], 0.011)
     with pytest.raises(InputError, match="in one of 102 steps"):
-        replay(apart, law, STILL, duration=102.0, **fast)
+        replay(Scene(apart, law), STILL, duration=102.0, **fast)
     slow = fast | {"velocity": [[0.009, 0.0], [0.009, 0.0]]}
-    assert replay(apart, law, STILL, duration=300.0, **slow).steps == 300
+    assert replay(Scene(apart, law), STILL, duration=300.0, **slow).steps == 300
 
 
 def triangles(law, overlap=1e-3):
@@ -115,8 +116,8 @@ def test_the_default_step_is_stable_whatever_the_shear_stiffness(ratio):
     law = LinearFrictional(1.0, ratio, 1e3)
     spin, m = np.full(36, 1e-9), np.ones(36)
     start = {"mass": m, "spin": spin, "duration": 200.0}
-    assert np.abs(replay(triangles(law), law, STILL, **start).spin).max() < 1e-12
-    longer = replay(triangles(law), law, STILL, time_step=0.3, **start)
+    assert np.abs(replay(Scene(triangles(law), law), STILL, **start).spin).max() < 1e-12
+    longer = replay(Scene(triangles(law), law), STILL, time_step=0.3, **start)
     assert (np.abs(longer.spin).max() > 1e-6) == (ratio == 2.0)
 
 
@@ -128,10 +129,10 @@ def test_a_collision_under_hertzs_law_in_closed_form():
     lasts = 2 * np.sqrt(np.pi) * math.gamma(0.4) / (5 * math.gamma(0.9)) * 2 * largest / v
     law, start = HertzMindlin(young, poisson, 0.5), {"mass": [1.0, 1.0], "damping": 0.0}
     start |= {"velocity": [[v, 0], [0, 0]], "time_step": lasts / 20_000}
-    half = replay(pair(1.0), law, STILL, duration=lasts / 2, **start)
+    half = replay(Scene(pair(1.0), law), STILL, duration=lasts / 2, **start)
     assert half.state.normal_force[0] == pytest.approx(k * largest**1.5, rel=1e-6)
-    early = replay(pair(1.0), law, STILL, duration=0.999 * lasts, **start)
-    late = replay(pair(1.0), law, STILL, duration=1.001 * lasts, **start)
+    early = replay(Scene(pair(1.0), law), STILL, duration=0.999 * lasts, **start)
+    late = replay(Scene(pair(1.0), law), STILL, duration=1.001 * lasts, **start)
     assert early.state.normal_force[0] > 0 == late.state.normal_force[0]
     np.testing.assert_allclose(late.velocity, [[0, 0], [v, 0]], atol=1e-6 * v)
 
@@ -142,7 +143,9 @@ def test_shear_force_after_compression_is_what_the_contact_remembers(history):
     law = HertzMindlin(2.0, 0.3, 0.5, shear_history=history)
     graph = pair(0.99, normal_force=[law_force(law, 0.01)], shear_force=[1e-5])
     H = 1.0 - 0.98 / 0.99
-    end = replay(graph, law, [[H, 0], [0, 0]], duration=1.0, mass=[1e9, 1e9], time_step=1e-2).state
+    end = replay(
+        Scene(graph, law), [[H, 0], [0, 0]], duration=1.0, mass=[1e9, 1e9], time_step=1e-2
+    ).state
     assert end.normal_force[0] == pytest.approx(law_force(law, 0.02), rel=1e-6)
     grown = np.sqrt(2.0) if history == "displacement" else 1.0
     assert end.shear_force[0] == pytest.approx(1e-5 * grown, rel=1e-6)
@@ -190,7 +193,7 @@ def test_an_undamped_pair_rolls_in_closed_form(increment):
     arm = 0.5
     Omega = np.sqrt(kt * (2.0 + 2 * arm**2 / 0.1))
     times = np.array([0.2, 0.4, 0.6]) * np.pi / Omega
-    ends = [replay(graph, law, STILL, duration=t, **start) for t in times]
+    ends = [replay(Scene(graph, law), STILL, duration=t, **start) for t in times]
     shear = [end.state.shear_force[0] for end in ends]
     wanted = kt * 2 * arm * w / Omega * np.sin(Omega * times)
     # The first half step, and turning by the overlap's share.
@@ -209,7 +212,7 @@ def test_damping_of_either_kind_takes_energy(damping, viscous):
     graph, law = pair(0.999), LinearFrictional(1.0, 0.5, 0.5)
     run = {"mass": [1.0, 1.0], "duration": 5.0, "time_step": 1e-3}
     free, damped = (
-        replay(graph, law, STILL, damping=a, viscous=b, **run).velocity
+        replay(Scene(graph, law), STILL, damping=a, viscous=b, **run).velocity
         for a, b in ((0.0, 0.0), (damping, viscous))
     )
     assert np.abs(free).max() == pytest.approx(1e-3 / np.sqrt(2), rel=1e-4)
@@ -218,7 +221,7 @@ def test_damping_of_either_kind_takes_energy(damping, viscous):
 
 def test_the_cell_ends_where_it_was_asked_to():
     graph, H = packing(16), np.array([[2e-3, 1e-3], [-5e-4, -1e-3]])
-    end = replay(graph, LAW, H, duration=20.0).state
+    end = replay(Scene(graph, LAW), H, duration=20.0).state
     np.testing.assert_allclose(end.cell, (np.eye(2) - H) @ graph.cell, rtol=1e-12)
 
 
@@ -238,10 +241,10 @@ def test_parts_of_a_straight_way_are_the_straight_way():
     graph = jammed(16, 2)
     H = np.array([[2e-3, 3e-4], [-1e-4, -1e-3]])
     steps = {"duration": 100.0, "time_step": 0.1}
-    whole = replay(graph, LAW, H, **steps)
+    whole = replay(Scene(graph, LAW), H, **steps)
     ends = np.array([np.eye(2) - expm(t * logm(np.eye(2) - H)) for t in (0.25, 0.5, 1.0)])
     for how in ({}, {"shares": [0.25, 0.5, 1.0]}):
-        parts = replay(graph, LAW, ends, **steps, **how)
+        parts = replay(Scene(graph, LAW), ends, **steps, **how)
         assert parts.steps == whole.steps
         np.testing.assert_allclose(parts.state.x, whole.state.x, rtol=0, atol=1e-11)
         for name in ("normal_force", "shear_force"):
@@ -253,18 +256,20 @@ def test_parts_are_reached_at_their_shares_and_take_times_as_their_strains():
     """There, a rest, and back: rows of the cell, and the default of as much time as strain."""
     graph = jammed(16, 2)
     H = np.array([[1e-3, 5e-4], [0.0, -4e-4]])
-    found = replay(graph, LAW, [H, H, 0 * H], shares=[0.2, 0.6, 1.0], duration=200.0, rows=10)
+    found = replay(
+        Scene(graph, LAW), [H, H, 0 * H], shares=[0.2, 0.6, 1.0], duration=200.0, rows=10
+    )
     rows = strains_of(found, graph)
     size = np.linalg.norm(H)
     np.testing.assert_allclose(rows[[2, 4, 6]], [H, H, H], rtol=0, atol=1e-12)
     np.testing.assert_allclose(rows[[1, 8]], [H / 2, H / 2], rtol=0, atol=3e-3 * size)
     np.testing.assert_allclose(rows[[0, 10]], 0.0, atol=1e-12)
     # A third of the way takes a third of the time; the rate is that of the whole way.
-    even = replay(graph, LAW, [H, 3 * H], inertial_number=1e-4, rows=3)
+    even = replay(Scene(graph, LAW), [H, 3 * H], inertial_number=1e-4, rows=3)
     np.testing.assert_allclose(strains_of(even, graph)[1], H, rtol=0, atol=3e-3 * size)
-    longer = replay(graph, LAW, [2 * H, H], inertial_number=1e-4)
+    longer = replay(Scene(graph, LAW), [2 * H, H], inertial_number=1e-4)
     assert longer.duration == pytest.approx(even.duration, rel=1e-3)
-    assert replay(graph, LAW, H, inertial_number=1e-4).duration == pytest.approx(
+    assert replay(Scene(graph, LAW), H, inertial_number=1e-4).duration == pytest.approx(
         even.duration / 3, rel=1e-2
     )
 
@@ -277,7 +282,7 @@ def test_a_row_pressed_and_let_go_has_its_force_back():
     )  # fmt: skip
     law = LinearFrictional(1.0, 0.5, 0.5)
     H = np.diag([1e-3, 0.0])
-    found = replay(graph, law, [H, 0 * H], duration=1000.0, rows=2)
+    found = replay(Scene(graph, law), [H, 0 * H], duration=1000.0, rows=2)
     top, end = (state.normal_force[:2] for state in found.states[1:])
     np.testing.assert_allclose(top, 0.011, rtol=1e-9)
     np.testing.assert_allclose(end, 0.01, rtol=1e-9)
@@ -290,13 +295,13 @@ def test_simple_shear_keeps_the_area_and_all_but_one_strain(axis):
     H = np.zeros((2, 2))
     H[axis - 1, 2 - axis] = g
     stage = Stage(simple_shear(axis), "parameter", g)
-    one, two = (replay(graph, LAW, way, duration=2000.0) for way in (stage, H))
+    one, two = (replay(Scene(graph, LAW), way, duration=2000.0) for way in (stage, H))
     for found in (one, two):
         np.testing.assert_allclose(strains_of(found, graph)[-1], H, rtol=0, atol=1e-9)
         assert np.linalg.det(found.state.cell) == pytest.approx(np.linalg.det(graph.cell))
     stresses = [found.state.stress for found in (one, two)]
     np.testing.assert_allclose(*stresses, rtol=0, atol=1e-4 * np.abs(stresses[0]).max())
-    path = follow(graph, LAW, stage, closure="packing", interval=1e-5)
+    path = follow(Scene(graph, LAW), stage, closure="packing", interval=1e-5)
     np.testing.assert_allclose(path.H[-1], H.ravel(), rtol=0, atol=1e-10)
     rise = one.state.stress - one.states[0].stress
     assert rise[0, 1] > 0 and rise[1, 0] > 0
@@ -312,7 +317,7 @@ def test_stress_control_of_a_row_in_closed_form():
                      normal_force=[kn * overlap] * 2)  # fmt: skip
     stress, strain = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1, 1])
     stage = Stage(combination(stress, strain, [1e-4, 0, 0, 0]), "parameter", 3.0)
-    H, P = driven(replay(row, LinearFrictional(kn, 1.0, 0.5), stage, duration=1e3), row)
+    H, P = driven(replay(Scene(row, LinearFrictional(kn, 1.0, 0.5)), stage, duration=1e3), row)
     assert P[0, 0] == pytest.approx(kn * overlap / 3 + 3e-4, rel=1e-9)
     assert H[0, 0] == pytest.approx(3e-4 * 3 / (kn * d), rel=1e-9)
     assert np.abs(H.ravel()[1:]).max() == 0
@@ -322,11 +327,11 @@ def test_a_servo_holds_what_the_path_holds():
     """Drained: strain and stress approach those of the quasi-static path as the rate falls."""
     graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05}
     stage = Stage(drained_biaxial(2, -1.0), "H22", -2e-3)
-    path = follow(graph, LAW, stage, closure="packing", interval=2e-5)
+    path = follow(Scene(graph, LAW), stage, closure="packing", interval=2e-5)
     assert path.status == "finished" and len(path.events) > 0
     off = []
     for duration in (5e3, 5e4):
-        H, P = driven(replay(graph, LAW, stage, duration=duration, **quiet), graph)
+        H, P = driven(replay(Scene(graph, LAW), stage, duration=duration, **quiet), graph)
         assert H[1, 1] == pytest.approx(-2e-3, rel=1e-11) and H[0, 1] == H[1, 0] == 0
         assert P[0, 0] == pytest.approx(path.P[0, 0], rel=1e-5)
         off.append(np.abs(np.array([H[0, 0], P[1, 1]]) / [path.H[-1, 0], path.P[-1, 3]] - 1).max())
@@ -335,10 +340,12 @@ def test_a_servo_holds_what_the_path_holds():
 
 def test_a_servo_holds_the_area_and_drives_both_stresses():
     graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05, "duration": 2e4}
-    H, _ = driven(replay(graph, LAW, Stage(undrained(1), "H11", 2e-3), **quiet), graph)
+    H, _ = driven(replay(Scene(graph, LAW), Stage(undrained(1), "H11", 2e-3), **quiet), graph)
     assert np.linalg.det(np.eye(2) - H) == pytest.approx(1.0, abs=1e-11)
-    start = driven(replay(graph, LAW, STILL, duration=1.0), graph)[1]
-    P = driven(replay(graph, LAW, Stage(isotropic_stress(1e-3), "parameter", 0.5), **quiet), graph)
+    start = driven(replay(Scene(graph, LAW), STILL, duration=1.0), graph)[1]
+    P = driven(
+        replay(Scene(graph, LAW), Stage(isotropic_stress(1e-3), "parameter", 0.5), **quiet), graph
+    )
     for k in (0, 1):
         assert P[1][k, k] - start[k, k] == pytest.approx(5e-4, rel=2e-3)
 
@@ -387,7 +394,7 @@ def test_pairs_are_those_of_brute_force(gap):
 def test_bad_input(change, message):
     given = {"graph": packing(12), "law": LAW, "strain": 1e-5 * np.eye(2)} | change
     with pytest.raises(InputError, match=message):
-        replay(given.pop("graph"), given.pop("law"), given.pop("strain"), **given)
+        replay(Scene(given.pop("graph"), given.pop("law")), given.pop("strain"), **given)
 
 
 def test_yades_next_state_of_the_sample_series():
@@ -401,7 +408,7 @@ def test_yades_next_state_of_the_sample_series():
         )
         for k in (10, 11)
     )
-    end = replay(one.graph, one.law, strain_between(one, two), inertial_number=2e-6)
+    end = replay(Scene(one.graph, one.law), strain_between(one, two), inertial_number=2e-6)
     assert predicted(one, two, lambda f: loop_changes(one.graph, end.state, f)) > 0.9995
     assert end.state.unbalanced < 1.5e-4
 
@@ -414,7 +421,7 @@ def test_strain_ratio_of_yades_sample(number):
     (one, _), (two, _) = slow(number), slow(number + 1)
     strain = strain_between(one, two)
     stage = Stage(drained_biaxial(2), "H22", strain[1, 1])
-    H, _ = driven(replay(one.graph, one.law, stage), one.graph)
+    H, _ = driven(replay(Scene(one.graph, one.law), stage), one.graph)
     assert H[0, 0] / H[1, 1] == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.006)
 
 
@@ -431,8 +438,7 @@ def test_yades_next_states(numbers, least):
         grains = pd.read_parquet(COLLECTION / f"grains_{number:02d}.parquet")
         grains = grains.set_index("id").loc[one.ids]
         end = replay(
-            one.graph,
-            one.law,
+            Scene(one.graph, one.law),
             H,
             duration=later - t,
             time_step=dt,

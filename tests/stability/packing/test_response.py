@@ -10,6 +10,7 @@ from loops import (
     LinearFrictional,
     Regime,
     RollingResistance,
+    Scene,
     affine_tangent,
     assemble_tangent,
     branch_vectors,
@@ -18,7 +19,8 @@ from loops import (
     contact_tangent,
 )
 from loops.boundary import Boundary, PlaneContacts, boundary_of
-from stability.packing import packing_response, response
+from stability import rates_at
+from stability.packing import response
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
 
@@ -30,7 +32,7 @@ H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 def test_rates_are_the_slope_of_the_packings_own_path(increment, sliding):
     law = LinearFrictional(1.0, 0.5, 0.5, increment)
     graph = packing(24, seed=3, sliding=sliding)
-    found = packing_response(graph, law, H, yield_band=1.0)
+    found = rates_at(Scene(graph, law), H=H, yield_band=1.0)
     assert found.status == ("one found" if sliding else "unique") and found.residual < 1e-9
     assert (found.sliding > 0) == (sliding > 0)
     guess = np.column_stack([found.motion, found.spin])
@@ -67,7 +69,7 @@ def at_strength(graph, law, share):
 def test_every_law_slides_where_its_own_rule_says_so(name):
     law = LAWS[name]
     graph = at_strength(packing(30, seed=2), law, 0.25)
-    found = packing_response(graph, law, H, yield_band=1.0 - 1e-12)
+    found = rates_at(Scene(graph, law), H=H, yield_band=1.0 - 1e-12)
     state, (i, j) = contact_state(graph), graph.contacts.T
     g, b_i, b_j = law.shear_kinematics(state)
     un = np.sum(state.n * found.branch_rate, axis=1)
@@ -80,7 +82,7 @@ def test_every_law_slides_where_its_own_rule_says_so(name):
 def test_sparse_answer_is_the_dense_one(name):
     law, graph = LAWS[name], packing(30, seed=2)
     graph = at_strength(graph, law, 0.0)
-    found = packing_response(graph, law, H)
+    found = rates_at(Scene(graph, law), H=H)
     K = assemble_tangent(graph, law, spins=True)
     S = contact_tangent(contact_state(graph), law, np.ones(graph.contact_count, dtype=np.int8))
     stretch = -branch_vectors(graph) @ H.T
@@ -103,7 +105,7 @@ def test_a_rotation_turns_forces_and_nothing_else():
     graph, spin = balanced(packing(24, seed=5)), np.array([[0.0, -1.0], [1.0, 0.0]])
     for increment in ("branch", "radii"):
         law = LinearFrictional(1.0, 0.5, np.inf, increment)
-        found = packing_response(graph, law, -spin)
+        found = rates_at(Scene(graph, law), H=-spin)
         assert np.abs(found.motion).max() < 1e-9
         assert np.allclose(found.spin[found.system.carrying.grains], 1.0, atol=1e-9)
         turned, c = contact_forces(graph) @ spin.T, found.system.contacts
@@ -114,26 +116,24 @@ def test_relaxed_grains_do_no_more_work_than_affine_ones():
     law = LinearFrictional(1.0, 0.5)
     for seed in range(4):
         graph = packing(30, seed=seed, share=0.0)
-        work = np.sum(packing_response(graph, law, H).stress_rate * H)
+        work = np.sum(rates_at(Scene(graph, law), H=H).stress_rate * H)
         assert 0 < work < H.ravel() @ affine_tangent(graph, law).matrix @ H.ravel()
 
 
 def test_stress_control_meets_the_strain_that_it_causes():
     graph = packing(30, seed=2, sliding=0.3)
-    mixed = packing_response(
-        graph, LAW, [[np.nan, 0.0], [0.0, 1.0]], stress_rate=[[0.25, 9.0], [9.0, 9.0]]
-    )
+    mixed = rates_at(Scene(graph, LAW), H=[[np.nan, 0.0], [0.0, 1.0]], P=[[0.25, 9.0], [9.0, 9.0]])
     assert mixed.status == "one found" and mixed.sliding > 0
     assert mixed.stress_rate[0, 0] == pytest.approx(0.25, abs=1e-9)
-    again = packing_response(graph, LAW, mixed.strain_rate)
+    again = rates_at(Scene(graph, LAW), H=mixed.strain_rate)
     assert np.allclose(again.force_rate, mixed.force_rate, atol=1e-9)
 
 
 def test_large_packings_are_solved_in_parts_to_the_same_end(monkeypatch):
     graph = at_strength(packing(30, seed=4), LAW, 0.6)
-    whole = packing_response(graph, LAW, H)
+    whole = rates_at(Scene(graph, LAW), H=H)
     monkeypatch.setattr(response, "CONDENSED", 5)
-    parts = packing_response(graph, LAW, H)
+    parts = rates_at(Scene(graph, LAW), H=H)
     assert whole.candidates > 20 and 5 < whole.sliding < whole.candidates
     assert parts.status == "one found" and parts.residual < 1e-12
     assert np.allclose(parts.force_rate, whole.force_rate, atol=1e-9)
@@ -141,7 +141,7 @@ def test_large_packings_are_solved_in_parts_to_the_same_end(monkeypatch):
 
 def test_rates_do_not_depend_on_units_or_place():
     graph = packing(24, seed=3, sliding=0.3)
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     x, cell = 1e-3 * (graph.x + 64.0), 1e-3 * graph.cell
     moved = graph.replace(
         x=x,
@@ -152,7 +152,7 @@ def test_rates_do_not_depend_on_units_or_place():
         normal_force=1e3 * graph.normal_force,
         shear_force=1e3 * graph.shear_force,
     )
-    scaled = packing_response(moved, LinearFrictional(1e6, 5e5, 0.5, "radii"), H)
+    scaled = rates_at(Scene(moved, LinearFrictional(1e6, 5e5, 0.5, "radii")), H=H)
     assert scaled.sliding == found.sliding
     assert np.allclose(scaled.stress_rate, 1e6 * found.stress_rate, rtol=1e-9)
 
@@ -168,7 +168,7 @@ def test_what_carries_nothing_changes_nothing():
         images=np.vstack([graph.images, [[0, 0]] * 2]),
         cell=graph.cell,
     )
-    one, two = packing_response(graph, LAW, H), packing_response(more, LAW, H)
+    one, two = rates_at(Scene(graph, LAW), H=H), rates_at(Scene(more, LAW), H=H)
     assert two.system.carrying.rattlers == one.system.carrying.rattlers + 3
     assert np.allclose(two.stress_rate, one.stress_rate, atol=1e-12)
     assert (two.force_rate[-2:] == 0).all()
@@ -194,7 +194,7 @@ def test_a_strain_that_moves_a_mechanism_is_not_converged(mu, unit):
     )
     law = LinearFrictional(unit * 1.0, unit * 0.5, mu)
     for strain in (np.diag([1.0, 0.0]), H):
-        found = packing_response(graph, law, strain)
+        found = rates_at(Scene(graph, law), H=strain)
         assert (found.status, found.proof) == ("not converged", "mechanism")
         assert found.residual > 1e-3
     assert found.candidates == (32 if mu == 0.25 else 0)
@@ -219,12 +219,12 @@ def test_contacts_of_a_grain_with_two_are_candidates_from_their_full_strength_on
         (of_two, 1.0 - 1e-7, (1, 0)),
         (of_two, 1.0 - 1e-5, (0, 1)),
     ):
-        found = packing_response(with_ratio(graph, contact, share), LAW, H)
+        found = rates_at(Scene(with_ratio(graph, contact, share), LAW), H=H)
         assert (found.candidates, found.settled) == counts
     # A wall is a third contact.
     wall = PlaneContacts(np.array([grain]), np.array([[0.0, 0.4]]), np.ones(1), np.zeros(1))
-    found = packing_response(
-        with_ratio(graph, of_two, 0.995), LAW, H, boundary=boundary_of(graph, walls=wall)
+    found = rates_at(
+        Scene(with_ratio(graph, of_two, 0.995), LAW, boundary_of(graph, walls=wall)), H=H
     )
     assert (found.candidates, found.settled) == (1, 0)
 
@@ -235,7 +235,7 @@ def test_contacts_of_a_grain_with_two_stick_where_nothing_is_found_otherwise(
 ):
     monkeypatch.setattr(response, "CONDENSED", condensed)
     graph = packing(30, seed=3, sliding=0.3)
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     assert (found.status, found.proof) == ("one found", "two-contact grains stick")
     assert (found.candidates, found.settled, found.disagreeing) == (18, 2, 0)
     degree = np.bincount(graph.contacts.ravel())
@@ -243,7 +243,7 @@ def test_contacts_of_a_grain_with_two_stick_where_nothing_is_found_otherwise(
     assert (found.regime[of_two] == Regime.ELASTIC).all()
     # Without them it is a solution like any other.
     shear = np.where(of_two, 0.9, 1.0) * graph.shear_force
-    stuck = packing_response(graph.replace(shear_force=shear), LAW, H)
+    stuck = rates_at(Scene(graph.replace(shear_force=shear), LAW), H=H)
     proved = ("unique", "positive definite") if condensed == 600 else ("one found", "")
     assert (stuck.status, stuck.proof, stuck.settled) == (*proved, 0)
     assert np.array_equal(stuck.regime, found.regime)
@@ -251,7 +251,7 @@ def test_contacts_of_a_grain_with_two_stick_where_nothing_is_found_otherwise(
 
 def test_contacts_that_all_stand_at_yield():
     graph = packing(30, seed=2, sliding=1.0)
-    found = packing_response(graph, LAW, H)
+    found = rates_at(Scene(graph, LAW), H=H)
     assert found.candidates + found.settled == len(found.system.contacts)
     assert found.status == "none found" and 0 < found.disagreeing < found.candidates
 
@@ -260,16 +260,16 @@ def test_what_floats_or_has_no_area_is_refused():
     graph = packing(24, seed=3)
     plane = GrainGraph(graph.x, graph.radii, graph.contacts[:0])
     with pytest.raises(InputError, match="grains that all float"):
-        packing_response(plane, LAW, H, boundary=Boundary(volume=1.0))
+        rates_at(Scene(plane, LAW, Boundary(volume=1.0)), H=H)
     triangle = GrainGraph([[0, 0], [1, 0], [0, 1]], [0.6] * 3, [[0, 1], [1, 2], [2, 0]])
     with pytest.raises(InputError, match="float"):
-        packing_response(triangle, LAW, H, boundary=Boundary(volume=1.0))
+        rates_at(Scene(triangle, LAW, Boundary(volume=1.0)), H=H)
     held = np.array([True, True, False])
     with pytest.raises(InputError, match="volume"):
-        packing_response(triangle, LAW, H, boundary=Boundary(held=held))
+        rates_at(Scene(triangle, LAW, Boundary(held=held)), H=H)
     boundary = Boundary(held=held, volume=0.5)
-    assert packing_response(triangle, LAW, H, boundary=boundary).status == "unique"
+    assert rates_at(Scene(triangle, LAW, boundary), H=H).status == "unique"
     with pytest.raises(InputError, match=r"strain_rate: got \[1.0, 2.0\].* Give a number for each"):
-        packing_response(graph, LAW, [1.0, 2.0])
+        rates_at(Scene(graph, LAW), H=[1.0, 2.0])
     with pytest.raises(InputError, match=r"stress_rate: got .* Give zero to hold the stress"):
-        packing_response(graph, LAW, np.full((2, 2), np.nan), stress_rate=[[np.nan] * 2] * 2)
+        rates_at(Scene(graph, LAW), H=np.full((2, 2), np.nan), P=[[np.nan] * 2] * 2)

@@ -11,6 +11,7 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    Scene,
     branch_vectors,
     contact_state,
 )
@@ -46,7 +47,9 @@ def test_two_grains_swing_against_their_spring_in_closed_form():
     law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR)
     for turn in (0.3, 0.5, 1.4):
         time = turn * np.pi / W
-        end = replay(graph, law, np.zeros((2, 2)), duration=time, time_step=time / 4000, **start)
+        end = replay(
+            Scene(graph, law), np.zeros((2, 2)), duration=time, time_step=time / 4000, **start
+        )
         (M,), theta = end.state.rolling_moment, np.diff(end.state.angle)[0]
         assert M == pytest.approx(-KR * theta, rel=1e-12)
         assert M == pytest.approx(-KR * 2 * w / W * np.sin(turn * np.pi), rel=2e-3, abs=1e-8)
@@ -62,7 +65,7 @@ def test_two_grains_roll_at_the_limit_in_closed_form():
     most = mu_r * 0.5 * 0.4 / 0.9 * N
     graph, start = pair(w)
     law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR, mu_r)
-    end = replay(graph, law, np.zeros((2, 2)), duration=1.0, time_step=1e-4, **start)
+    end = replay(Scene(graph, law), np.zeros((2, 2)), duration=1.0, time_step=1e-4, **start)
     (M,), theta = end.state.rolling_moment, np.diff(end.state.angle)[0]
     assert theta > 5 * most / KR
     assert M == pytest.approx(-most, rel=1e-12)
@@ -75,8 +78,8 @@ def test_a_moment_ends_where_grains_part():
     graph, start = pair(0.02)
     law = RollingResistance(LinearFrictional(1.0, 0.0, 0.0), KR)
     apart = np.diag([-2 * N, 0.0])
-    part = replay(graph, law, 0.1 * apart, duration=1.0, **start).state
-    end = replay(graph, law, apart, duration=1.0, **start).state
+    part = replay(Scene(graph, law), 0.1 * apart, duration=1.0, **start).state
+    end = replay(Scene(graph, law), apart, duration=1.0, **start).state
     assert part.rolling_moment[0] < 0 == end.normal_force[0] == end.rolling_moment[0]
 
 
@@ -87,7 +90,7 @@ def test_a_moment_ends_where_grains_part():
 def test_a_lattice_has_the_path_of_the_loops_engine(increment, k_r):
     """Centres go with the cell, three unlike spins; the stiff springs make contacts slide."""
     law = RollingResistance(LinearFrictional(1.0, 0.5, 0.2, increment), k_r)
-    whole = follow(KAGOME, law, strained(STRAIN), closure="affine", spins="free")
+    whole = follow(Scene(KAGOME, law), strained(STRAIN), closure="affine", spins="free")
     slid = {c for event in whole.of_kind("yield") for c in event.contacts}
     error = []
     for interval in INTERVALS:
@@ -171,7 +174,9 @@ def walk(name, inner, spring, interval):
     strain = np.diag([2e-3, -1e-3]) if walls else H
     inner = {"linear": lambda g: LAW, "hertz": hertz_of, "own": power_of}[inner](graph)
     law = RollingResistance(inner, *spring)
-    path = follow(graph, law, strained(strain), closure="packing", interval=interval, **walls)
+    path = follow(
+        Scene(graph, law, **walls), strained(strain), closure="packing", interval=interval
+    )
     return path, (graph, law, strain, walls)
 
 
@@ -216,8 +221,9 @@ def test_paths_halve_their_error_close_their_energy_and_are_slow_replays(name, i
         assert np.all(np.abs(end.rolling_moment[inside]) <= (1 + 1e-12) * most[inside])
         assert any(event.spring == "rolling" for event in paths[-1].events)
     if inner != "own":
-        how = {"viscous": 0.02, **walls}
-        states = [replay(graph, law, strain, duration=t, **how).state for t in (3e3, 3e4)]
+        how = {"viscous": 0.02}
+        scene = Scene(graph, law, **walls)
+        states = [replay(scene, strain, duration=t, **how).state for t in (3e3, 3e4)]
         fast, slow = (np.linalg.norm(carried(s, count) - ends[-1]) / size for s in states)
         assert slow < fast and slow < 2e-5
 
@@ -226,11 +232,11 @@ def test_springs_without_stiffness_change_nothing():
     """To the last bit: in a path, a replay and a packing that is held."""
     graph, found = jammed(16, 2), []
     for law in (LAW, RollingResistance(LAW, 0.0, 0.1)):
-        path = follow(graph, law, strained(H), closure="packing", interval=4e-5)
+        path = follow(Scene(graph, law), strained(H), closure="packing", interval=4e-5)
         assert len(path.events) > 1
-        states = [path.states[-1], replay(graph, law, H, duration=1e3).state]
+        states = [path.states[-1], replay(Scene(graph, law), H, duration=1e3).state]
         numbers = [path.work, path.P, *(part for s in states for part in (s.x, s.shear_force))]
-        still = hold(graph, law).graph
+        still = hold(Scene(graph, law)).graph
         found.append(np.concatenate([a.ravel() for a in (*numbers, still.x, still.shear_force)]))
     np.testing.assert_array_equal(*found)
 
@@ -238,19 +244,19 @@ def test_springs_without_stiffness_change_nothing():
 @pytest.mark.parametrize(("k_r", "mu_r"), [(0.05, np.inf), (0.05, 0.02), (2.0, 0.1)])
 def test_a_held_packing_keeps_its_moments(k_r, mu_r):
     """Its resultants vanish with them, and it stays at rest; steps suit stiff springs."""
-    moved = replay(jammed(24, 3), LAW, H, duration=30.0).state.graph()
-    held = hold(moved, RollingResistance(LAW, k_r, mu_r), unbalanced=1e-7)
+    moved = replay(Scene(jammed(24, 3), LAW), H, duration=30.0).state.graph()
+    held = hold(Scene(moved, RollingResistance(LAW, k_r, mu_r)), unbalanced=1e-7)
     assert held.status == "at rest"
     graph, state = held.graph, start_state(held.graph)
     assert np.abs(graph.rolling_moment).max() > 1e-3 * graph.normal_force.mean()
     assert np.abs(state.resultants).max() < 1e-5 * state.mean_force
-    again = hold(graph, held.law, unbalanced=1e-7)
+    again = hold(Scene(graph, held.law), unbalanced=1e-7)
     np.testing.assert_allclose(
         again.graph.rolling_moment, graph.rolling_moment, rtol=0, atol=1e-5 * state.mean_force
     )
     without = start_state(graph.replace(rolling_moment=None)).resultants
     assert np.abs(without).max() > 1e-3 * state.mean_force
-    path = follow(graph, held.law, strained(0.1 * H), closure="packing")
+    path = follow(Scene(graph, held.law), strained(0.1 * H), closure="packing")
     np.testing.assert_array_equal(
         path.states[0].rolling_moment[: len(graph.contacts)], graph.rolling_moment
     )
@@ -261,7 +267,7 @@ def test_a_held_packing_keeps_its_moments(k_r, mu_r):
 def test_energy_closes_through_instabilities(past):
     law = RollingResistance(LAW, 0.02, 0.02)
     stage = Stage(programmes.drained_biaxial(), "H11", 0.02)
-    path = follow(jammed(24, 3), law, stage, closure="packing", past=past, interval=1e-4)
+    path = follow(Scene(jammed(24, 3), law), stage, closure="packing", past=past, interval=1e-4)
     assert path.of_kind("instability")
     work, *spent = path.work[-1]
     assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
@@ -271,7 +277,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="mu_r of the contact law"):
         RollingResistance(LAW, 0.1, -0.1)
     with pytest.raises(InputError, match="a finite mu_r"):
-        follow(KAGOME, RollingResistance(LAW, 0.1, 0.1), strained(STRAIN))
+        follow(Scene(KAGOME, RollingResistance(LAW, 0.1, 0.1)), strained(STRAIN), closure="affine")
     with pytest.raises(InputError, match="rolling_moment"):
         KAGOME.replace(rolling_moment=[0.0])
     law = RollingResistance(LAW, [0.1, 0.2], [0.3, 0.4]).take(np.array([1]))
@@ -304,11 +310,12 @@ def test_a_moment_without_a_spring_is_none():
     )
     # In extension contacts open; the path stays where they are closed.
     stage = Stage(programmes.isotropic_strain(), "H11", 1e-5)
-    ends = [replay(one, law, -5e-3 * np.eye(2), duration=50.0) for one in (given, wanted)]
+    ends = [replay(Scene(one, law), -5e-3 * np.eye(2), duration=50.0) for one in (given, wanted)]
     count = graph.contact_count
     assert (ends[1].state.normal_force[:count][~springs] == 0).any()
     paths = [
-        follow(one, law, stage, closure="packing", rows=2, interval=1e-4) for one in (given, wanted)
+        follow(Scene(one, law), stage, closure="packing", rows=2, interval=1e-4)
+        for one in (given, wanted)
     ]
     for a, b in ((ends[0].state, ends[1].state), (paths[0].states[-1], paths[1].states[-1])):
         np.testing.assert_array_equal(a.rolling_moment, b.rolling_moment)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import GrainGraph, InputError, LinearFrictional, Scene
 from patterns import read_snapshot
 from patterns.snapshots import sample_path
 from stability import follow
@@ -225,10 +225,10 @@ def test_stress_directions_list_the_image_of_every_strain_solution():
     # A solution along a strain direction answers the direction of its stress too.
     held = 0
     for graph, law in packings(range(8)):
-        strain = probe(graph, law, 24, yield_band=AT_YIELD).solutions
+        strain = probe(Scene(graph, law), 24, yield_band=AT_YIELD).solutions
         stress = strain.stress_rate[:, [0, 1], [0, 1]]
         unit_stress = stress / np.linalg.norm(stress, axis=1, keepdims=True)
-        answered = probe(graph, law, unit_stress, control="stress", yield_band=AT_YIELD)
+        answered = probe(Scene(graph, law), unit_stress, control="stress", yield_band=AT_YIELD)
         listed = answered.solutions
         for k, H in enumerate(strain.strain_rate / np.linalg.norm(stress, axis=1)[:, None, None]):
             own = listed.strain_rate[listed.direction == k]
@@ -249,7 +249,7 @@ def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypat
         for case in packings(range(20), share=0.25)
         if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
     ]
-    true = [probe(*case, 24, control="stress", yield_band=AT_YIELD) for case in cases]
+    true = [probe(Scene(*case), 24, control="stress", yield_band=AT_YIELD) for case in cases]
     for module in ("complementarity", "packing.regime_regions"):
         monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     proved = 0
@@ -267,7 +267,7 @@ def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypat
 def test_folds_bound_the_directions_without_a_solution():
     bounded = 0
     for graph, law in packings(range(14)):
-        found = probe(graph, law, 72, yield_band=AT_YIELD)
+        found = probe(Scene(graph, law), 72, yield_band=AT_YIELD)
         before, after = found.between_folds.T
         none = np.isin(found.status, ("none", "none found"))
         assert np.isnan(before[~none]).all()
@@ -285,7 +285,7 @@ def test_folds_bound_the_directions_without_a_solution():
 def test_listed_solutions_agree_with_the_response_to_all_digits():
     for graph, law in packings(range(4)):
         for control in ("strain", "stress"):
-            found = probe(graph, law, 12, control=control, yield_band=AT_YIELD)
+            found = probe(Scene(graph, law), 12, control=control, yield_band=AT_YIELD)
             listed = found.solutions
             first = np.unique(listed.direction, return_index=True)[1]
             assert (listed.direction[first] == np.flatnonzero(found.determined)).all()
@@ -304,7 +304,7 @@ def test_stress_steps_are_those_of_yade():
     steps = steps[steps[:, 1] == 0.5]
     size = np.hypot(*steps[:, 4:].T)
     graph, law = GrainGraph(**yade), LinearFrictional(1e6, 5e5, 0.5, "radii")
-    found = probe(graph, law, steps[:, 4:], control="stress", yield_band=0.999)
+    found = probe(Scene(graph, law), steps[:, 4:], control="stress", yield_band=0.999)
     assert (found.status == "unique").all()
     off, elastic = (
         np.linalg.norm(rate[:, [0, 1], [0, 1]] * size[:, None] - steps[:, 2:4], axis=1)
@@ -317,7 +317,7 @@ def test_stress_steps_are_those_of_yade():
     assert (off < 1.05 * elastic).all() and elastic[~soft].max() > 0.03
     (k,) = np.flatnonzero(soft)
     stage = stage_along(steps[k, 4:] / size[k], "diagonal", "stress", size[k])
-    path = follow(graph, law, stage, closure="packing", rows=1, interval=3e-7)
+    path = follow(Scene(graph, law), stage, closure="packing", rows=1, interval=3e-7)
     strain, wanted = path.H[-1, [0, 3]], steps[k, 2:4]
     assert np.linalg.norm(strain - wanted) < 0.05 * np.linalg.norm(wanted)
     assert len(path.of_kind("yield")) == 65
@@ -408,7 +408,7 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
         for case in packings(range(20), share=0.25, most=9)
         if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
     ]
-    true = [probe(*case, 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
+    true = [probe(Scene(*case), 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
     for module in ("complementarity", "packing.regime_regions"):
         monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     asked = []
@@ -423,7 +423,7 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
     followed = 0
     for case, wanted in zip(cases, true, strict=True):
         asked.clear()
-        found = probe(*case, 8, subspace="symmetric", yield_band=AT_YIELD)
+        found = probe(Scene(*case), 8, subspace="symmetric", yield_band=AT_YIELD)
         assert found.determined.all()
         size = np.abs(wanted.stress_rate).max()
         assert np.abs(found.stress_rate - wanted.stress_rate).max() < 1e-12 * size

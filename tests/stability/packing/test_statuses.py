@@ -5,11 +5,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional
+from loops import GrainGraph, InputError, LinearFrictional, Scene
 from loops.system import carrying_grains
 from patterns.synthetic import synthetic_network
-from stability import complementarity
-from stability.packing import packing_response, probe, response
+from stability import complementarity, rates_at
+from stability.packing import probe, response
 from stability.packing.response import PackingRates, yield_response
 from tests.oracles.regimes import solutions
 
@@ -56,7 +56,7 @@ def held_to_brute_force(cases, most):
         if not 1 <= len(rows) <= most:
             continue
         H = STRAINS[seed % 3]
-        found = packing_response(graph, law, H, yield_band=AT_YIELD)
+        found = rates_at(Scene(graph, law), H=H, yield_band=AT_YIELD)
         count = len(solutions(graph, law, H, rows))
         assert found.status == expected.get(count, "several"), (grains, seed, share, force, kt)
         assert found.proof == "enumeration" and found.settled == 0
@@ -83,10 +83,10 @@ def test_a_packing_whose_contacts_at_yield_all_soften_has_no_solution():
     shear = np.where(np.arange(len(normal)) == 0, 0.5 * normal, 0.0)
     graph = graph.replace(normal_force=normal, shear_force=shear)
     law = LinearFrictional(1.0, 0.1, 0.5)
-    found = packing_response(graph, law, STRAINS[0])
+    found = rates_at(Scene(graph, law), H=STRAINS[0])
     assert (found.status, found.candidates, found.proof) == ("none", 1, "enumeration")
     assert (np.diag(PackingRates(yield_response(graph, law, yield_band=0.99)).whole[0]) < 0).all()
-    assert (probe(graph, law, 8).status == "none").any()
+    assert (probe(Scene(graph, law), 8).status == "none").any()
 
 
 @pytest.mark.parametrize("control", ["strain", "stress"])
@@ -97,7 +97,7 @@ def test_hundreds_of_small_packings_are_answered_under_either_control(control):
             graph, law = small(grains, seed, share)
         except InputError:
             continue
-        found = probe(graph, law, 2, control=control)
+        found = probe(Scene(graph, law), 2, control=control)
         assert (found.determined == np.isin(found.status, response.SOLVED)).all()
         count += 2
     assert count > 100
@@ -156,6 +156,6 @@ def test_slip_that_nothing_answers_has_no_solution_whatever_rounding_leaves(kt, 
     rates = PackingRates(yield_response(row, law, yield_band=AT_YIELD))
     given = response.component_control(np.diag([1.0, 0.0]), None)
     assert rates.problem(given)[1].tolist() == [[0.0]]
-    found = probe(row, law, [[1.0, 0.3], [1.0, -0.3], [-1.0, 0.3], [-1.0, -0.3]])
+    found = probe(Scene(row, law), [[1.0, 0.3], [1.0, -0.3], [-1.0, 0.3], [-1.0, -0.3]])
     assert found.status.tolist() == ["unique", "unique", "none", "none"]
     assert set(found.proof) == {"enumeration"}

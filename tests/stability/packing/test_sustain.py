@@ -13,6 +13,7 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    Scene,
     find_faces,
 )
 from loops.packing import PlaneContacts
@@ -46,12 +47,12 @@ def loaded(grains, seed, turns, **how):
     angle = 2 * np.pi * turns / 8
     direction = [[np.cos(angle), np.sin(angle)]]
     how = {"interval": INTERVAL, "spread": False} | how
-    return sustain(graph, LAW, direction, largest=largest, **how).paths[0]
+    return sustain(Scene(graph, LAW), direction, largest=largest, **how).paths[0]
 
 
 def test_a_square_lattice_fails_where_its_contacts_open():
     """The stress of each axis is its force over the spacing: 0.01."""
-    found = sustain(SQUARE, LAW, [[-1, 0], [1, 0], [0, -1]], largest=0.02, interval=1e-4)
+    found = sustain(Scene(SQUARE, LAW), [[-1, 0], [1, 0], [0, -1]], largest=0.02, interval=1e-4)
     assert found.status.tolist() == [NO_REST, "held", NO_REST]
     np.testing.assert_allclose(found.limit, [0.01, np.nan, 0.01], rtol=1e-9)
     np.testing.assert_allclose(found.first_large_load, [0.01005, np.nan, 0.01005], rtol=1e-9)
@@ -80,7 +81,7 @@ def test_a_diamond_fails_where_it_yields(direction):
     errors = []
     for interval in (4e-5, 2e-5):
         how = {"largest": 0.02, "interval": interval, "spread": False}
-        (path,) = sustain(graph, LAW, [direction], **how).paths
+        (path,) = sustain(Scene(graph, LAW), [direction], **how).paths
         assert path.status == NO_REST and len(path.motions) == 1
         assert path.first_event == pytest.approx(path.limit, rel=1e-6)
         assert path.first_large_load == pytest.approx(1.005 * path.limit, rel=1e-6)
@@ -91,9 +92,9 @@ def test_a_diamond_fails_where_it_yields(direction):
 def test_the_load_is_raised_to_the_largest_at_most():
     """The largest load is above the limit of the diamonds, by less than a two-hundredth."""
     how = {"interval": 1e-4, "spread": False}
-    (free,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, **how).paths
+    (free,) = sustain(Scene(diamonds(), LAW), [[-1, 1]], largest=0.02, **how).paths
     largest = 1.002 * free.limit
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=largest, **how).paths
+    (path,) = sustain(Scene(diamonds(), LAW), [[-1, 1]], largest=largest, **how).paths
     assert path.first_large_load == pytest.approx(largest, rel=1e-12)
     assert free.first_large_load == pytest.approx(1.005 * free.limit, rel=1e-6)
 
@@ -111,7 +112,7 @@ def test_a_slow_replay_moves_under_the_load_of_the_large_motion(which):
     strain = []
     for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
-        strain.append(strain_of(replay(graph, LAW, stage, duration=2e5).state, graph))
+        strain.append(strain_of(replay(Scene(graph, LAW), stage, duration=2e5).state, graph))
     before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
     more = max(LARGE, 0.5 * min(before, np.linalg.norm(path.mode.strain)))
     assert strain[0] < 1.05 * before and strain[1] > before + more
@@ -200,7 +201,9 @@ def test_the_energy_balance_closes_through_motions(which):
 
 def test_the_mode_of_a_failure():
     """The diamonds collapse alike and affinely; the motion feeds on internal second-order work."""
-    (path,) = sustain(diamonds(), LAW, [[-1, 1]], largest=0.02, interval=1e-4, spread=False).paths
+    (path,) = sustain(
+        Scene(diamonds(), LAW), [[-1, 1]], largest=0.02, interval=1e-4, spread=False
+    ).paths
     mode = path.mode
     assert mode is path.motions[-1] and np.linalg.norm(mode.strain) > FLOW_STRAIN > MODE_STRAIN
     # Rounding of centres adds up over the steps.
@@ -215,7 +218,7 @@ def test_directions_with_shear():
     The direction counts the shear stress sqrt 2 times.
     """
     how = {"subspace": "symmetric", "largest": 0.01, "interval": 2e-5, "spread": False}
-    found = sustain(SQUARE, LAW, [[0, 0, 1]], **how)
+    found = sustain(Scene(SQUARE, LAW), [[0, 0, 1]], **how)
     (path,) = found.paths
     # `T = kt (r_i + r_j) e`, `N = kn (r_i + r_j - sqrt(1 + e^2))`.
     e = brentq(lambda e: LAW.kt * 1.01 * e - LAW.mu * (1.01 - np.hypot(1, e)), 0, 0.02, xtol=1e-15)
@@ -225,17 +228,17 @@ def test_directions_with_shear():
 
 def test_bad_input():
     with pytest.raises(InputError, match="largest"):
-        sustain(SQUARE, LAW, 4, largest=-1.0)
+        sustain(Scene(SQUARE, LAW), 4, largest=-1.0)
     with pytest.raises(InputError, match="directions"):
-        sustain(SQUARE, LAW, [[0.0, 0.0]])
+        sustain(Scene(SQUARE, LAW), [[0.0, 0.0]])
     with pytest.raises(InputError, match="subspace"):
-        sustain(SQUARE, LAW, 4, subspace="full")
+        sustain(Scene(SQUARE, LAW), 4, subspace="full")
     with pytest.raises(InputError, match="damping"):
-        sustain(SQUARE, LAW, 4, damping=1.0)
+        sustain(Scene(SQUARE, LAW), 4, damping=1.0)
     with pytest.raises(InputError, match="most_snaps"):
-        sustain(SQUARE, LAW, 4, most_snaps=-1)
+        sustain(Scene(SQUARE, LAW), 4, most_snaps=-1)
     with pytest.raises(InputError, match="law"):
-        sustain(SQUARE, RollingResistance(RollingResistance(LAW, 0.1), 0.1), 4)
+        sustain(Scene(SQUARE, RollingResistance(RollingResistance(LAW, 0.1), 0.1)), 4)
 
 
 @pytest.mark.slow
@@ -243,7 +246,7 @@ def test_a_square_of_hertzian_discs_fails_where_its_contacts_open():
     """Each carries `2/3 E/(1 - nu^2) sqrt(r/2) overlap^(3/2)`: the stress of both axes."""
     law = HertzMindlin(1.0, 0.3, 0.5)
     force = 2 / 3 / (1 - 0.3**2) * np.sqrt(0.505 / 2) * 0.01**1.5
-    found = sustain(SQUARE, law, [[-1, 0]], largest=2 * force, interval=1e-4)
+    found = sustain(Scene(SQUARE, law), [[-1, 0]], largest=2 * force, interval=1e-4)
     assert found.status.tolist() == [NO_REST]
     # Its stiffness vanishes with the force: the control meets its limit a little before.
     assert found.limit == pytest.approx([force], rel=1e-6)
@@ -259,28 +262,26 @@ def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
     branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
     planes = PlaneContacts(np.array(grain), branch, np.full(8, 2.0), np.zeros(8))
     directions = [[-1, 0], [1, 0], [0, -1]]
-    found = sustain(graph, LAW, directions, largest=0.02, interval=1e-4, boundary=between(planes))
+    found = sustain(Scene(graph, LAW, between(planes)), directions, largest=0.02, interval=1e-4)
     assert found.status.tolist() == [NO_REST, "held", NO_REST]
     np.testing.assert_allclose(found.limit, [0.01, np.nan, 0.01], rtol=1e-9)
     assert found.paths[0].mode.displacement.shape == (4, 2)
     with pytest.raises(InputError, match="box"):
-        sustain(
-            graph, LAW, [[0, 0, 1]], subspace="symmetric", largest=0.01, boundary=between(planes)
-        )
+        sustain(Scene(graph, LAW, between(planes)), [[0, 0, 1]], subspace="symmetric", largest=0.01)
 
 
 @pytest.mark.parametrize("which", [JAMMED[0], JAMMED[4]], ids=["smooth", "rough"])
 def test_a_slow_replay_between_walls_moves_under_the_load_of_the_large_motion(which):
     graph, planes, force = jammed_in_box(*which)
-    walls = {"boundary": between(planes, force)}
-    largest = 0.25 * np.trace(start_state(graph, between(planes, force)).stress)
-    how = {"largest": largest, "interval": INTERVAL, "spread": False, **walls}
-    (path,) = sustain(graph, which[2], [[-1, 1]], **how).paths
+    scene = Scene(graph, which[2], between(planes, force))
+    largest = 0.25 * np.trace(start_state(graph, scene.boundary).stress)
+    how = {"largest": largest, "interval": INTERVAL, "spread": False}
+    (path,) = sustain(scene, [[-1, 1]], **how).paths
     assert path.status.startswith("large") and path.balance_error < 1e-10
     strain = []
     for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
-        end = replay(graph, which[2], stage, duration=2e4, **walls).state
+        end = replay(scene, stage, duration=2e4).state
         strain.append(np.linalg.norm(end.strain))
     before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
     assert strain[0] < 1.05 * before and strain[1] > before + max(LARGE, 0.5 * before)
@@ -318,7 +319,7 @@ def test_large_motions_lie_between_the_loads_that_yade_held_and_moved_under(stat
     theta, held, moved = rows[row]
     direction = [np.cos(np.radians(theta)), np.sin(np.radians(theta))]
     largest = min(1.5 * moved, max(held, 1.0) if np.isinf(moved) else np.inf)
-    (path,) = sustain(graph, YADE_LAW, [direction], largest=largest, spread=False).paths
+    (path,) = sustain(Scene(graph, YADE_LAW), [direction], largest=largest, spread=False).paths
     # The stored energy is a hundred times the work, and overlaps are rounded by their diameters.
     overlap = graph.normal_force.mean() / YADE_LAW.kn
     rounding = np.finfo(float).eps * path.energy[0] * 2 * graph.radii.mean() / overlap

@@ -9,16 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, find_faces
+from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
 from loops.packing import PlaneContacts, loops_in_place
 from loops.system import plane_stiffness
 from patterns import random_loop
-from stability import Stage, follow, programmes
+from stability import Stage, follow, programmes, rates_at
 from stability.packing import (
     hold,
     loop_changes,
     loop_rates,
-    packing_response,
     probe,
     replay,
     sustain,
@@ -102,8 +101,8 @@ def same(found, other, unit=1.0, rtol=1e-9, atol=0.0):
 def test_operators_in_place(method):
     graph = packing(30, seed=2, sliding=0.15)
     faces = find_faces(graph)
-    one = loops_in_place(graph, LAW, faces, method=method)
-    other = loops_in_place(graph_in_units(graph), law_in_units(LAW), faces, method=method)
+    one = loops_in_place(Scene(graph, LAW), faces, method=method)
+    other = loops_in_place(Scene(graph_in_units(graph), law_in_units(LAW)), faces, method=method)
     for name in ("matrix", "alone"):
         a, b = getattr(one, name), getattr(other, name)
         same(a, b, FORCE / LENGTH, atol=1e-9 * np.nanmax(np.abs(a)))
@@ -117,8 +116,8 @@ def test_rates_of_a_packing(law):
     graph = packing(30, seed=4, sliding=0.2, law=law)
     other = graph_in_units(graph)
     found = [
-        packing_response(graph, law, H),
-        packing_response(other, law_in_units(law), H),
+        rates_at(Scene(graph, law), H=H),
+        rates_at(Scene(other, law_in_units(law)), H=H),
     ]
     assert found[0].status == found[1].status and found[0].proof == found[1].proof
     units = {
@@ -149,8 +148,8 @@ def compare_loops(one, other):
 @pytest.mark.parametrize("control", ["strain", "stress"])
 def test_probes(control):
     graph = packing(16, seed=1, sliding=0.3)
-    one = probe(graph, LAW, 12, control=control)
-    other = probe(graph_in_units(graph), law_in_units(LAW), 12, control=control)
+    one = probe(Scene(graph, LAW), 12, control=control)
+    other = probe(Scene(graph_in_units(graph), law_in_units(LAW)), 12, control=control)
     assert list(one.status) == list(other.status)
     assert (one.piece == other.piece).all() and (one.order == other.order).all()
     stiffness = FORCE / LENGTH
@@ -169,8 +168,8 @@ def test_probes(control):
 def test_a_packing_comes_to_rest():
     graph = jammed(12, 1, LAW)
     shaken = graph.replace(shear_force=0.97 * graph.shear_force)
-    one = hold(shaken, LAW)
-    other = hold(graph_in_units(shaken), law_in_units(LAW))
+    one = hold(Scene(shaken, LAW))
+    other = hold(Scene(graph_in_units(shaken), law_in_units(LAW)))
     assert one.status == other.status == "at rest" and one.steps == other.steps
     same(one.graph.x, other.graph.x, LENGTH)
     same(one.graph.normal_force, other.graph.normal_force, FORCE)
@@ -180,8 +179,8 @@ def test_a_packing_comes_to_rest():
 
 def test_a_replay_and_what_its_loops_do():
     graph = jammed(12, 1, LAW)
-    one = replay(graph, LAW, H, inertial_number=1e-3)
-    other = replay(graph_in_units(graph), law_in_units(LAW), H, inertial_number=1e-3)
+    one = replay(Scene(graph, LAW), H, inertial_number=1e-3)
+    other = replay(Scene(graph_in_units(graph), law_in_units(LAW)), H, inertial_number=1e-3)
     assert one.steps == other.steps and one.duration == one.steps * one.time_step
     for name, unit in (("time_step", TIME), ("duration", TIME), ("velocity", LENGTH / TIME)):
         same(getattr(one, name), getattr(other, name), unit)
@@ -209,11 +208,13 @@ SHEAR = np.array([[0.0, -1e-2], [0.0, 0.0]])
 )
 def test_paths_of_packings(case, law, strain, kinds):
     graph = jammed(*case, law)
-    one = follow(graph, law, strained(strain), closure="packing", interval=2e-4)
+    one = follow(Scene(graph, law), strained(strain), closure="packing", interval=2e-4)
     other = follow(
-        graph_in_units(graph), law_in_units(law), strained(strain), closure="packing",
+        Scene(graph_in_units(graph), law_in_units(law)),
+        strained(strain),
+        closure="packing",
         interval=2e-4,
-    )  # fmt: skip
+    )
     assert one.status == other.status == "finished" and len(one.events) > 2
     assert all(one.of_kind(kind) for kind in kinds)
     assert [(e.kind, e.contacts) for e in one.events] == [
@@ -234,7 +235,13 @@ PASSED = list(zip(SCENES, ["dynamic", "viscous"] * 3, strict=False))
 def test_paths_under_each_law(name, past):
     *both, strain = scene(name)
     one, other = (
-        follow(graph, law, strained(strain), closure="packing", interval=2e-4, past=past, **walls)
+        follow(
+            Scene(graph, law, **walls),
+            strained(strain),
+            closure="packing",
+            interval=2e-4,
+            past=past,
+        )
         for graph, law, walls in both
     )
     assert one.status == other.status == "finished" and len(one.events) > 5
@@ -260,8 +267,8 @@ def test_packings_of_each_law_come_to_rest(name):
         shaken = graph.replace(x=graph.x + length * kick)
         how = {"control": "stress"}
         if walls:
-            how = {"boundary": replace(walls["boundary"], volume=12.0 * length**2)}
-        held.append(hold(shaken, law, unbalanced=1e-4, **how))
+            walls = {"boundary": replace(walls["boundary"], volume=12.0 * length**2)}
+        held.append(hold(Scene(shaken, law, **walls), unbalanced=1e-4, **how))
     one, other = held
     assert one.status == other.status == "at rest" and one.steps == other.steps
     assert (one.lost, one.gained, one.sliding) == (other.lost, other.gained, other.sliding)
@@ -280,7 +287,7 @@ def test_loads_that_are_sustained(name):
     for graph, law, walls in both:
         largest = 0.3 * np.trace(start_state(graph, *walls.values()).stress)
         how = {"largest": largest, "interval": 1e-4, "spread": False}
-        paths += sustain(graph, law, [[0.2, -1]], **how, **walls).paths
+        paths += sustain(Scene(graph, law, **walls), [[0.2, -1]], **how).paths
     one, other = paths
     assert one.status == other.status and len(one.motions) == len(other.motions) > 0
     unit = FORCE / LENGTH
@@ -319,7 +326,7 @@ def test_paths_of_loops(closure, spins):
         if spins == "free":
             law = RollingResistance(law, unit * length**2 * 0.01 * np.ones(5))
         stage = Stage(programmes.undrained(), "H11", 0.03)
-        found.append(follow(graph, law, stage, closure=closure, spins=spins, rows=12))
+        found.append(follow(Scene(graph, law), stage, closure=closure, spins=spins, rows=12))
     one, other = found
     assert one.status == other.status
     assert [e.kind for e in one.events] == [e.kind for e in other.events]

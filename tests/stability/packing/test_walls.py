@@ -15,8 +15,8 @@ from loops import (
     contact_state,
 )
 from loops.packing import PlaneContacts
-from stability import Programme, Stage, follow, programmes
-from stability.packing import hold, packing_response, probe, replay
+from stability import Programme, Stage, follow, programmes, rates_at
+from stability.packing import hold, probe, replay
 from stability.packing.probe import probe_to
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
@@ -30,8 +30,8 @@ DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
 
 def walked(which, stage=DRAINED, interval=1e-5, **options):
     graph, planes, force = jammed_in_box(*which)
-    walls = {"boundary": between(planes, force), "past": "stop"}
-    return follow(graph, which[2], stage, closure="packing", interval=interval, **walls | options)
+    scene, how = Scene(graph, which[2], between(planes, force)), {"past": "stop"} | options
+    return follow(scene, stage, closure="packing", interval=interval, **how)
 
 
 @functools.cache
@@ -70,7 +70,7 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     # Of two solutions the images may take one that isn't symmetric, once several contacts slide.
     stage = strained((2e-4 if which[0] < 36 else 1e-6) * np.diag([1.0, -0.85]))
     one = walked(which, stage, interval=1e-6)
-    other = follow(image, whole, stage, closure="packing", interval=1e-6, past="stop")
+    other = follow(Scene(image, whole), stage, closure="packing", interval=1e-6, past="stop")
     assert one.status == other.status == "finished"
     assert len(other.events) == 4 * len(one.events)
     # Ground springs are shares of the mean stiffness, which differs; they fade with the interval.
@@ -78,7 +78,9 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     assert one.energy[-1] == pytest.approx(other.energy[-1] / 4, rel=1e-7)
     walls = {"boundary": between(planes, force)}
     ends = [
-        replay(packing, own, np.diag([1e-4, 0]), time_step=0.1, **there).state.stress.diagonal()
+        replay(
+            Scene(packing, own, **there), np.diag([1e-4, 0]), time_step=0.1
+        ).state.stress.diagonal()
         for packing, own, there in ((graph, law, walls), (image, whole, {}))
     ]
     # Loose grains and their images soon move differently.
@@ -105,7 +107,7 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path(which):
     stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
     path = walked(which, stage, interval=2e-6).states[-1]
     how = {"boundary": between(planes, force), "balanced": True}
-    moved = replay(graph, which[2], stage, inertial_number=2e-7, **how).state
+    moved = replay(Scene(graph, which[2]), stage, inertial_number=2e-7, **how).state
     first = np.arange(graph.contact_count + len(planes.grain))
     size = np.abs(path.forces).max()
     # A grain that joins has no shear forces; in the replay it has rolled up against some.
@@ -147,9 +149,7 @@ def test_the_first_increment_is_that_of_the_rate_problem(which):
     graph, planes, force = jammed_in_box(*which)
     area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
     H = np.array([[1.0, 0.0], [0.0, -0.4]])
-    rates = packing_response(
-        graph, which[2], H, boundary=between(planes, volume=area), yield_band=1 - 1e-6
-    )
+    rates = rates_at(Scene(graph, which[2], between(planes, volume=area)), H=H, yield_band=1 - 1e-6)
     path = walked(which, strained(1e-8 * H), interval=1e-8)
     change = (path.P[-1] - path.P[0])[[0, 3]] / 1e-8
     # Ground springs of 1e-4 kn hold grains of two contacts.
@@ -160,7 +160,7 @@ def test_probes_are_followed_between_walls():
     which = SMOOTH_ONES[1]
     graph, planes, force = jammed_in_box(*which)
     area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
-    rates = probe(graph, which[2], 4, boundary=between(planes, volume=area), yield_band=1 - 1e-6)
+    rates = probe(Scene(graph, which[2], between(planes, volume=area)), 4, yield_band=1 - 1e-6)
     found = probe_to(rates, Scene(graph, which[2], between(planes, force)), 1e-7)
     assert (found.status == "finished").all()
     np.testing.assert_allclose(
@@ -173,20 +173,17 @@ def test_a_packing_held_between_walls_that_stand_still_has_the_replays_forces():
     which = SMOOTH_ONES[1]
     graph, planes, force = jammed_in_box(*which)
     pushed = replay(
-        graph, which[2], np.diag([1e-4, -1e-4]), boundary=between(planes, force),
-        inertial_number=1e-3,
-    ).state  # fmt: skip
+        Scene(graph, which[2], between(planes, force)), np.diag([1e-4, -1e-4]), inertial_number=1e-3
+    ).state
     rows = pushed.closed & pushed.at_wall
     kn, kt, mu = (np.full(np.count_nonzero(rows), k) for k in SMOOTH)
     now = PlaneContacts(pushed.contacts[rows, 0], pushed.branches[rows], kn, kt, mu)
     area = abs(float(np.linalg.det(pushed.cell)))
-    held = hold(pushed.graph(), which[2], boundary=between(now, volume=area))
+    held = hold(Scene(pushed.graph(), which[2], between(now, volume=area)))
     assert held.status == "at rest"
     quiet = replay(
-        pushed.graph(),
-        which[2],
+        Scene(pushed.graph(), which[2], between(now)),
         np.zeros((2, 2)),
-        boundary=between(now),
         duration=4000.0,
         viscous=0.05,
     ).state
@@ -204,7 +201,7 @@ def test_a_column_between_walls_in_closed_form():
     planes = PlaneContacts(np.array(grain), np.array(branch), kn, np.zeros(6))
     law, height = LinearFrictional(1.0, 0.5, 0.5), 1.96
     stage = strained(np.diag([0.0, 1e-4]))
-    path = follow(graph, law, stage, closure="packing", boundary=between(planes))
+    path = follow(Scene(graph, law, between(planes)), stage, closure="packing")
     stiffness = 1.0 / (1.0 + 2 / 2.0)
     grown = stiffness * 1e-4 * height
     np.testing.assert_allclose(path.states[-1].normal_force[:3], [0.02 + grown] * 3, rtol=1e-12)
@@ -236,10 +233,10 @@ def test_bad_input(change, message):
     boundary = change.get("boundary", between(planes, force))
     stage = change.get("stage", DRAINED)
     with pytest.raises(InputError, match=message):
-        follow(graph, LAW, stage, closure="packing", boundary=boundary)
+        follow(Scene(graph, LAW, boundary), stage, closure="packing")
     with pytest.raises(InputError, match=message):
         given = stage if "stage" in change else np.diag([1e-5, 0])
-        replay(graph, LAW, given, boundary=boundary)
+        replay(Scene(graph, LAW, boundary), given)
 
 
 def test_tangents_of_hertz_are_not_taken_for_springs():
@@ -252,8 +249,8 @@ def test_tangents_of_hertz_are_not_taken_for_springs():
         kn, kt = hertz.stiffnesses(contact_state(graph))
         tangents = LinearFrictional(np.maximum(kn, 1e-9), kt, 0.5)
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
-            follow(graph, tangents, DRAINED, closure="packing", **walls)
+            follow(Scene(graph, tangents, **walls), DRAINED, closure="packing")
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
-            replay(graph, tangents, np.diag([1e-6, 0]), **walls)
+            replay(Scene(graph, tangents, **walls), np.diag([1e-6, 0]))
         with pytest.raises(InputError, match="2/3 of kn times the overlap"):
-            hold(graph, tangents, **walls)
+            hold(Scene(graph, tangents, **walls))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, LinearFrictional, Scene
 from loops.boundary import Boundary, PlaneContacts
 from stability.packing import replay
 from tests.packings import BRANCH, LAW
@@ -110,14 +110,14 @@ def _jam(grains, seed, law, wall, shear=(1e-3, -1e-3)):
         area = float(np.prod(upper - lower))
         change = 1 - np.sqrt(np.pi * np.sum(radii**2) / density / area)
         how = dict(boundary=between(planes, force), duration=400.0, **quiet)
-        end = replay(graph, loose, change * np.eye(2), **how).state
+        end = replay(Scene(graph, loose), change * np.eye(2), **how).state
         graph, planes, force = split(end, wall)
         lower, upper = end.x[-4:].min(axis=0), end.x[-4:].max(axis=0)
         if graph.normal_force.sum() > 0.004 * graph.grain_count:
             break
     for strain in (np.diag(shear), np.zeros((2, 2))):
         how = dict(boundary=between(planes, force), duration=4000.0, **quiet)
-        graph, planes, force = split(replay(graph, law, strain, **how).state, wall)
+        graph, planes, force = split(replay(Scene(graph, law), strain, **how).state, wall)
     return graph, planes, force
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from loops import LinearFrictional, Regime
+from loops import LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond
 from patterns.diamond import (
     TABLE_1,
@@ -42,9 +42,14 @@ def box(alpha0):
     return 4.0 * np.cos(alpha0) * np.sin(alpha0)
 
 
-def follow_diamond(alpha0, kappa, mu, stages, **options):
+def follow_diamond(alpha0, kappa, mu, stages, closure="affine", **options):
     law = LinearFrictional(kn=1.0, kt=kappa, mu=mu)
-    return follow(diamond(alpha0), law, stages, volume=box(alpha0), **options)
+    return follow(
+        Scene(diamond(alpha0), law, boundary_of(diamond(alpha0), volume=box(alpha0))),
+        stages,
+        closure=closure,
+        **options,
+    )
 
 
 @cache
@@ -195,7 +200,9 @@ def test_stress_programmes_against_the_two_strain_equations(alpha0, ratio, closu
     programme = programmes.proportional_stress(1.0, ratio)
     law = LinearFrictional(kn=1.0, kt=kappa, mu=0.2)
     path = follow(
-        diamond(alpha0), law, Stage(programme, "P11", end), volume=box(alpha0), closure=closure
+        Scene(diamond(alpha0), law, boundary_of(diamond(alpha0), volume=box(alpha0))),
+        Stage(programme, "P11", end),
+        closure=closure,
     )
     assert path.status == "finished"
 

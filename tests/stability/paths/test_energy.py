@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional
+from loops import GrainGraph, LinearFrictional, Scene, boundary_of
 from patterns import diamond, regular_polygon
 from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
 from stability import Programme, Stage, follow, programmes
@@ -30,7 +30,7 @@ def confined_then(programme, quantity, target):
 def test_balance_closes_on_sheared_rings(mu, closure, spins):
     law = LinearFrictional(kn=1.0, kt=0.3, mu=mu)
     stages = confined_then(SHEAR, "H12", 0.04)
-    path = follow(regular_polygon(6), law, stages, closure=closure, spins=spins)
+    path = follow(Scene(regular_polygon(6), law), stages, closure=closure, spins=spins)
     assert path.parameter[-1] > 0.1
     assert np.abs(path.energy_error).max() < 1e-12
     # Of the work on shear, what is not stored is dissipated.
@@ -48,7 +48,7 @@ def test_external_work_is_that_of_the_recorded_stress(closure):
     # The integral of P:dH over the rows, by Simpson's rule on the recorded path, converges to it.
     law = LinearFrictional(kn=1.0, kt=0.2, mu=0.1)
     stages = confined_then(programmes.drained_biaxial(), "H11", 0.2)
-    path = follow(diamond(0.7), law, stages, closure=closure, max_step=0.004)
+    path = follow(Scene(diamond(0.7), law), stages, closure=closure, max_step=0.004)
     dH, P = np.diff(path.H, axis=0), 0.5 * (path.P[1:] + path.P[:-1])
     trapezoid = path.volume * (dH * P).sum()
     assert path.work[-1, 0] == pytest.approx(trapezoid, rel=4e-5)
@@ -56,7 +56,11 @@ def test_external_work_is_that_of_the_recorded_stress(closure):
 
 def test_dissipation_of_a_sliding_diamond_is_friction_times_slip():
     law = LinearFrictional(kn=1.0, kt=0.2, mu=0.05)
-    path = follow(diamond(np.pi / 4), law, confined_then(programmes.drained_biaxial(), "H11", 0.2))
+    path = follow(
+        Scene(diamond(np.pi / 4), law),
+        confined_then(programmes.drained_biaxial(), "H11", 0.2),
+        closure="affine",
+    )
     slid = path.of_kind("yield")[0].index + 1
     alpha = np.arctan((1 - path.H[slid:, 3]) / (1 - path.H[slid:, 0]))
     N = path.normal_force[slid:, 0]
@@ -113,8 +117,8 @@ def test_two_orders_of_loading_one_contact(gap):
     arc, shortened_arc = angle, (1 - D) * angle
     first = [Stage(TURN, "parameter", arc), Stage(PRESS, "parameter", D)]
     second = [Stage(PRESS, "parameter", D), Stage(TURN, "parameter", shortened_arc)]
-    shear_first = follow(pair, law, first, volume=1.0)
-    press_first = follow(pair, law, second, volume=1.0)
+    shear_first = follow(Scene(pair, law, boundary_of(pair, volume=1.0)), first, closure="affine")
+    press_first = follow(Scene(pair, law, boundary_of(pair, volume=1.0)), second, closure="affine")
     assert shear_first.status == press_first.status == "finished"
     E1 = float(work_shear_then_compress(1.0, angle, D, kn, kt))
     E2 = float(work_compress_then_shear(1.0, angle, D, kn, kt))
@@ -132,7 +136,11 @@ def test_energy_left_in_a_parting_contact_is_dissipated():
         Stage(programmes.proportional_strain(0.5, -0.5), "H11", 0.09),
         Stage(programmes.isotropic_strain(rate=-1.0), "H11", -0.03),
     ]
-    path = follow(regular_polygon(4), LinearFrictional(kn=1.0, kt=0.3, mu=np.inf), stages)
+    path = follow(
+        Scene(regular_polygon(4), LinearFrictional(kn=1.0, kt=0.3, mu=np.inf)),
+        stages,
+        closure="affine",
+    )
     (opening,) = path.of_kind("opening")
     held = path.shear_force[opening.index]
     assert np.abs(held).min() > 0.01

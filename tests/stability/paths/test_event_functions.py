@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
+from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
 from stability.path import Event, describe
@@ -51,7 +51,7 @@ def test_symmetric_part_vanishes_where_contacts_carry_shear(
 
     def through(*ends):
         stages = [isotropic(0.1), *(Stage(programme, quantity, end) for end in ends)]
-        return follow(graph, ELASTIC, stages, closure=closure, subspace=subspace)
+        return follow(Scene(graph, ELASTIC), stages, closure=closure, subspace=subspace)
 
     def smallest(path, row):
         state = graph.replace(
@@ -119,10 +119,10 @@ def test_events_are_the_same_in_other_units(case, units):
     (closure, length, kn), (graph, stages, options) = units, CASES[case]
     mu = np.tan(np.radians(6.0 if case == "yield" else 30.0))
     plain = follow(
-        graph, LinearFrictional(kn=1.0, kt=0.2, mu=mu), stages, closure=closure, **options
+        Scene(graph, LinearFrictional(kn=1.0, kt=0.2, mu=mu)), stages, closure=closure, **options
     )
     law = LinearFrictional(kn=kn, kt=0.2 * kn, mu=mu)
-    path = follow(scaled(graph, length), law, stages, closure=closure, **options)
+    path = follow(Scene(scaled(graph, length), law), stages, closure=closure, **options)
     found = [(event.kind, event.contacts) for event in path.events]
     assert found == [(event.kind, event.contacts) for event in plain.events]
     assert case != "yield" or "yield" in [kind for kind, _ in found]
@@ -142,7 +142,7 @@ def test_a_loop_off_the_origin_has_the_same_path(closure):
     moved = GrainGraph(
         x=graph.x + np.array([3.0, -2.0]), radii=graph.radii, contacts=graph.contacts
     )
-    plain, path = (follow(each, law, stages, closure=closure) for each in (graph, moved))
+    plain, path = (follow(Scene(each, law), stages, closure=closure) for each in (graph, moved))
     assert path.status == plain.status == "finished"
     np.testing.assert_allclose(path.P[-1], plain.P[-1], atol=1e-12)
     np.testing.assert_allclose(path.H[-1], plain.H[-1], atol=1e-12)

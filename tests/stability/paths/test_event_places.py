@@ -10,6 +10,7 @@ from loops import LinearFrictional
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes
 from stability.path import EventKind
+from tests.stability.paths.whole_paths import asked_of, scene_of
 
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5.0)))
 PLAIN = LinearFrictional(kn=1.0, kt=0.1)
@@ -48,7 +49,7 @@ CASES = {
 @cache
 def followed(case, rows):
     graph, law, stages, options = CASES[case]
-    return follow(graph, law, stages, rows=rows, **options)
+    return follow(scene_of(graph, law, options), stages, rows=rows, **asked_of(options))
 
 
 def test_the_cases_hold_every_kind_of_event_of_a_loop():
@@ -76,7 +77,12 @@ def test_a_path_that_ends_at_an_event_ends_in_the_state_of_the_event(case):
     places = {(event.stage, event.H): event for event in followed(case, 0).events}
     for (stage, H), event in places.items():
         ends_there = Stage(stages[stage].programme, "H11", H[0])
-        path = follow(graph, law, [*stages[:stage], ends_there], rows=3, **options)
+        path = follow(
+            scene_of(graph, law, options),
+            [*stages[:stage], ends_there],
+            rows=3,
+            **asked_of(options),
+        )
         assert path.status == "finished"
         assert path.parameter[-1] == pytest.approx(event.parameter, abs=1e-11)
         np.testing.assert_allclose(path.H[-1], H, rtol=0, atol=1e-11)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
 from patterns.diamond import drained_path as exact_drained_path
@@ -33,8 +33,13 @@ def kinds(path):
     return [event.kind for event in path.events if not event.jump]
 
 
-def at_45(stages, law=LAW, **options):
-    return follow(diamond(np.pi / 4), law, stages, volume=SQUARE_BOX, **options)
+def at_45(stages, law=LAW, closure="affine", **options):
+    return follow(
+        Scene(diamond(np.pi / 4), law, boundary_of(diamond(np.pi / 4), volume=SQUARE_BOX)),
+        stages,
+        closure=closure,
+        **options,
+    )
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -86,7 +91,7 @@ def test_opening_on_extension_and_closing_on_return(closure):
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_opposite_grains_touch_at_the_closed_form(alpha0, pairs, closure):
     angle = np.radians(alpha0)
-    path = follow(diamond(angle), LAW, isotropic(0.3), closure=closure)
+    path = follow(Scene(diamond(angle), LAW), isotropic(0.3), closure=closure)
     touch = path.of_kind("opposite_contact")
     assert {event.contacts for event in touch} == pairs
     expected = float(opposite_contact_strain(angle))
@@ -95,7 +100,7 @@ def test_opposite_grains_touch_at_the_closed_form(alpha0, pairs, closure):
 
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_grains_that_touch_from_the_start_are_reported(closure):
-    path = follow(diamond(np.radians(60)), LAW, isotropic(0.1), closure=closure)
+    path = follow(Scene(diamond(np.radians(60)), LAW), isotropic(0.1), closure=closure)
     (event,) = path.of_kind("opposite_contact")
     assert (event.contacts, event.parameter) == ((0, 2), pytest.approx(0, abs=1e-15))
 
@@ -106,13 +111,13 @@ def test_grains_that_touch_from_the_start_are_reported(closure):
 def test_singular_relaxation_is_met_or_passed_where_other_paths_branch_off(alpha0):
     # Under prescribed strain the relaxed centres of a soft loop branch: the rhombus shears.
     loop = diamond(np.radians(alpha0))
-    small = follow(loop, LAW, isotropic(0.5), closure="traction")
+    small = follow(Scene(loop, LAW), isotropic(0.5), closure="traction")
     assert small.status == "finished"
     (branching,) = small.of_kind("branching")
     if alpha0 == 60.0:
         assert branching.parameter == pytest.approx(8 / 23, abs=1e-10)
     # With all unknowns a step meets the very state or passes it: that is rounding.
-    full = follow(loop, LAW, isotropic(0.5), closure="traction", model="full")
+    full = follow(Scene(loop, LAW), isotropic(0.5), closure="traction", model="full")
     met = full.status == "control_limit"
     (event,) = full.of_kind("control_limit" if met else "branching")
     assert event.parameter == pytest.approx(branching.parameter, abs=1e-6 if met else 1e-10)
@@ -127,7 +132,10 @@ def test_singular_relaxation_is_met_or_passed_where_other_paths_branch_off(alpha
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_stop_where_opposite_grains_touch(closure):
     path = follow(
-        diamond(np.radians(35)), LAW, isotropic(0.3), contact_on_touch="stop", closure=closure
+        Scene(diamond(np.radians(35)), LAW),
+        isotropic(0.3),
+        contact_on_touch="stop",
+        closure=closure,
     )
     assert path.status == "opposite_contact"
     assert path.H[-1, 0] == pytest.approx(1 - 1 / (2 * np.sin(np.radians(35))), abs=1e-14)
@@ -137,7 +145,10 @@ def test_stop_where_opposite_grains_touch(closure):
 def test_added_contact_carries_its_overlap(closure):
     angle, end = np.radians(35), 0.2
     path = follow(
-        diamond(angle), LAW, isotropic(end), contact_on_touch="add", closure=closure, volume=1.0
+        Scene(diamond(angle), LAW, boundary_of(diamond(angle), volume=1.0)),
+        isotropic(end),
+        contact_on_touch="add",
+        closure=closure,
     )
     assert path.contacts.tolist()[-1] == [1, 3]
     before, after = path.regime[0, 4], path.regime[-1, 4]
@@ -164,10 +175,12 @@ def test_limit_of_force_control_is_the_exact_one(closure):
     peak, _ = drained_states(exact, alpha)
     force = Stage(programmes.proportional_stress(-1, 0), "P11", -0.5)
     path = follow(
-        diamond(p.alpha0),
-        LinearFrictional(kn=1.0, kt=0.2),
+        Scene(
+            diamond(p.alpha0),
+            LinearFrictional(kn=1.0, kt=0.2),
+            boundary_of(diamond(p.alpha0), volume=4 * np.cos(p.alpha0) * np.sin(p.alpha0)),
+        ),
         [isotropic(0.18), force],
-        volume=4 * np.cos(p.alpha0) * np.sin(p.alpha0),
         closure=closure,
     )
     assert path.status == "control_limit"
@@ -213,7 +226,11 @@ def sliding(closure):
 def test_perturbed_symmetry_yields_at_the_same_point(closure, size):
     confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
     disturbed = confined.replace(shear_force=size * np.array([1.0, 0.0, -2.0, 0.3]))
-    path = follow(disturbed, LAW, drained(0.45), volume=SQUARE_BOX, closure=closure)
+    path = follow(
+        Scene(disturbed, LAW, boundary_of(disturbed, volume=SQUARE_BOX)),
+        drained(0.45),
+        closure=closure,
+    )
     assert path.status == "finished"
     rows = [event.index for event in path.of_kind("yield")]
     reached = {c for event in path.of_kind("yield") for c in event.contacts}
@@ -229,10 +246,14 @@ def test_contacts_at_yield_from_the_start(closure):
     row = reference.of_kind("yield")[0].index
     T = float(TABLE_1.mu * reference.normal_force[row, 0])
     start = diamond(np.pi / 4, E1=POINT_B[0], E2=POINT_B[1], T=T)
-    onward = follow(start, LAW, drained(0.45), volume=SQUARE_BOX, closure=closure)
+    onward = follow(
+        Scene(start, LAW, boundary_of(start, volume=SQUARE_BOX)), drained(0.45), closure=closure
+    )
     assert onward.events[0].kind == "yield"
     assert onward.P[-1] == pytest.approx(reference.P[-1], abs=1e-13)
-    backward = follow(start, LAW, drained(0.4, -1), volume=SQUARE_BOX, closure=closure)
+    backward = follow(
+        Scene(start, LAW, boundary_of(start, volume=SQUARE_BOX)), drained(0.4, -1), closure=closure
+    )
     assert not backward.of_kind("yield")
     assert (backward.regime == Regime.ELASTIC).all()
 
@@ -250,8 +271,7 @@ def test_two_eigenvalues_that_vanish_together_are_not_missed():
     # Both shears of an isotropic ring soften at once: det Ks does not change its sign.
     for closure, expected in (("affine", 1.2 / 2.2), ("traction", 0.2 / 1.2)):
         path = follow(
-            regular_polygon(6),
-            LAW,
+            Scene(regular_polygon(6), LAW),
             isotropic(expected + 0.01),
             closure=closure,
             subspace="symmetric",
@@ -278,7 +298,7 @@ def test_a_programme_that_leads_away_from_its_target_ends_at_once():
         Stage(programmes.oedometric(), "parameter", -1.0),
         Stage(programmes.isotropic_stress(-1.0), "P11", 0.5),
     ):
-        path = follow(diamond(np.pi / 4, E1=0.05, E2=0.05), LAW, stage)
+        path = follow(Scene(diamond(np.pi / 4, E1=0.05, E2=0.05), LAW), stage, closure="affine")
         assert (path.status, len(path)) == ("lost", 1)
         assert "away from" in path.message
 
@@ -300,9 +320,9 @@ def test_contacts_that_part_under_shear_are_reported():
 
 def test_open_ring_contacts_leave_the_affine_path_to_the_others():
     path = follow(
-        regular_polygon(6),
-        LinearFrictional(kn=1.0, kt=0.2, mu=0.2),
+        Scene(regular_polygon(6), LinearFrictional(kn=1.0, kt=0.2, mu=0.2)),
         [isotropic(0.1), drained(-0.05, -1)],
+        closure="affine",
     )
     (event,) = path.of_kind("opening")
     # The two contacts along axis 1 part where H11 = 0.
@@ -366,28 +386,28 @@ def test_bad_input_is_named():
     graph = diamond(np.pi / 4, E1=0.1, E2=0.1)
     stage = isotropic(0.2)
     with pytest.raises(InputError, match="closure"):
-        follow(graph, LAW, stage, closure="loose")
+        follow(Scene(graph, LAW), stage, closure="loose")
     with pytest.raises(InputError, match="contact_on_touch"):
-        follow(graph, LAW, stage, contact_on_touch="merge")
+        follow(Scene(graph, LAW), stage, contact_on_touch="merge", closure="affine")
     with pytest.raises(InputError, match="subspace"):
-        follow(graph, LAW, stage, subspace="plane")
+        follow(Scene(graph, LAW), stage, subspace="plane", closure="affine")
     with pytest.raises(InputError, match="stages"):
-        follow(graph, LAW, [])
+        follow(Scene(graph, LAW), [], closure="affine")
     with pytest.raises(InputError, match="volume"):
-        follow(graph, LAW, stage, volume=-1.0)
+        follow(Scene(graph, LAW, boundary_of(graph, volume=-1.0)), stage, closure="affine")
     with pytest.raises(InputError, match="normal force of contact 0"):
-        follow(graph.replace(normal_force=np.full(4, 0.2)), LAW, stage)
+        follow(Scene(graph.replace(normal_force=np.full(4, 0.2)), LAW), stage, closure="affine")
     with pytest.raises(InputError, match="shear force of contact 2"):
-        follow(graph.replace(shear_force=[0, 0, 0.05, 0]), LAW, stage)
+        follow(Scene(graph.replace(shear_force=[0, 0, 0.05, 0]), LAW), stage, closure="affine")
     with pytest.raises(InputError, match="batch axes"):
-        follow(diamond([0.7, 0.8]), LAW, stage)
+        follow(Scene(diamond([0.7, 0.8]), LAW), stage, closure="affine")
     with pytest.raises(InputError, match="affine image"):
         bent = graph.x + np.array([[0.01, 0.0], [0, 0], [0, 0], [0, 0]])
         sides = np.hypot(*(np.roll(bent, -1, axis=0) - bent).T)
         twisted = GrainGraph(
             x=bent, x0=graph.x0, radii=[0.5] * 4, contacts=graph.contacts, normal_force=1 - sides
         )
-        follow(twisted, LAW, stage)
+        follow(Scene(twisted, LAW), stage, closure="affine")
 
 
 def test_columns_hold_every_row():
@@ -411,8 +431,16 @@ def test_rates_at_a_state_softening_makes_two_solutions():
     )
     assert graph.shear_force == pytest.approx(path.shear_force[-1], abs=1e-13)
     assert (path.shear_force[-1] * DIAMOND_SHEAR_SIGNS > 0).all()
-    rising = rates_at(graph, LAW, programmes.proportional_stress(1, 0), volume=SQUARE_BOX)
-    falling = rates_at(graph, LAW, programmes.proportional_stress(-1, 0), volume=SQUARE_BOX)
+    rising = rates_at(
+        Scene(graph, LAW, boundary_of(graph, volume=SQUARE_BOX)),
+        programmes.proportional_stress(1, 0),
+        closure="affine",
+    )
+    falling = rates_at(
+        Scene(graph, LAW, boundary_of(graph, volume=SQUARE_BOX)),
+        programmes.proportional_stress(-1, 0),
+        closure="affine",
+    )
     assert (rising.status, falling.status) == ("none", "several")
     regimes = sorted(found.rates.mode.regime.tolist() for found in falling.solutions)
     assert regimes == [[Regime.ELASTIC] * 4, [Regime.SLIDING] * 4]
@@ -431,7 +459,7 @@ def test_a_loop_that_is_asked_to_pull_comes_apart(closure, order):
         Stage(falling, "P11", 0.0),
         Stage(falling, "P11", -0.1),
     ]
-    path = follow(regular_polygon(order), law, stages, closure=closure)
+    path = follow(Scene(regular_polygon(order), law), stages, closure=closure)
     assert path.status == "no_load", path.message
     assert "carry no force" in path.message
     assert np.abs(path.P[-1]).max() < 1e-12

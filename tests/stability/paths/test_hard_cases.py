@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional
+from loops import LinearFrictional, Scene, boundary_of
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond import drained_path as exact_drained_path
@@ -39,7 +39,9 @@ def test_yield_of_extreme_diamonds(alpha0, kappa, phi, confinement, closure):
     law = LinearFrictional(kn=1.0, kt=kappa, mu=p.mu)
     end = float(exact.end.E1) + 0.1 * confinement
     path = follow(
-        diamond(p.alpha0), law, drained_stages(confinement, end), closure=closure, volume=1.0
+        Scene(diamond(p.alpha0), law, boundary_of(diamond(p.alpha0), volume=1.0)),
+        drained_stages(confinement, end),
+        closure=closure,
     )
     reached = next(event for event in path.events if event.contacts == (0, 1, 2, 3))
     assert reached.kind == ("control_limit" if exact.snaps_back else "yield")
@@ -54,7 +56,7 @@ def test_yield_of_extreme_diamonds(alpha0, kappa, phi, confinement, closure):
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_without_shear_stiffness_nothing_is_sheared(closure):
     law = LinearFrictional(kn=1.0, kt=0.0, mu=0.1)
-    path = follow(diamond(0.8), law, drained_stages(0.1, 0.2), closure=closure)
+    path = follow(Scene(diamond(0.8), law), drained_stages(0.1, 0.2), closure=closure)
     assert path.status == "finished"
     assert not path.shear_force.any()
     assert path.work[-1, 3] == 0.0
@@ -66,7 +68,7 @@ def test_shear_by_radii_counts_the_turn_alone(closure):
     law = LinearFrictional(kn=1.0, kt=0.3, shear_increment="radii")
     oedometric = Stage(programmes.oedometric(), "H11", 0.3)
     stages = [Stage(programmes.isotropic_strain(), "H11", 0.1), oedometric]
-    path = follow(diamond(0.7), law, stages, closure=closure)
+    path = follow(Scene(diamond(0.7), law), stages, closure=closure)
     turned = angle_from_strains(path.H[:, 0], path.H[:, 3], 0.7) - 0.7
     expected = 0.3 * turned[:, None] * DIAMOND_SHEAR_SIGNS
     assert path.shear_force == pytest.approx(expected, abs=1e-13)
@@ -76,7 +78,9 @@ def test_shear_by_radii_counts_the_turn_alone(closure):
 def test_unequal_stiffness_of_the_contacts():
     kn, kt = np.array([1.0, 2.0, 1.5, 0.7]), np.array([0.2, 0.3, 0.1, 0.4])
     law = LinearFrictional(kn=kn, kt=kt, mu=np.array([0.3, 0.2, np.inf, 0.1]))
-    path = follow(diamond(0.7), law, Stage(programmes.oedometric(), "H11", 0.1))
+    path = follow(
+        Scene(diamond(0.7), law), Stage(programmes.oedometric(), "H11", 0.1), closure="affine"
+    )
     assert path.normal_force[-1] == pytest.approx(kn * path.normal_force[-1, 0], abs=1e-14)
     slid = {c for event in path.of_kind("yield") for c in event.contacts}
     assert 2 not in slid
@@ -88,7 +92,9 @@ def test_unequal_stiffness_of_the_contacts():
 @pytest.mark.parametrize("order", [3, 200])
 def test_shortest_and_longest_loops(order):
     law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
-    path = follow(regular_polygon(order), law, drained_stages(0.05, 0.08), closure="traction")
+    path = follow(
+        Scene(regular_polygon(order), law), drained_stages(0.05, 0.08), closure="traction"
+    )
     assert path.status == "finished"
     assert path.P[path.stage == 1, 3] == pytest.approx(path.P[-1, 3], rel=1e-11)
     assert path.imbalance.max() < 1e-13
@@ -111,8 +117,7 @@ def test_through_a_singular_threshold_there_is_always_an_answer(order, orientati
     """
     kappa = 0.3
     path = follow(
-        regular_polygon(order, orientation=orientation),
-        LinearFrictional(1.0, kappa),
+        Scene(regular_polygon(order, orientation=orientation), LinearFrictional(1.0, kappa)),
         [Stage(programmes.isotropic_strain(), "H11", end)],
         closure="traction",
         max_step=max_step,
@@ -135,7 +140,7 @@ def test_through_a_singular_threshold_there_is_always_an_answer(order, orientati
 )
 def test_regimes_do_not_keep_switching(seed, status, said):
     graph, law, stages, options = random_scene(seed)
-    path = follow(graph, law, stages, **options)
+    path = follow(Scene(graph, law), stages, **options)
     assert path.status == status
     assert said in path.message
     if status == "no_solution":

@@ -12,6 +12,7 @@ from loops import (
     InputError,
     LinearFrictional,
     RollingResistance,
+    Scene,
     contact_state,
 )
 from patterns import diamond, regular_polygon
@@ -43,7 +44,7 @@ def test_spheres_lose_stability_at_their_threshold(order, poisson):
     law = HertzMindlin(young=1.0, poisson=poisson)
     kappa = 2 * (1 - poisson) / (2 - poisson)
     graph = loaded(regular_polygon(order, strain=0.01), law)
-    path = follow(graph, law, isotropic(0.65), closure="traction")
+    path = follow(Scene(graph, law), isotropic(0.65), closure="traction")
     # The event is located to 1e-12 of the tangent; the path itself is a straight line.
     assert lost_at(path) == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-11)
 
@@ -51,7 +52,9 @@ def test_spheres_lose_stability_at_their_threshold(order, poisson):
 @pytest.mark.parametrize(("order", "k_r"), [(5, 0.03), (6, 0.3)])
 def test_rolling_resistance_gives_free_spins_their_threshold_back(order, k_r):
     law = RollingResistance(LinearFrictional(kn=1.0, kt=KAPPA), k_r=k_r)
-    path = follow(regular_polygon(order), law, isotropic(0.3), closure="traction", spins="free")
+    path = follow(
+        Scene(regular_polygon(order), law), isotropic(0.3), closure="traction", spins="free"
+    )
     expected = critical_strain(order, KAPPA, "traction", rolling=lambda E: k_r / (1 - E) ** 2)
     assert lost_at(path) == pytest.approx(expected, abs=1e-11)
 
@@ -94,7 +97,9 @@ def hand(law, graph, H_of, end):
 def test_a_law_of_ones_own_against_a_hand_integration():
     graph = loaded(diamond(np.radians(40), E1=0.05, E2=0.05), COHESIVE)
     assert graph.normal_force[0] == pytest.approx(0.05 - ADHESION, abs=1e-15)
-    path = follow(graph, COHESIVE, Stage(programmes.oedometric(), "H11", 0.25))
+    path = follow(
+        Scene(graph, COHESIVE), Stage(programmes.oedometric(), "H11", 0.25), closure="affine"
+    )
     assert path.status == "finished"
     assert [event.kind for event in path.events if event.contacts] == ["yield"]
     start, rate = np.array([0.05, 0, 0, 0.05]), np.array([1.0, 0, 0, 0])
@@ -107,9 +112,9 @@ def test_a_law_of_ones_own_against_a_hand_integration():
     # What the springs store, what slip dissipates and what comes in from outside add up.
     assert np.abs(path.energy_error).max() < 1e-11
     linear = follow(
-        loaded(graph, (plain := LinearFrictional(1.0, KAPPA, MU))),
-        plain,
+        Scene(loaded(graph, (plain := LinearFrictional(1.0, KAPPA, MU))), plain),
         Stage(programmes.oedometric(), "H11", 0.25),
+        closure="affine",
     )
     assert np.abs(linear.P[-1] - path.P[-1]).max() > 0.5 * ADHESION
 
@@ -117,7 +122,7 @@ def test_a_law_of_ones_own_against_a_hand_integration():
 def test_a_cohesive_contact_breaks_where_its_grains_part():
     graph = loaded(diamond(np.radians(45), E1=0.05, E2=0.05), COHESIVE)
     stages = [Stage(programmes.isotropic_strain(-1.0), "H11", -0.01), isotropic(0.02)]
-    path = follow(graph, COHESIVE, stages)
+    path = follow(Scene(graph, COHESIVE), stages, closure="affine")
     opening, closing = path.of_kind("opening")[0].index, path.of_kind("closing")[0].index
     assert path.H[opening, 0] == pytest.approx(0.0, abs=1e-13)
     np.testing.assert_allclose(path.normal_force[opening], -ADHESION, atol=1e-13)
@@ -132,7 +137,9 @@ def test_a_bond_breaks_at_its_pull_for_good():
     graph = loaded(diamond(np.radians(45), E1=0.05, E2=0.05), law)
     apart, together = (programmes.isotropic_strain(way) for way in (-1.0, 1.0))
     ends = ((apart, -0.02), (together, 0.02), (apart, -0.02))
-    path = follow(graph, law, [Stage(way, "H11", end) for way, end in ends])
+    path = follow(
+        Scene(graph, law), [Stage(way, "H11", end) for way, end in ends], closure="affine"
+    )
     opening, closing, again = (
         event.index for event in path.events if event.kind in ("opening", "closing")
     )
@@ -152,7 +159,7 @@ def test_a_bond_breaks_at_its_pull_for_good():
 def test_hertz_mindlin_shear_against_its_own_quadrature():
     law = HertzMindlin(young=1.0, poisson=0.3)
     graph = loaded(diamond(np.radians(40), E1=0.05, E2=0.05), law)
-    path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.25))
+    path = follow(Scene(graph, law), Stage(programmes.oedometric(), "H11", 0.25), closure="affine")
     d0 = graph.x0[1] - graph.x0[0]
     stiff, kappa = 1.0 / (2 * (1 - 0.3**2)), 1.4 / 1.7
 
@@ -187,9 +194,9 @@ def test_a_wrapped_law_goes_everywhere_the_plain_one_does(closure, spins):
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
     def answers(law):
-        path = follow(graph, law, stage, **options)
+        path = follow(Scene(graph, law), stage, **options)
         work = directional_work(graph, law, circle, **options)
-        rates = rates_at(graph, law, programmes.oedometric(), **options)
+        rates = rates_at(Scene(graph, law), programmes.oedometric(), **options)
         share = branch_fraction(graph, law, **options)
         return path.status, path.P[-1], work.work, share.unstable, rates.status
 
@@ -213,8 +220,8 @@ class LawWithoutEdge:
 def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
     graph, law = regular_polygon(4), LawWithoutEdge()
     for call in (
-        lambda: follow(graph, law, isotropic(0.1)),
-        lambda: rates_at(graph, law, programmes.isotropic_strain()),
+        lambda: follow(Scene(graph, law), isotropic(0.1), closure="affine"),
+        lambda: rates_at(Scene(graph, law), programmes.isotropic_strain(), closure="affine"),
         lambda: directional_work(graph, law, [[1.0, 0.0]]),
         lambda: RollingResistance(law, k_r=0.1),
     ):
@@ -232,7 +239,7 @@ def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
 def test_accuracies_that_mean_nothing_are_refused(options):
     law = LinearFrictional(kn=1.0, kt=KAPPA)
     with pytest.raises(InputError, match=next(iter(options))):
-        follow(regular_polygon(4), law, isotropic(0.1), **options)
+        follow(Scene(regular_polygon(4), law), isotropic(0.1), closure="affine", **options)
 
 
 # ---- from the first touch of spheres
@@ -266,7 +273,9 @@ def test_spheres_are_followed_from_their_first_touch(order, monkeypatch):
     N, T = sphere_contacts(graph, law, 0.1)
     for first in (1e-8, 1e-6):
         monkeypatch.setattr(import_module("stability.paths.state"), "FIRST_STRAIN", first)
-        path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.1))
+        path = follow(
+            Scene(graph, law), Stage(programmes.oedometric(), "H11", 0.1), closure="affine"
+        )
         assert path.status == "finished"
         found = path.normal_force[-1] - N, path.shear_force[-1] - T
         off.append(max(np.abs(part).max() for part in found))
@@ -283,6 +292,6 @@ def test_spheres_start_under_every_control(order, programme):
     quantity, target = ("P11", 1e-3) if "stress" in programme else ("H11", 0.02)
     stage = Stage(getattr(programmes, programme)(), quantity, target)
     loop = regular_polygon(order, orientation="vertex")
-    path = follow(loop, law, stage, closure="traction", spins="free")
+    path = follow(Scene(loop, law), stage, closure="traction", spins="free")
     assert path.status == "finished", path.message
     assert path.H[0] == pytest.approx([1e-8, 0, 0, 1e-8], abs=1e-15)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, contact_state
+from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state
 from loops.laws.frictional import TOUCHING_RTOL
 from patterns import random_loop, regular_polygon
 from stability import Stage, follow, programmes
@@ -85,14 +85,14 @@ def test_a_path_takes_the_same_steps_in_other_units():
         )
         graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
         stage = Stage(programmes.proportional_strain(1.0, -0.8), "H11", 0.02)
-        found.append(follow(graph, law, stage, closure="traction", rows=0))
+        found.append(follow(Scene(graph, law), stage, closure="traction", rows=0))
     one, other = found
     assert one.status == other.status and len(one) == len(other) > 8
     assert [(e.kind, e.index) for e in one.events] == [(e.kind, e.index) for e in other.events]
     assert len(one.of_kind("yield")) > 1
     np.testing.assert_allclose(other.H, one.H, rtol=0, atol=1e-15)
     # The limit is one on the steps of all segments together.
-    few = follow(graph, law, stage, closure="traction", rows=0, max_steps=len(one) // 2)
+    few = follow(Scene(graph, law), stage, closure="traction", rows=0, max_steps=len(one) // 2)
     assert one.status == "finished" and few.status == "lost" and "number of steps" in few.message
 
 
@@ -102,7 +102,7 @@ def test_a_control_may_join_stress_and_strain(length, kn):
     graph, law = square(length, kn, 0.02)
     rows = np.diag([1.0, 0.0, 0.0, 1.0]), np.diag([kn, 1.0, 1.0, 0.0])
     springs = programmes.combination(*rows, [kn, 0.0, 0.0, 0.0], "springs")
-    path = follow(graph, law, Stage(springs, "parameter", 0.01), closure="traction")
+    path = follow(Scene(graph, law), Stage(springs, "parameter", 0.01), closure="traction")
     assert path.status == "finished" and path.H[-1, 0] > 1e-3
     joined = path.P[:, 0] / kn + path.H[:, 0]
     np.testing.assert_allclose(joined - joined[0], path.parameter, rtol=0, atol=1e-14)

@@ -7,6 +7,7 @@ from loops import (
     GrainGraph,
     LinearFrictional,
     Regime,
+    Scene,
     assemble_tangent,
     boundary_vectors,
     contact_forces,
@@ -49,7 +50,7 @@ def test_inclined_contacts_of_a_hexagon_follow_the_diamond(confinement, closure)
     exact = exact_drained_path(DiamondParameters(np.radians(60), kappa, phi, confinement))
     law = LinearFrictional(kn=1.0, kt=kappa, mu=np.tan(phi))
     stages = [isotropic(confinement), drained(float(exact.end.E1) + 0.03)]
-    path = follow(regular_polygon(6), law, stages, closure=closure)
+    path = follow(Scene(regular_polygon(6), law), stages, closure=closure)
     (event,) = path.of_kind("yield")
     assert list(event.contacts) == INCLINED
     row = event.index
@@ -78,7 +79,7 @@ def test_inclined_contacts_of_a_hexagon_follow_the_diamond(confinement, closure)
 )
 def test_isotropic_thresholds_of_regular_polygons(order, closure, threshold):
     law = LinearFrictional(kn=1.0, kt=0.2)
-    path = follow(regular_polygon(order), law, isotropic(threshold + 0.02), closure=closure)
+    path = follow(Scene(regular_polygon(order), law), isotropic(threshold + 0.02), closure=closure)
     event = path.of_kind("det_Ks_zero")[0]
     assert path.H[event.index, 0] == pytest.approx(threshold, abs=1e-12)
 
@@ -90,7 +91,7 @@ def test_rows_agree_with_the_closures_and_the_stress(closure, spins):
     law = LinearFrictional(kn=1.0, kt=0.3, mu=0.08)
     shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0.4, 0], "shear")
     stages = [isotropic(0.08), Stage(shear, "H12", 0.04)]
-    path = follow(graph, law, stages, closure=closure, spins=spins)
+    path = follow(Scene(graph, law), stages, closure=closure, spins=spins)
     # Free spins roll the shear away.
     assert (path.regime == Regime.SLIDING).any() == (spins != "free")
     for row in (1, len(path) // 2, len(path) - 1):
@@ -109,7 +110,7 @@ def test_traction_path_stays_in_balance():
     rng = np.random.default_rng(7)
     graph = _balanced_ring(rng)
     law = LinearFrictional(kn=1.0, kt=0.3, mu=0.6)
-    path = follow(graph, law, [isotropic(0.05), drained(0.06)], closure="traction")
+    path = follow(Scene(graph, law), [isotropic(0.05), drained(0.06)], closure="traction")
     assert path.status == "finished"
     assert path.imbalance.max() < 1e-13
     state = state_of(path, -1, graph)
@@ -159,13 +160,13 @@ def test_branching_is_where_the_balance_of_the_grains_is_singular(
 ):
     law = LinearFrictional(kn=1.0, kt=kappa, mu=np.tan(np.radians(phi)))
     graph = regular_polygon(order)
-    path = follow(graph, law, [isotropic(confinement), drained(end)], closure="traction")
+    path = follow(Scene(graph, law), [isotropic(confinement), drained(end)], closure="traction")
     assert path.status == "finished"
     (event,) = path.of_kind("branching")
     # Determinants of states around it, at Chebyshev points, and the root of their polynomial.
     points = event.H[0] + 4e-3 * np.cos(np.pi * (np.arange(9, -1, -1) + 0.5) / 10)
     stages = [isotropic(confinement), *(drained(E) for E in points)]
-    path = follow(graph, law, stages, closure="traction")
+    path = follow(Scene(graph, law), stages, closure="traction")
     rows = [np.flatnonzero(path.stage == stage)[-1] for stage in range(1, 11)]
     determinants = [_controlled_determinant(path, row, law, graph) for row in rows]
     roots = np.polynomial.Polynomial.fit(points, determinants, 9).roots()
@@ -194,7 +195,9 @@ def test_long_ring_agrees_with_the_continuum_of_its_symmetry():
     # Every contact of a regular ring carries the same force under isotropic strain.
     order = 200
     law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
-    path = follow(regular_polygon(order), law, [isotropic(0.1), drained(0.14)], closure="traction")
+    path = follow(
+        Scene(regular_polygon(order), law), [isotropic(0.1), drained(0.14)], closure="traction"
+    )
     assert path.status == "finished"
     confined = path.of_kind("programme_change")[0].index
     assert path.normal_force[confined] == pytest.approx(np.full(order, 0.1), abs=1e-13)
@@ -214,7 +217,12 @@ def test_affine_path_of_a_periodic_packing():
         cell=network.cell,
     )
     graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
-    path = follow(graph, law, Stage(programmes.oedometric(), "H11", 0.02), subspace="symmetric")
+    path = follow(
+        Scene(graph, law),
+        Stage(programmes.oedometric(), "H11", 0.02),
+        subspace="symmetric",
+        closure="affine",
+    )
     assert path.status == "finished"
     assert np.abs(path.energy_error).max() < 1e-11
     assert path.P[-1, 0] > path.P[0, 0]
@@ -234,7 +242,7 @@ def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
             return self.stress, self.strain, -(W @ F).ravel()
 
     turn = Rotation("turn", np.zeros((4, 4)), np.eye(4), np.array([0.0, 1.0, -1.0, 0.0]))
-    path = follow(graph, law, Stage(turn, "parameter", 0.5), spins=spins)
+    path = follow(Scene(graph, law), Stage(turn, "parameter", 0.5), spins=spins, closure="affine")
     assert path.normal_force[-1] == pytest.approx(path.normal_force[0], abs=1e-12)
     if spins == "blocked":
         assert path.shear_force[-1] == pytest.approx(-0.3 * 0.9 * 0.5, abs=1e-12)
@@ -247,6 +255,6 @@ def test_relaxed_grains_stay_around_their_centroid(model):
     """The traction closure leaves a translation open: none is made up."""
     law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(8.0)))
     loop = regular_polygon(5)
-    path = follow(loop, law, [isotropic(0.1), drained(0.2)], closure="traction", model=model)
+    path = follow(Scene(loop, law), [isotropic(0.1), drained(0.2)], closure="traction", model=model)
     assert len(path.of_kind("yield")) > 0
     assert np.abs(path.x.mean(axis=1) - loop.x.mean(axis=0)).max() < 1e-12

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional
+from loops import InputError, LinearFrictional, Scene
 from loops.symmetry import loop_symmetry
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
@@ -35,9 +35,12 @@ def stages(confinement=0.1, end=0.25):
     ]
 
 
-def both(loop, law=LAW, programme=None, **choices):
+def both(loop, law=LAW, programme=None, closure="affine", **choices):
     programme = stages() if programme is None else programme
-    return [follow(loop, law, programme, model=model, **choices) for model in ("auto", "full")]
+    return [
+        follow(Scene(loop, law), programme, model=model, closure=closure, **choices)
+        for model in ("auto", "full")
+    ]
 
 
 def events(path):
@@ -128,16 +131,16 @@ def test_a_perturbation_of_1e_12_is_modelled():
     square = regular_polygon(4)
     x = np.array(square.x)
     x[0, 0] += 1e-12
-    path = follow(square.replace(x=x, x0=x), LAW, stages(0.02, 0.03), closure="traction")
+    path = follow(Scene(square.replace(x=x, x0=x), LAW), stages(0.02, 0.03), closure="traction")
     assert path.model.symmetry == "D1 (order 2)"
     x[1, 0] += 2e-12
-    path = follow(square.replace(x=x, x0=x), LAW, stages(0.02, 0.03), closure="traction")
+    path = follow(Scene(square.replace(x=x, x0=x), LAW), stages(0.02, 0.03), closure="traction")
     assert path.model.symmetry == "none"
 
 
 def test_isotropic_loading_leaves_one_freedom():
     stage = Stage(programmes.isotropic_strain(), "H11", 0.1)
-    path = follow(regular_polygon(9), LAW, stage, closure="traction", spins="free")
+    path = follow(Scene(regular_polygon(9), LAW), stage, closure="traction", spins="free")
     assert path.model.symmetry == "D9 (order 18)"
     assert (path.model.freedoms, path.model.spins) == ("1 of 18", "0 of 9")
     assert path.model.contact_orbits == "1 of 9"
@@ -147,7 +150,7 @@ def test_isotropic_loading_leaves_one_freedom():
 def test_a_stage_keeps_the_symmetry_that_is_its_own():
     """Many relaxed modes of a ring go singular together; under isotropic strain none is left."""
     loop = regular_polygon(40)
-    path = follow(loop, LAW, stages(0.47, 0.48), closure="traction")
+    path = follow(Scene(loop, LAW), stages(0.47, 0.48), closure="traction")
     assert path.status == "finished"
     assert path.model.symmetry.startswith("D2")
     (threshold,) = path.of_kind("det_Ks_zero")
@@ -156,7 +159,7 @@ def test_a_stage_keeps_the_symmetry_that_is_its_own():
 
 def test_spins_of_a_diamond_vanish_by_symmetry():
     path = follow(
-        diamond(np.radians(40)), LAW, stages(0.02, 0.03), closure="traction", spins="free"
+        Scene(diamond(np.radians(40)), LAW), stages(0.02, 0.03), closure="traction", spins="free"
     )
     assert path.model.spins == "0 of 4"
 
@@ -228,7 +231,7 @@ def test_elastic_states_skip_the_branch_search():
 
 def test_one_solve_where_no_contact_has_a_choice():
     loop = regular_polygon(6, strain=0.05)
-    found = rates_at(loop, LAW, programmes.drained_biaxial())
+    found = rates_at(Scene(loop, LAW), programmes.drained_biaxial(), closure="affine")
     assert (found.status, found.tried, found.combinations) == ("unique", 1, 1.0)
 
 
@@ -265,4 +268,4 @@ def test_orbits_share_their_regime_at_yield():
 
 def test_an_unknown_model_is_refused():
     with pytest.raises(InputError, match="model"):
-        follow(regular_polygon(4), LAW, stages(), model="small")
+        follow(Scene(regular_polygon(4), LAW), stages(), model="small", closure="affine")

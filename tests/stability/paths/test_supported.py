@@ -7,7 +7,7 @@ from `README.md` of the collection that GRAINLOOPS_PUBLISHED names.
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, Support
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, Support
 from stability import programmes, rates_at, slip_problem
 from studies.examples import three_discs
 from studies.examples.three_discs import LAW, SUPPORT, changing_angles, closed_forms, discs
@@ -37,7 +37,7 @@ def test_three_discs_have_the_quoted_numbers(beta, q, m, slip):
     assert found_q == pytest.approx(q, abs=5.1e-7 if beta == 40.0 else 5.1e-8)
     assert found_M == pytest.approx(m, abs=5.1e-8)
     if slip:
-        found = rates_at(discs(angle), LAW, SUPPORT)
+        found = rates_at(Scene(discs(angle), LAW), SUPPORT)
         assert found.families[0].corners.sum(axis=1) == pytest.approx(slip, abs=5e-4)
 
 
@@ -66,7 +66,7 @@ def test_slip_problem_with_other_stiffnesses_and_units(monkeypatch):
     [(20.0, "family", True, 3), (26.6, "none", False, 0), (40.0, "family", False, 2)],
 )
 def test_a_line_of_solutions_says_so(beta, status, sticks, solutions):
-    found = rates_at(discs(beta), LAW, SUPPORT)
+    found = rates_at(Scene(discs(beta), LAW), SUPPORT)
     q, m = closed_forms(beta)
     assert (found.status, len(found.solutions), found.exhaustive) == (status, solutions, True)
     stuck = [one for one in found.solutions if (one.rates.regime == Regime.ELASTIC).all()]
@@ -83,7 +83,7 @@ def test_a_line_of_solutions_says_so(beta, status, sticks, solutions):
 def test_every_point_of_the_line_is_a_solution():
     """Slips in between, imposed as forces on the sticking contacts, leave both at their limit."""
     q, M = slip_problem(discs(40.0), LAW, SUPPORT)
-    (line,) = rates_at(discs(40.0), LAW, SUPPORT).families
+    (line,) = rates_at(Scene(discs(40.0), LAW), SUPPORT).families
     for share in (0.0, 0.3, 1.0):
         z = share * line.corners[0] + (1.0 - share) * line.corners[1]
         assert np.abs(q + M @ z).max() < 1e-14 and z.min() >= 0.0
@@ -104,7 +104,7 @@ def test_a_turned_frame_changes_nothing(angle):
     turned_q, turned_M = slip_problem(*turned(angle)[:1], LAW, turned(angle)[1])
     np.testing.assert_allclose(turned_q, q, rtol=0, atol=1e-14)
     np.testing.assert_allclose(turned_M, M, rtol=0, atol=1e-14)
-    assert rates_at(turned(angle)[0], LAW, turned(angle)[1]).status == "family"
+    assert rates_at(Scene(turned(angle)[0], LAW), turned(angle)[1]).status == "family"
 
 
 def test_numbering_of_grains_and_ends_changes_nothing():
@@ -119,7 +119,7 @@ def test_numbering_of_grains_and_ends_changes_nothing():
         shear_force=graph.shear_force[::-1],
     )
     support = Support(SUPPORT.held[order], SUPPORT.motion[order])
-    first, second = rates_at(graph, LAW, SUPPORT), rates_at(other, LAW, support)
+    first, second = rates_at(Scene(graph, LAW), SUPPORT), rates_at(Scene(other, LAW), support)
     assert first.status == second.status == "family"
     key = lambda one: sorted(one.families[0].corners.round(9).tolist())  # noqa: E731
     assert key(first) == key(second)
@@ -137,8 +137,10 @@ def test_rates_of_a_held_loop_are_those_of_its_path():
     graph = graph.replace(normal_force=1.1 - d)
     H = np.array([[1.0, 0.0], [0.0, -0.3]])
     motion = np.column_stack([-x @ H.T, np.zeros(4)])
-    found = rates_at(graph, law, Support([True] * 4, motion))
-    path = rates_at(graph, law, programmes.proportional_strain(1.0, -0.3)).taken.rates.rates
+    found = rates_at(Scene(graph, law), Support([True] * 4, motion))
+    path = rates_at(
+        Scene(graph, law), programmes.proportional_strain(1.0, -0.3), closure="affine"
+    ).taken.rates.rates
     rates, scale = found.taken.rates, path.H[0]
     assert found.status == "unique"
     np.testing.assert_allclose(rates.normal_force, path.normal_force / scale, atol=1e-14)
@@ -155,7 +157,7 @@ def test_reactions_balance_and_a_free_disc_without_contacts_stays():
         shear_force=graph.shear_force,
     )
     support = Support(np.vstack([SUPPORT.held, [False] * 3]), np.vstack([SUPPORT.motion, [0] * 3]))
-    rates = rates_at(graph, LAW, support).taken.rates
+    rates = rates_at(Scene(graph, LAW), support).taken.rates
     np.testing.assert_allclose(rates.reaction[:, :2].sum(axis=0), 0.0, atol=1e-14)
     assert not rates.motion[3].any() and not rates.reaction[[1, 3]].any()
 
@@ -164,7 +166,7 @@ def test_a_touching_disc_parts_or_presses_as_it_is_moved():
     pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]])
     for speed, regime, N in ((-1.0, Regime.ELASTIC, 1.0), (1.0, Regime.OPEN, 0.0)):
         support = Support([True, True], [[0, 0, 0], [speed, 0, 0]])
-        found = rates_at(pair, LAW, support)
+        found = rates_at(Scene(pair, LAW), support)
         assert (found.status, found.taken.rates.regime.tolist()) == ("unique", [regime])
         assert found.taken.rates.normal_force == pytest.approx([N])
 
@@ -185,11 +187,11 @@ def test_a_support_that_does_not_fit_is_named(held, motion, said):
 
 def test_questions_that_a_support_does_not_answer():
     with pytest.raises(InputError, match="2 grains"):
-        rates_at(discs(20.0), LAW, Support([True, True], [[0, 1, 0], [0, 0, 0]]))
+        rates_at(Scene(discs(20.0), LAW), Support([True, True], [[0, 1, 0], [0, 0, 0]]))
     with pytest.raises(InputError, match="zero everywhere"):
-        rates_at(discs(20.0), LAW, Support([True] * 3))
+        rates_at(Scene(discs(20.0), LAW), Support([True] * 3))
     with pytest.raises(InputError, match="closure"):
-        rates_at(discs(20.0), LAW, SUPPORT, closure="affine")
+        rates_at(Scene(discs(20.0), LAW), SUPPORT, closure="affine")
     with pytest.raises(InputError, match="may part"):
         pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]])
         slip_problem(pair, LAW, Support([True, True], [[0, 0, 0], [-1, 0, 0]]))

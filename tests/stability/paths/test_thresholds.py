@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, Regime, contact_state
+from loops import InputError, LinearFrictional, Regime, Scene, contact_state
 from patterns import diamond, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.model import path_model
@@ -35,7 +35,9 @@ def elastic_state(graph, law=LAW, closure="traction"):
 def test_many_pairs_of_grains_that_touch_at_once_are_one_event(order, events):
     # Next but one neighbours are all as far apart.
     touch = 1.0 - 0.5 / np.cos(np.pi / order)
-    path = follow(regular_polygon(order), LAW, isotropic(touch + 1e-3), rows=1)
+    path = follow(
+        Scene(regular_polygon(order), LAW), isotropic(touch + 1e-3), rows=1, closure="affine"
+    )
     found = path.of_kind("opposite_contact")
     assert len(found) == events
     assert sum(len(event.contacts) for event in found) == 2 * order
@@ -57,9 +59,12 @@ def test_forces_that_do_not_fit_the_overlaps_are_refused(off, refused):
     for graph, name in ((pressed, "normal force"), (beyond, "shear force")):
         if refused:
             with pytest.raises(InputError, match=f"{name} of contact 0"):
-                rates_at(graph, LAW, programmes.isotropic_strain())
+                rates_at(Scene(graph, LAW), programmes.isotropic_strain(), closure="affine")
         else:
-            assert rates_at(graph, LAW, programmes.isotropic_strain()).status == "unique"
+            assert (
+                rates_at(Scene(graph, LAW), programmes.isotropic_strain(), closure="affine").status
+                == "unique"
+            )
 
 
 @pytest.mark.parametrize(("gap", "touches"), [(0.0, True), (1e-15, True), (1e-14, False)])
@@ -112,7 +117,7 @@ def test_a_control_keeps_a_symmetry_within_rounding(off, kept):
 @pytest.mark.parametrize("closure", ["affine", "traction"])
 @pytest.mark.parametrize("end", [1e-9, 1e-16])
 def test_stages_of_any_length_end_at_their_target(end, closure):
-    path = follow(regular_polygon(5), LAW, isotropic(end), closure=closure)
+    path = follow(Scene(regular_polygon(5), LAW), isotropic(end), closure=closure)
     assert (path.status, len(path.events)) == ("finished", 0)
     assert path.H[-1, [0, 3]] == pytest.approx([end, end], rel=1e-13, abs=0)
     assert path.normal_force[-1] == pytest.approx(np.full(5, end), rel=1e-13, abs=0)
@@ -120,7 +125,9 @@ def test_stages_of_any_length_end_at_their_target(end, closure):
 
 @pytest.mark.parametrize(("beyond", "rows"), [(5e-16, 0), (5e-15, 1)])
 def test_a_target_within_rounding_is_reached_at_once(beyond, rows):
-    path = follow(regular_polygon(4), LAW, [isotropic(0.1), isotropic(0.1 + beyond)])
+    path = follow(
+        Scene(regular_polygon(4), LAW), [isotropic(0.1), isotropic(0.1 + beyond)], closure="affine"
+    )
     assert path.status == "finished"
     assert ((path.stage == 1).sum() > 0) == (rows > 0)
 
@@ -130,7 +137,7 @@ def test_a_shear_force_that_a_parting_contact_may_drop(shear, torn):
     # Isotropic strain turns no branch: the shear force stays until the contacts open.
     start = diamond(np.pi / 4, E1=0.01, E2=0.01, T=shear)
     stage = Stage(programmes.isotropic_strain(-1.0), "H11", -0.01)
-    path = follow(start, LinearFrictional(1.0, 0.2), stage, closure="traction")
+    path = follow(Scene(start, LinearFrictional(1.0, 0.2)), stage, closure="traction")
     assert ("part while they carry a force" in path.message) == torn
     assert path.H[-1, 0] == pytest.approx(0.0 if torn else -0.01, abs=1e-12)
 
@@ -140,14 +147,16 @@ def test_contacts_that_yield_within_rounding_yield_at_once(shear, events):
     confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
     disturbed = confined.replace(shear_force=shear * np.array([1.0, 0.0, 0.0, 0.0]))
     law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5.0)))
-    path = follow(disturbed, law, Stage(programmes.drained_biaxial(), "H11", 0.42))
+    path = follow(
+        Scene(disturbed, law), Stage(programmes.drained_biaxial(), "H11", 0.42), closure="affine"
+    )
     assert len(path.of_kind("yield")) == events
 
 
 @pytest.mark.parametrize(("short", "events"), [(3e-13, 2), (1e-9, 0)])
 def test_a_stage_that_ends_within_rounding_of_an_event_meets_it(short, events):
     # det K and det Ks of the square vanish at kappa/(1 + kappa).
-    path = follow(diamond(np.pi / 4), LAW, isotropic(1 / 6 - short))
+    path = follow(Scene(diamond(np.pi / 4), LAW), isotropic(1 / 6 - short), closure="affine")
     assert len(path.of_kind("det_K_zero") + path.of_kind("det_Ks_zero")) == events
 
 

@@ -19,6 +19,8 @@ from loops import (
     LinearFrictional,
     Regime,
     RollingResistance,
+    Scene,
+    boundary_of,
     contact_state,
 )
 from patterns import diamond, regular_polygon, synthetic_network
@@ -183,9 +185,19 @@ def split(text):
     return NUMBER.sub("#", text), [float(one) for one in NUMBER.findall(text)]
 
 
+def scene_of(graph, law, options):
+    """Return the scene of a case, whose options tell the volume."""
+    return Scene(graph, law, boundary_of(graph, volume=options.get("volume")))
+
+
+def asked_of(options):
+    """Return the options of a case without its volume, affine if they name no closure."""
+    return {"closure": "affine"} | {n: one for n, one in options.items() if n != "volume"}
+
+
 def followed(case):
     graph, law, stages, options = CASES[case]
-    return follow(graph, law, stages, **{**QUICK, **options})
+    return follow(scene_of(graph, law, options), stages, **QUICK | asked_of(options))
 
 
 def held(path):
@@ -248,8 +260,8 @@ def fan(name):
 def rates(case):
     """Words and numbers of the rate problem of a first state."""
     graph, law, stages, options = CASES[case]
-    given = {name: options[name] for name in ("closure", "spins", "volume") if name in options}
-    found = rates_at(graph, law, stages[0].programme, **given)
+    given = {name: one for name, one in asked_of(options).items() if name in ("closure", "spins")}
+    found = rates_at(scene_of(graph, law, options), stages[0].programme, **given)
     words = [found.status, len(found.solutions), found.combinations, found.tried]
     taken = found.taken.rates
     words.append(taken.mode.regime.tolist())

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import DOP853
 from scipy.integrate._ivp.rk import rk_step
 
-from loops import GrainGraph, InputError, LinearFrictional, contact_state
+from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from patterns.polygons import opposite_gap
@@ -55,9 +55,15 @@ def fan_of(order, closure, control, angles, mu=np.inf):
     return fan, first_limits(fan, LoopStates.at_rest(1, order)), law, loop
 
 
-def path_of(loop, law, control, angle, end=0.95, **options):
+def path_of(loop, law, control, angle, end=0.95, closure="affine", **options):
     stage = Stage(CONTROLS[control](np.cos(angle), np.sin(angle)), "parameter", end)
-    return follow(loop, law, stage, subspace=("diagonal", "symmetric"), **options)
+    return follow(
+        Scene(loop, law),
+        stage,
+        subspace=("diagonal", "symmetric"),
+        closure=closure,
+        **options,
+    )
 
 
 def by_follow(loop, law, closure, control, angle):

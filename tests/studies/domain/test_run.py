@@ -9,7 +9,7 @@ import pyarrow.parquet
 import pytest
 from mpmath import mp, mpf
 
-from loops import InputError, LinearFrictional, affine_tangent
+from loops import InputError, LinearFrictional, Scene, affine_tangent, boundary_of
 from patterns import diamond
 from patterns.diamond import sliding_moduli, tangent
 from stability import Stage, follow, programmes, restrict, symmetric_part
@@ -99,7 +99,11 @@ def test_general_path_solver_meets_the_same_losses(case, friction):
     for row in range(3, 6):
         b = losses.programme[row]
         stage = Stage(programmes.proportional_strain(np.cos(b), np.sin(b)), "parameter", 0.35)
-        path = follow(diamond(case.alpha0), law, stage, volume=box)
+        path = follow(
+            Scene(diamond(case.alpha0), law, boundary_of(diamond(case.alpha0), volume=box)),
+            stage,
+            closure="affine",
+        )
         kinds = ["yield"] if losses.det_Ks_zero[row] == losses.yields[row] else list(KINDS)
         for kind in kinds:
             u = losses.yields[row] if kind == "yield" else getattr(losses, kind)[row]

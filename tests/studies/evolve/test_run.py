@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from loops import InputError, contact_forces, find_faces
+from loops import InputError, Scene, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
@@ -80,7 +80,7 @@ def test_a_path_tells_how_far_it_is(small):
     law, _ = snapshot.mechanics()
     stage = Stage(programmes.isotropic_strain(), "parameter", 1e-4)
     options = {"rows": 1, "interval": 2e-5, "progress": reached.append}
-    path = follow(snapshot.graph, law, stage, closure="packing", **options)
+    path = follow(Scene(snapshot.graph, law), stage, closure="packing", **options)
     assert len(reached) == path.intervals
     assert reached == sorted(reached)
     assert reached[-1] == path.parameter[-1]
@@ -93,7 +93,7 @@ def test_tables_are_the_numerics(small, tmp_path):
                          interval=2e-5, csv=True, figures=False)  # fmt: skip
     stage = Stage(programmes.drained_biaxial(2, -1.0), "parameter", 3e-3)
     how = {"rows": 4, "interval": 2e-5}
-    found = follow(snapshot.graph, snapshot.law, stage, closure="packing", **how)
+    found = follow(Scene(snapshot.graph, snapshot.law), stage, closure="packing", **how)
     path, events, loops = tables(out)
     assert np.array_equal(path[["P11", "P12", "P21", "P22"]], found.P) and len(found) == 5
     assert np.allclose(path["driven"], path["H22"], rtol=0, atol=1e-12) and path["H22"].min() < 0
@@ -226,7 +226,7 @@ def test_programmes_drive_what_they_say(programme, sense, small):
     snapshot = small[1]
     name = "undrained" if programme == "fluid" else programme
     stage = stage_of(name, 1, sense * 1e-5, **NUMBERS.get(programme, {}))
-    path = follow(snapshot.graph, snapshot.law, stage, closure="packing")
+    path = follow(Scene(snapshot.graph, snapshot.law), stage, closure="packing")
     held = {"drained": ("P", 3), "isotropic-stress": ("P", 3), "isotropic": ("H", 3)}
     driven = path.P[:, 0] if programme == "isotropic-stress" else path.H[:, 0]
     assert driven[-1] - driven[0] == pytest.approx(sense * 1e-5, rel=1e-3)

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError, Regime, love_weber_stress
+from loops import InputError, Regime, Scene, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from stability import COMPONENTS, follow
-from stability.packing import packing_response, probe
+from stability import COMPONENTS, follow, rates_at
+from stability.packing import probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
 from tests.packings import LAW, jammed
@@ -43,7 +43,7 @@ def results(tmp_path_factory):
 @pytest.fixture(scope="module")
 def numerics():
     snapshot = read_snapshot(SLOW, cell=np.reshape(CELL, (2, 2)), shear_increment="radii")
-    return snapshot, probe(snapshot.graph, snapshot.law, 15, regime=snapshot.regime)
+    return snapshot, probe(Scene(snapshot.graph.replace(regime=snapshot.regime), snapshot.law), 15)
 
 
 def test_files_are_those_of_the_contract(results):
@@ -71,8 +71,8 @@ def test_a_row_a_direction(results, numerics):
 def test_a_direction_is_the_packings_response_one_by_one(numerics):
     snapshot, found = numerics
     k = found.softest
-    one = packing_response(
-        snapshot.graph, snapshot.law, found.strain_rate[k], regime=snapshot.regime
+    one = rates_at(
+        Scene(snapshot.graph.replace(regime=snapshot.regime), snapshot.law), H=found.strain_rate[k]
     )
     size = np.abs(found.stress_rate).max()
     assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import branch_vectors
+from loops import Scene, branch_vectors
 from patterns import write_snapshot
 from stability.packing import indicators
 from stability.packing.loop_quantities import EXPECTED
@@ -87,7 +87,9 @@ def test_columns_are_the_indicators_of_the_earlier_snapshot(states, result):
     """The past of the first interval is unknown; of the second it is the motion before."""
     for k, before in enumerate(states[:2]):
         columns = part(result, "packing", k)
-        found = indicators(before.graph, before.law, before.faces, regime=before.regime)
+        found = indicators(
+            Scene(before.graph.replace(regime=before.regime), before.law), before.faces
+        )
         for name, values in found.items():
             given = columns[f"indicator_{name}"].to_numpy()
             np.testing.assert_allclose(given, values, rtol=1e-7, atol=1e-9, err_msg=name)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError
+from loops import InputError, Scene
 from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import replay
@@ -57,7 +57,7 @@ def table(time, F):
 def pressed():
     """A packing pressed along axis 2 beyond its strain and let back, as a table tells."""
     ends = np.array([np.diag([0.0, 3e-2]), np.diag([0.0, 1e-2])])
-    found = replay(jammed(16, 2), LAW, ends, shares=[0.6, 1.0], **QUIET)
+    found = replay(Scene(jammed(16, 2), LAW), ends, shares=[0.6, 1.0], **QUIET)
     way = table([0, 1e3, 2.2e3, 3e3, 4e3], np.eye(2) - np.array([0 * H, 0 * H, *ends, ends[1]]))
     return at(jammed(16, 2)), after(found.state), way
 
@@ -85,11 +85,11 @@ def test_words_reach_the_strain_on_their_ways():
 @pytest.mark.parametrize("along", [1, 2])
 def test_mixed_control_ends_at_the_strain_along_and_the_stress_across(along):
     """The later state of a replay is reached from its strain along and its stress across alone."""
-    found = replay(jammed(16, 2), LAW, H, **QUIET)
+    found = replay(Scene(jammed(16, 2), LAW), H, **QUIET)
     one, two = at(jammed(16, 2)), after(found.state)
     loading = loading_between(one, two, H, f"mixed-{along}")
     assert isinstance(loading.strain, Stage) and loading.stages == [loading.strain]
-    end = replay(jammed(16, 2), LAW, loading.strain, **QUIET).state
+    end = replay(Scene(jammed(16, 2), LAW), loading.strain, **QUIET).state
     k = 2 - along
     np.testing.assert_allclose(np.delete(end.strain, 3 * k), np.delete(H, 3 * k), atol=1e-8)
     told, own = (nominal(state.stress, H) for state in (end, found.state))
@@ -111,7 +111,7 @@ def test_a_table_of_strains_is_the_way_that_the_sample_went(pressed):
     size = np.abs(later.graph.normal_force).max()
     forces = {}
     for name, (H, shares) in {"table": loading[:2], "straight": (strain, None)}.items():
-        end = replay(before.graph, LAW, H, shares=shares, **QUIET).state
+        end = replay(Scene(before.graph, LAW), H, shares=shares, **QUIET).state
         forces[name] = after(end).graph
     np.testing.assert_allclose(forces["table"].normal_force, later.graph.normal_force, atol=1e-12)
     other = forces["straight"]

@@ -10,14 +10,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError, Regime, branch_vectors, contact_forces, contact_state, find_faces
+from loops import (
+    InputError,
+    Regime,
+    Scene,
+    branch_vectors,
+    contact_forces,
+    contact_state,
+    find_faces,
+)
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
+from stability import rates_at
 from stability.packing import (
     loop_changes,
     loop_rates,
     packing_increment,
-    packing_response,
     replay,
 )
 from stability.packing.state import start_state
@@ -84,7 +92,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     """Against the response and the loops' rates, called apart."""
     before, after = read(1), read(2)
     strain = np.eye(2) - after.graph.cell @ np.linalg.inv(before.graph.cell)
-    response = packing_increment(before.graph, before.law, strain)
+    response = packing_increment(Scene(before.graph, before.law), strain)
     rates = loop_rates(response, find_faces(before.graph))
     every, own = by_interval(result, "packing", 1), by_interval(result, "increments", 1)
     for name, field in PREDICTED.items():
@@ -115,7 +123,7 @@ def test_the_path_and_the_replay_predict_beside(tmp_path, monkeypatch, unsaved):
     out, replayed = tmp_path / "series", []
 
     def kept(*given, **walls):
-        replayed.append((*given, replay(*given, **walls)))
+        replayed.append((*given, replay(Scene(*given), **walls)))
         return replayed[-1][-1]
 
     monkeypatch.setattr(series_packing, "replay", kept)
@@ -348,7 +356,7 @@ def moved(graph, response, step):
 def test_a_packing_that_does_as_told_is_predicted():
     """To first order in the step, by the rate problem and by its own motion."""
     graph = packing(30, seed=12, sliding=0.3)
-    response = packing_response(graph, LAW, H)
+    response = rates_at(Scene(graph, LAW), H=H)
     turns = np.round(np.linspace(-3, 3, graph.grain_count))
     before = tracked(graph, np.zeros(graph.grain_count))
     assert response.status == "one found" and response.sliding > 2
@@ -374,7 +382,7 @@ def test_a_packing_that_does_as_told_is_predicted():
 def test_nothing_is_predicted_where_nothing_can_be_trusted(monkeypatch):
     graph = packing(24, seed=3)
     before = tracked(graph)
-    after = tracked(moved(graph, packing_response(graph, LAW, H), STEP))
+    after = tracked(moved(graph, rates_at(Scene(graph, LAW), H=H), STEP))
     fates = track_loops(before, after)
     solved = series_packing.PackingIncrements.response
     for status in ("not converged",):

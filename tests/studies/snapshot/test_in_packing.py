@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces
 from loops.packing import loops_in_place, outline_grains
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import restrict, symmetric_part
@@ -59,7 +59,7 @@ def results(tmp_path_factory):
 @pytest.fixture(scope="module")
 def place():
     snapshot = read_snapshot(SLOW, cell=np.reshape(CELL, (2, 2)))
-    return loops_in_place(snapshot.graph, snapshot.law, find_faces(snapshot.graph))
+    return loops_in_place(Scene(snapshot.graph, snapshot.law), find_faces(snapshot.graph))
 
 
 def test_columns_are_the_operators_eigenvalues(results, place):
@@ -228,7 +228,7 @@ def test_all_contacts_open_are_refused():
 
 def test_a_cell_of_one_grain_has_loops_without_a_strain():
     one = GrainGraph([[0.0, 0.0]], [0.5], [[0, 0], [0, 0]], images=[[1, 0], [0, 1]], cell=np.eye(2))
-    place = loops_in_place(one, LAW, find_faces(one))
+    place = loops_in_place(Scene(one, LAW), find_faces(one))
     assert np.isnan(place.matrix).all()
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import grainloops as gl
-from loops import LinearFrictional
+from loops import LinearFrictional, Scene
 from loops.packing import loops_in_place
 from patterns.diamond import TABLE_1, drained_path
 from patterns.hard_cases import HARD_CASES
@@ -59,7 +59,7 @@ def in_place() -> Answers:
     for name, graph, law in (("36", jammed(36, 5), LAW), ("2,000", *yade_rest("slow")[:2])):
         for method in ("whole", "blocks"):
             place = loops_in_place(
-                graph, law, gl.find_faces(graph), method=method, threads=1, block=25.0
+                Scene(graph, law), gl.find_faces(graph), method=method, threads=1, block=25.0
             )
             norm = np.linalg.norm(place.matrix, axis=(1, 2))
             found |= {f"{name} {method}": norm, f"{name} {method}~": place.matrix_error}
@@ -105,9 +105,10 @@ def _biaxial(amount: float, axis: int = 2) -> Any:
 def path() -> Answers:
     """Paths of a real state and of a small one."""
     graph, law, _ = yade_rest("slow")
-    real = gl.follow(graph, law, _biaxial(1e-5), closure="packing", rows=2)
-    given = {"closure": "packing", "rows": 2, "interval": 2e-4}
-    small = gl.follow(jammed(36, 5), LAW, _biaxial(2e-2), **given)
+    real = gl.follow(gl.Scene(graph, law), _biaxial(1e-5), closure="packing", rows=2)
+    small = gl.follow(
+        gl.Scene(jammed(36, 5), LAW), _biaxial(2e-2), closure="packing", rows=2, interval=2e-4
+    )
     parts = {"2,000": real, "36": small}
     return {f"{n} {key}": value for n, one in parts.items() for key, value in _walked(one).items()}
 
@@ -126,7 +127,7 @@ def hold() -> Answers:
     found = {}
     for name, one, its in (("2,000", graph, law), ("36", pushed, LAW)):
         for control in ("strain", "stress"):
-            end = gl.hold(one, its, control=control)
+            end = gl.hold(gl.Scene(one, its), control=control)
             spread = end.spread * np.linalg.norm(end.stress) + 1e-6 * np.abs(end.stress).max()
             found |= {f"{name} {control}": end.stress, f"{name} {control}~": spread}
             spread = end.strain_spread * np.linalg.norm(end.strain) + 1e-10
@@ -138,7 +139,7 @@ def hold() -> Answers:
 def _loaded(graph: Any, law: Any, degrees: float, share: float | None, **given: Any) -> Answers:
     """One direction of `sustain`; `share` stands for a spread of the large motion not asked for."""
     along = [[np.cos(np.radians(degrees)), np.sin(np.radians(degrees))]]
-    (one,) = sustain(graph, law, along, spread=share is None, **given).paths
+    (one,) = sustain(Scene(graph, law), along, spread=share is None, **given).paths
     spread = one.first_large_spread if share is None else share
     found = {"limit": one.limit, "limit~": one.limit * one.limit_spread, "status": [one.status]}
     found |= {"large": one.first_large_load, "large~": one.first_large_load * spread}
@@ -166,7 +167,7 @@ def motion() -> Answers:
 def indicators() -> Answers:
     """Indicators of the loops of a real state."""
     graph, law, _ = yade_rest("slow")
-    return dict(gl.indicators(graph, law, gl.find_faces(graph)))
+    return dict(gl.indicators(gl.Scene(graph, law), gl.find_faces(graph)))
 
 
 def loop_path() -> Answers:
@@ -184,7 +185,7 @@ def loop_path() -> Answers:
     }
     found: Answers = {}
     for name, (graph, mu, stage, closure) in runs.items():
-        one = gl.follow(graph, LinearFrictional(1.0, 0.2, mu), stage, closure=closure)
+        one = gl.follow(gl.Scene(graph, LinearFrictional(1.0, 0.2, mu)), stage, closure=closure)
         found |= {f"{name} end": one.P[-1], f"{name} status": [one.status]}
         found[f"{name} events"] = [event.kind for event in one.events]
         found[f"{name} places"] = [event.parameter for event in one.events]

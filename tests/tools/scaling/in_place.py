@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from scipy.sparse.linalg import spsolve
 
-from loops import Faces, GrainGraph, LinearFrictional, Regime, find_faces, loop_batches
+from loops import Faces, GrainGraph, LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import Floats
 from loops.geometry import boundary_vectors
 from loops.packing import loops_in_place, packing_system, stiffness_matrix
@@ -82,10 +82,10 @@ def scene(times: int, sliding: bool) -> tuple[GrainGraph, LinearFrictional, Face
 def measured(name: str, times: int, sliding: bool) -> tuple[dict[str, Any], Floats, Floats]:
     """Time and memory of a method, the operators and their stated errors."""
     options = METHODS[name][0]
-    loops_in_place(*scene(1, False), **options)
+    loops_in_place(Scene(*scene(1, False)), **options)
     graph, law, faces = scene(times, sliding)
     before, found = _reset_peak(), []
-    _, seconds = _timed(lambda: found.append(loops_in_place(graph, law, faces, **options)))
+    _, seconds = _timed(lambda: found.append(loops_in_place(Scene(graph, law), faces, **options)))
     row = _row(name, graph, faces, sliding, seconds) | {"peak_mb": (_peak() - before) / MB}
     return row, found[0].matrix, found[0].error
 

@@ -35,7 +35,7 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from loops import GrainGraph, InputError, LinearFrictional, find_faces
+from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
 from stability import Programme, Stage, follow
@@ -172,10 +172,10 @@ def replayed(
         H = np.eye(2) - after @ np.linalg.inv(np.array(graph.cell))
         # The rate is that of the strain, whatever the pressure has become.
         if not going:
-            end = replay(graph, law, H, inertial_number=rate)
+            end = replay(Scene(graph, law), H, inertial_number=rate)
             pace = end.duration / amplitude
         else:
-            end = replay(graph, law, H, duration=pace * (amplitude - before), **going)
+            end = replay(Scene(graph, law), H, duration=pace * (amplitude - before), **going)
         graph, going = end.state.graph(), {"velocity": end.velocity, "spin": end.spin}
         stresses.append(end.state.stress)
     return np.array(stresses)
@@ -274,7 +274,9 @@ def grown(times: int) -> dict[str, Any]:
     H = 1e-5 / times**2 * np.diag([-1.33, 1.0]) / np.hypot(1.33, 1.0)
     # Loads what is compiled.
     small = replicated(1, sliding=False)
-    replay(*small, 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000))
+    replay(
+        Scene(*small), 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000)
+    )
     followed(*small, strained(1e-2 * H))
     row: dict[str, Any] = {"grains": graph.grain_count, "contacts": graph.contact_count}
     mass = np.full(graph.grain_count, float(law.kn[0]))
@@ -387,11 +389,11 @@ def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[st
         H, source = sample_strain(one, two)
         assert source == "walls"
         boundary, _ = sample_boundary(one)
-        walls = {"boundary": boundary}
         mass = tables[k].set_index("id").mass[one.ids].to_numpy()
         time = float(np.diff(macro.time[numbers[k : k + 2]])[0])
-        path = followed(graph, law, strained(H), instabilities=1000, past="dynamic", **walls)
-        again = replay(graph, law, H, duration=time, mass=mass, **walls)
+        stage, how = strained(H), {"instabilities": 1000, "past": "dynamic"}
+        path = followed(graph, law, stage, boundary=boundary, **how)
+        again = replay(Scene(graph, law, boundary), H, duration=time, mass=mass)
         row: dict[str, Any] = {"snapshot": numbers[k], "strain": H[1, 1], "status": path.status}
         row |= {"unbalanced": macro.unbalanced[numbers[k]], "events": len(path.events)}
         for name, end in (("path", path.states[-1]), ("replay", again.state)):
@@ -420,7 +422,7 @@ def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
     for k, (one, two) in enumerate(pairwise(states), 1):
         graph, law, H = one.graph, one.mechanics()[0], _strain(one, two)
         path = followed(graph, law, strained(H), instabilities=1000, past="dynamic")
-        again = replay(graph, law, H, inertial_number=1e-5, mass=one.mass, damping=0.2)
+        again = replay(Scene(graph, law), H, inertial_number=1e-5, mass=one.mass, damping=0.2)
         whole = _strain(first, two)
         through = followed(
             first.graph, first.law, strained(whole), instabilities=1000, past="dynamic"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from loops import Scene
 from stability.packing import loop_changes, replay
 from studies.reading import plan_series, reading
 from studies.series.evolution import loop_increments, sample_strain, track_loops
@@ -38,9 +39,12 @@ def replayed(before, after, times, asked, rest):
     options = {name: value for name, value in rate.options.items() if name not in still}
     boundary, _ = sample_boundary(before)
     end = replay(
-        before.graph, before.mechanics()[0], loading.strain, shares=loading.shares,
-        damping=asked.damping, boundary=boundary, **options,
-    ).state  # fmt: skip
+        Scene(before.graph, before.mechanics()[0], boundary),
+        loading.strain,
+        shares=loading.shares,
+        damping=asked.damping,
+        **options,
+    ).state
     works = loop_changes(before.graph, end, before.faces).normalised_work[made["loop_before"]]
     score = score_skill(-works, np.asarray(made["w2"]), signed=False)
     return stress_error(end, after), score["auc"], score["base"]
