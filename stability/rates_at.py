@@ -17,10 +17,9 @@ from stability.complementarity import STARTS
 from stability.follow import closure_of
 from stability.packing.response import (
     YIELD_BAND,
-    Control,
+    HeldAndDriven,
     PackingResponse,
     component_control,
-    control_of,
     packing_rates,
 )
 from stability.paths.of_graph import rates_of_loop
@@ -173,9 +172,9 @@ def rates_at(
     _refuse(options, of_packing if closure == "packing" else ("spins",), f"the {closure} closure")
     strain, stress = _components(H, P) if programme is None else (np.eye(2), np.eye(2))
     if closure == "packing":
-        control: Control = component_control(strain, stress)
+        control: HeldAndDriven | Programme = component_control(strain, stress)
         if programme is not None:
-            control = control_of(programme_of(programme))
+            control = programme_of(programme)
         band = YIELD_BAND if yield_band is None else yield_band
         return packing_rates(
             scene,

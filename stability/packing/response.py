@@ -741,7 +741,7 @@ def controlled(
 
 def packing_rates(
     scene: Scene,
-    control: Control,
+    control: Control | Programme,
     *,
     regime: Literal["elastic", "sliding"] | None = None,
     yield_band: float = YIELD_BAND,
@@ -756,6 +756,8 @@ def packing_rates(
     around = scene.boundary
     yielding = yield_response(scene.graph, scene.law, yield_band=yield_band, boundary=around)
     rates = PackingRates(yielding)
+    if isinstance(control, Programme):
+        control = control_of(control, packing_stress(yielding.system))
     if regime is None:
         return rates.solved(control, starts).response
     return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
@@ -799,9 +801,9 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDri
     return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
 
 
-def control_of(programme: Programme) -> Control:
-    """Return the control of a programme at the start; rows of strain or of stress apart."""
-    stress, strain, rate = programme.equations(np.zeros(4))
+def control_of(programme: Programme, stress: Floats) -> Control:
+    """Return the control of a programme in a first state; rows of strain or of stress apart."""
+    stress, strain, rate = programme.equations(np.zeros(4), stress.ravel())
     driven, held = stress.any(axis=1), strain.any(axis=1)
     if (driven & held).any():
         return Mixed(stress, strain, rate)

@@ -119,7 +119,7 @@ def test_what_is_held_is_a_scene():
 
 def test_an_unknown_programme_is_named():
     with pytest.raises(InputError, match="oedometric"):
-        gl.Stage("biaxial", "H11", 0.1)
+        gl.Stage("triaxial", "H11", 0.1)
 
 
 @pytest.mark.parametrize("wrong", [None, 3, "packing"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from loops import boundary_of
 from loops import LinearFrictional, Scene
 from patterns import regular_polygon
 from patterns.diamond import diamond
@@ -54,7 +55,9 @@ def test_cauchy_drained_diamond_against_its_closed_tangent():
         Stage("cauchy_drained", "H11", end),
     ]
     volume = 4 * np.cos(alpha0) * np.sin(alpha0)
-    path = follow(Scene(diamond(alpha0), law), stages, closure="affine", volume=volume)
+    loop = diamond(alpha0)
+    scene = Scene(loop, law, boundary_of(loop, volume=volume))
+    path = follow(scene, stages, closure="affine")
     t0 = np.tan(alpha0)
     sigma = at_A * t0 / (1 - at_A)
 

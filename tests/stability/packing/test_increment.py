@@ -92,15 +92,15 @@ def test_a_grain_at_its_plates_sticks_then_slides():
     T = np.array([0.9 * limit, 0.1 * limit])
     graph, planes = one_grain(T)
     low, high = box(graph, planes)
-    how = {"boundary": between(planes, volume=float(np.prod(high - low))), "candidates": 0.8}
-    law = LinearFrictional(1.0, 0.5)
+    plates = between(planes, volume=float(np.prod(high - low)))
+    scene, how = Scene(graph, LinearFrictional(1.0, 0.5), plates), {"candidates": 0.8}
     # Sticking, both plates carry the same and there is no spin.
     slope = 2.0 * 0.98 / (4.0 + 2.0 * KT)
     at = (limit - T[0]) / (KT * slope)
-    before = packing_increment(Scene(graph, law), np.diag([0.9 * at, 0.0]), **how)
+    before = packing_increment(scene, np.diag([0.9 * at, 0.0]), **how)
     assert before.sliding == 0 and before.status == "unique"
     whole = at + 0.02
-    found = packing_increment(Scene(graph, law), np.diag([whole, 0.0]), **how)
+    found = packing_increment(scene, np.diag([whole, 0.0]), **how)
     # Beyond, the lower plate carries no more, and the disc rolls along the upper one.
     v = -slope * at - 2.0 * 0.98 * 0.02 / 4.0
     moved = found.motion[0, 0] - whole * graph.x[0, 0]

@@ -76,7 +76,7 @@ def test_triangles_event_by_event(increment):
     assert len(told) == 13
     error = []
     for interval in 4 * np.array(INTERVALS):
-        path = followed(TRIANGLES, law, stages, interval=interval)
+        path = followed(Scene(TRIANGLES, law), stages, interval=interval)
         found, at = in_order(path)
         assert path.status == "finished" and found == told
         np.testing.assert_allclose(path.P[-1], whole.P[-1], rtol=0, atol=1e-5 * whole.P[-1, 0])
@@ -95,7 +95,7 @@ def test_stresses_of_lattices(graph, most):
     whole = follow(Scene(graph, law), stages, closure="affine", spins="free")
     error = []
     for interval in INTERVALS:
-        path = followed(graph, law, stages, interval=interval)
+        path = followed(Scene(graph, law), stages, interval=interval)
         assert path.status == "finished" and not in_order(path)[0] and not in_order(whole)[0]
         error.append(np.abs(path.P[-1] - whole.P[-1]).max() / np.abs(whole.P[-1]).max())
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.05)
@@ -109,16 +109,18 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
     ring = LENGTH * np.column_stack([np.cos(angles), np.sin(angles)])
     sides = [(k, (k + 1) % 6) for k in range(6)]
     hexagon = GrainGraph(x=ring, radii=[0.5] * 6, contacts=sides, normal_force=[0.01] * 6)
-    loop = partial(follow, hexagon, law, closure="traction", spins="blocked")
+    loop = partial(follow, Scene(hexagon, law), closure="traction", spins="blocked")
     (first, *_) = loop(strained(strain)).of_kind("yield")
     assert len(first.contacts) == 4
     part = strained(0.9 * first.parameter * strain)
     wanted, error, place = loop(part).P[-1] / 2, [], []
     for interval in INTERVALS:
-        path = followed(COMB, law, part, interval=interval)
+        path = followed(Scene(COMB, law), part, interval=interval)
         assert path.status == "finished" and path.events == ()
         error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
-        events = followed(COMB, law, strained(strain), interval=interval, instabilities=1).events
+        events = followed(
+            Scene(COMB, law), strained(strain), interval=interval, instabilities=1
+        ).events
         place.append(abs(events[0].parameter - first.parameter))
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
     np.testing.assert_allclose(np.divide(place[:-1], place[1:]), 2.0, rtol=0.1)
@@ -134,10 +136,10 @@ def test_a_lattice_of_diamonds_follows_the_path_of_loops():
     wanted = follow(Scene(diamonds(), law), part, closure="affine", spins="blocked").P[-1]
     error, place = [], []
     for interval in INTERVALS[1:]:
-        path = followed(diamonds(), law, part, interval=interval)
+        path = followed(Scene(diamonds(), law), part, interval=interval)
         error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
         events = followed(
-            diamonds(), law, strained(strain), interval=interval, instabilities=1
+            Scene(diamonds(), law), strained(strain), interval=interval, instabilities=1
         ).events
         place.append(abs(events[0].parameter - yields))
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
@@ -159,7 +161,7 @@ def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
     whole = follow(Scene(graph, law), strained(strain), closure="affine", spins="free")
     error = []
     for interval in INTERVALS[:2]:
-        path = followed(graph, law, strained(strain), interval=interval)
+        path = followed(Scene(graph, law), strained(strain), interval=interval)
         (event,) = path.events
         assert (event.kind, event.contacts) == ("closing", (2,))
         assert event.parameter == pytest.approx(whole.events[0].parameter, rel=1e-5)
@@ -177,8 +179,7 @@ def test_a_hundred_cells_follow_the_path_of_one():
     stages = [strained(STRAIN), strained(-1.5 * STRAIN)]
     one, many = (
         followed(
-            touching_lattice(vectors, [(1, 0), (0, 1), (-1, 1)], cells=(n, n)),
-            law,
+            Scene(touching_lattice(vectors, [(1, 0), (0, 1), (-1, 1)], cells=(n, n)), law),
             stages,
             interval=8e-4,
         )
@@ -198,8 +199,8 @@ def between_walls(law, stage, interval):
     push = 2.0 * graph.normal_force * np.abs(way @ half) / LENGTH
     overlap = push ** (2 / 3 if isinstance(law, HertzMindlin) else 1)
     planes = PlaneContacts(np.arange(4), (0.5 - overlap)[:, None] * way, np.ones(4), np.zeros(4))
-    walls = {"boundary": between(planes, -push[:, None] * way)}
-    return graph, followed(graph, law, stage, interval=interval, **walls)
+    scene = Scene(graph, law, between(planes, -push[:, None] * way))
+    return graph, followed(scene, stage, interval=interval)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ HELD = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
 
 @functools.cache
 def passed(past):
-    return followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past=past)
+    return followed(Scene(GRAPH, BRANCH), strained(STRAIN), interval=INTERVAL, past=past)
 
 
 @pytest.mark.parametrize("past", ["viscous", "dynamic", "stop"])
@@ -56,7 +56,7 @@ def test_stop_ends_with_the_state_before():
     assert path.parameter[-1] == event.parameter
     # A path that ends a thousandth of an interval earlier meets none and has the same forces.
     less = event.parameter - 1e-3 * INTERVAL / np.linalg.norm(STRAIN)
-    before = followed(GRAPH, BRANCH, strained(less * STRAIN), interval=INTERVAL)
+    before = followed(Scene(GRAPH, BRANCH), strained(less * STRAIN), interval=INTERVAL)
     assert before.status == "finished" and not before.of_kind("instability")
     forces = [one.states[-1].forces[: GRAPH.contact_count] for one in (before, path)]
     assert np.linalg.norm(forces[1] - forces[0]) < 1e-5 * np.linalg.norm(forces[0])
@@ -123,7 +123,7 @@ def test_dynamic_under_held_stress():
     """The servo keeps P11 through the snap, the strain jumps, and the energy balance closes."""
     mixed = Programme("mixed", *HELD, [0, STRAIN[0, 1], 0, STRAIN[1, 1]])
     stages = [strained(0.98 * STRAIN), Stage(mixed, "parameter", 0.03)]
-    path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
+    path = followed(Scene(GRAPH, BRANCH), stages, interval=INTERVAL, past="dynamic")
     (event,) = path.of_kind("instability")
     assert path.status == "finished" and event.passed == "replayed"
     np.testing.assert_allclose(path.P[-1, 0], path.P[1, 0], rtol=1e-5)
@@ -137,7 +137,7 @@ def test_a_target_within_a_snap_is_passed():
     low, high = passed("dynamic").P[-1, 0], passed("stop").P[-1, 0]
     leap = replace(strained(STRAIN), quantity="P11", target=0.5 * (low + high))
     stages = [strained(0.98 * STRAIN), leap]
-    path = followed(GRAPH, BRANCH, stages, interval=INTERVAL, past="dynamic")
+    path = followed(Scene(GRAPH, BRANCH), stages, interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and path.events[-1].kind == "instability"
     assert path.P[-1, 0] < leap.target < path.P[-2, 0]
     # The first stage went 0.98 of the strain in a parameter of 1; the servo lags by rounding.
@@ -157,7 +157,7 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
 
     monkeypatch.setattr(past_module, "snap_through", kept)
     shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
-    path = followed(shaken, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
+    path = followed(Scene(shaken, BRANCH), strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "finished" and len(seen) >= 3
     before, after, load = seen[:3]
     assert before < 0.02 * load and after < 0.02 * load
@@ -177,7 +177,7 @@ def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
                         pairs, np.zeros(4))  # fmt: skip
 
         monkeypatch.setattr(past_module, "snap_through", off)
-    path = followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="dynamic")
+    path = followed(Scene(GRAPH, BRANCH), strained(STRAIN), interval=INTERVAL, past="dynamic")
     assert path.status == "lost" and (why in path.message or "jumped" in path.message)
     assert path.events[-1].passed == "lost"
     before = passed("stop").states[-1]
@@ -186,7 +186,7 @@ def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
 
 def test_bad_input():
     with pytest.raises(InputError, match="past"):
-        followed(GRAPH, BRANCH, strained(STRAIN), past="on")
+        followed(Scene(GRAPH, BRANCH), strained(STRAIN), past="on")
     with pytest.raises(InputError, match="past: got 'stop' with the affine closure"):
         follow(Scene(GRAPH, BRANCH), strained(STRAIN), closure="affine", past="stop")
 
@@ -205,7 +205,10 @@ def test_a_path_does_not_depend_on_units(past):
         normal_force=force * length * GRAPH.normal_force,
         shear_force=force * length * GRAPH.shear_force,
     )
-    other, path = followed(graph, law, strained(STRAIN), interval=INTERVAL, past=past), passed(past)
+    other, path = (
+        followed(Scene(graph, law), strained(STRAIN), interval=INTERVAL, past=past),
+        passed(past),
+    )
     told = [[(event.kind, event.contacts) for event in one.events] for one in (path, other)]
     assert told[0] == told[1] and any(kind == "instability" for kind, _ in told[0])
     # Powers of two: rounding is the same but where kn is averaged.

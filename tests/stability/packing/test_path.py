@@ -49,7 +49,7 @@ followed = functools.partial(follow, closure="packing")
 @functools.cache
 def forces(case, interval):
     graph = packed(*case[:3])
-    path = followed(graph, case[2], strained(H), interval=interval)
+    path = followed(Scene(graph, case[2]), strained(H), interval=interval)
     assert path.status == "finished"
     return path, path.states[-1].forces[: graph.contact_count]
 
@@ -92,7 +92,7 @@ def unaccounted(path):
 )
 def test_energy_is_closed_to_rounding(which, law, interval):
     """For any interval, law and events; one packing stores 3e4 times the work."""
-    path = followed(packed(*which, law), law, strained(H), interval=interval)
+    path = followed(Scene(packed(*which, law), law), strained(H), interval=interval)
     assert path.status == "finished" and path.events
     assert unaccounted(path) < 1e-9
 
@@ -114,7 +114,9 @@ def test_shares_of_the_work(case):
         assert -3e-3 < left[1] < -1e-3 and left[0] == pytest.approx(left[1], rel=1e-3)
     error = []
     for rows in (25, 50):
-        path = followed(packed(*case[:3]), case[2], strained(H), rows=rows, interval=INTERVALS[1])
+        path = followed(
+            Scene(packed(*case[:3]), case[2]), strained(H), rows=rows, interval=INTERVALS[1]
+        )
         volume = abs(np.linalg.det(path.states[0].cell))
         mean = 0.5 * (path.P[1:] + path.P[:-1])
         error.append(abs(volume * np.sum(mean * np.diff(path.H, axis=0)) / path.work[-1, 0] - 1))
@@ -127,7 +129,7 @@ def test_a_first_step_is_the_rate_problem(case):
     """Loop by loop, before any contact changes regime; second order in a strain of 3e-7."""
     graph, law = packed(*case[:3]), case[2]
     faces, step = find_faces(graph), 1e-4 * H
-    path = followed(graph, law, strained(step), interval=1e-8)
+    path = followed(Scene(graph, law), strained(step), interval=1e-8)
     assert path.events == () and path.imbalance[-1] < 1e-10
     changes = loop_changes(graph, path.states[-1], faces)
     rates = loop_rates(rates_at(Scene(graph, law), H=step, yield_band=1 - 1e-6), faces)
@@ -144,7 +146,7 @@ def test_contacts_slide_from_the_start_within_a_millionth_of_the_limit(short, sl
     first = np.arange(graph.contact_count) % 4 == 0
     most = (1 - short) * BRANCH.mu * graph.normal_force * np.sign(graph.shear_force)
     graph = graph.replace(shear_force=np.where(first, most, 0.9 * graph.shear_force))
-    path = followed(graph, BRANCH, strained(1e-6 * H), interval=1e-8)
+    path = followed(Scene(graph, BRANCH), strained(1e-6 * H), interval=1e-8)
     told = {event.contacts[0]: event.kind for event in path.events}
     end = path.states[-1]
     N, T = end.normal_force[: len(first)], end.shear_force[: len(first)]
@@ -160,7 +162,7 @@ def test_contacts_slide_from_the_start_within_a_millionth_of_the_limit(short, sl
 def test_sliding_contacts_end_on_the_friction_limit():
     """Contacts whose last event is yield have `|T| = mu N` with the exact `N`, at every row."""
     graph = packed(16, 2, BRANCH)
-    path = followed(graph, BRANCH, strained(H), rows=5, interval=INTERVALS[0])
+    path = followed(Scene(graph, BRANCH), strained(H), rows=5, interval=INTERVALS[0])
     seen = 0
     for row, state in enumerate(path.states[1:], start=1):
         last = {e.contacts[0]: e.kind for e in path.events if e.index < row}
@@ -179,7 +181,7 @@ def test_a_path_starts_with_the_forces_of_the_geometry():
         shear_force=np.where(np.arange(graph.contact_count) % 2, 2, 0.5) * graph.shear_force,
         radii=np.where(np.arange(16) == 3, 0.99, 1.0) * graph.radii,
     )
-    start = followed(wrong, LAW, strained(1e-9 * H), max_steps=1).states[0]
+    start = followed(Scene(wrong, LAW), strained(1e-9 * H), max_steps=1).states[0]
     count = graph.contact_count
     overlap = wrong.radii[graph.contacts].sum(axis=1) - np.linalg.norm(
         start.branches[:count], axis=1
@@ -208,7 +210,7 @@ def test_a_mirrored_packing_goes_the_mirrored_way(case):
         shear_force=-graph.shear_force[order],
     )
     path = forces(case, INTERVALS[0])[0]
-    other = followed(mirrored, law, strained(turn @ H @ turn), interval=INTERVALS[0])
+    other = followed(Scene(mirrored, law), strained(turn @ H @ turn), interval=INTERVALS[0])
     signs = np.array([1.0, -1.0, -1.0, 1.0])
     np.testing.assert_allclose(other.P, signs * path.P, rtol=0, atol=1e-9 * np.abs(path.P).max())
     np.testing.assert_allclose(other.work, path.work, rtol=0, atol=1e-9 * path.work[-1, 0])
@@ -221,14 +223,16 @@ def test_a_mirrored_packing_goes_the_mirrored_way(case):
 
 def test_mixed_control_holds_its_stress():
     graph = packed(16, 2, BRANCH)
-    path = followed(graph, BRANCH, Stage(drained_biaxial(2), "H22", 1e-3), rows=4, interval=2e-5)
+    path = followed(
+        Scene(graph, BRANCH), Stage(drained_biaxial(2), "H22", 1e-3), rows=4, interval=2e-5
+    )
     assert path.status == "finished" and len(path) == 5
     np.testing.assert_allclose(path.H[:, 3], np.linspace(0, 1e-3, 5), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(path.P[:, 0], path.P[0, 0], rtol=1e-5)
     assert np.abs(path.H[:, 1:3]).max() < 1e-15
     assert (np.diff(path.H[:, 0]) < 0).all()
     # The same strain prescribed leads to the same stress.
-    again = followed(graph, BRANCH, strained(path.H[-1]), interval=2e-5)
+    again = followed(Scene(graph, BRANCH), strained(path.H[-1]), interval=2e-5)
     np.testing.assert_allclose(again.P[-1], path.P[-1], rtol=0, atol=2e-3 * path.P[0, 0])
 
 
@@ -238,7 +242,7 @@ def test_a_second_stage_starts_from_its_own_state():
     P11 = np.diag([1.0, 0, 0, 0])
     mixed = Programme("mixed", P11, np.eye(4) - P11, [2e-4, 0, 0, -5e-4])
     stages = [strained(0.2 * H), Stage(mixed, "parameter", 0.8)]
-    path = followed(graph, law, stages, rows=4, interval=2e-5)
+    path = followed(Scene(graph, law), stages, rows=4, interval=2e-5)
     assert path.status == "finished" and path.stage.tolist() == 5 * [0] + 4 * [1]
     assert path.parameter[4] == pytest.approx(1.0, rel=1e-12)
     first, later = 4, slice(5, None)
@@ -257,7 +261,7 @@ def test_a_second_stage_starts_from_its_own_state():
 def test_events_lie_between_their_rows():
     """`index` is the row before; the last row of a stage is the first of the next."""
     stages = [strained(H), strained(-H)]
-    path = followed(packed(16, 2, BRANCH), BRANCH, stages, rows=10, interval=INTERVALS[0])
+    path = followed(Scene(packed(16, 2, BRANCH), BRANCH), stages, rows=10, interval=INTERVALS[0])
     told = [event for event in path.events if event.kind != "programme_change"]
     assert len(told) > 10 and {event.stage for event in told} == {0, 1}
     rounding = 1e-9
@@ -277,7 +281,7 @@ def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
 
     monkeypatch.setattr(path_module, "with_near", counted)
     interval = 2e-4
-    path = followed(diamonds(), LAW, strained(0.01 * np.eye(2)), interval=interval)
+    path = followed(Scene(diamonds(), LAW), strained(0.01 * np.eye(2)), interval=interval)
     # Two grains approach by a strain times their diameter; a strain counts by its norm.
     assert path.intervals == pytest.approx(0.01 * np.sqrt(2) / interval, abs=1.5)
     wanted = path.intervals // np.ceil(0.005 / interval)
@@ -288,7 +292,7 @@ def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
 def test_instabilities_are_events_and_end_the_path():
     """Seven of twelve grains snap through: the event has them, the path stops at the first."""
     stage = strained(7.7 * H)
-    path = followed(packed(12, 1, BRANCH), BRANCH, stage, interval=4e-5, instabilities=1)
+    path = followed(Scene(packed(12, 1, BRANCH), BRANCH), stage, interval=4e-5, instabilities=1)
     assert path.status == "instabilities" and path.parameter[-1] < 0.99
     (event, *_) = path.of_kind("instability")
     assert round(event.taking_part) == 7 and event.contacts == (7,)
@@ -296,7 +300,7 @@ def test_instabilities_are_events_and_end_the_path():
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():
     """One interval changes the stress by more than half."""
-    path = followed(packed(12, 1, LAW), LAW, strained(0.05 * np.eye(2)), interval=0.05)
+    path = followed(Scene(packed(12, 1, LAW), LAW), strained(0.05 * np.eye(2)), interval=0.05)
     assert path.status == "lost" and "jumped" in path.message
     np.testing.assert_array_equal(path.H[-1], 0)
 
@@ -313,7 +317,7 @@ def test_a_path_that_leaps_is_lost_with_the_state_before():
 def test_laws_at_their_limits(law, least):
     """Against a slow replay, past openings and closings."""
     graph = jammed(16, 2, law)
-    path = followed(graph, law, strained(H), interval=2e-5)
+    path = followed(Scene(graph, law), strained(H), interval=2e-5)
     assert (path.status == "finished" and path.of_kind("closing")) or path.of_kind("opening")
     assert not path.of_kind("instability") and not path.of_kind("yield")
     wanted = replay(Scene(graph, law), H, duration=2e5, viscous=0.02).state.forces
@@ -328,7 +332,7 @@ def test_shares_at_yield(share):
     graph = packed(16, 2, LAW)
     most = LAW.mu * graph.normal_force
     graph = graph.replace(shear_force=share * np.sign(graph.shear_force) * most)
-    path = followed(graph, LAW, strained(0.01 * H))
+    path = followed(Scene(graph, LAW), strained(0.01 * H))
     assert path.status == "finished" and bool(path.events) == bool(share)
     last = path.states[-1]
     assert (np.abs(last.shear_force) <= (1 + 1e-9) * LAW.mu * last.normal_force).all()
@@ -339,7 +343,7 @@ def test_energy_of_instabilities_is_accounted_for():
     graph = packed(24, 3, LAW)
     most = np.sign(graph.shear_force) * LAW.mu * graph.normal_force
     graph = graph.replace(shear_force=most)
-    path = followed(graph, LAW, strained(0.01 * H), interval=2e-6, instabilities=100)
+    path = followed(Scene(graph, LAW), strained(0.01 * H), interval=2e-6, instabilities=100)
     spent = path.work[-1, 1:]
     told = [e.released for e in path.of_kind("instability")]
     assert path.status == "finished" and len(told) > 10
@@ -352,7 +356,7 @@ def test_energy_of_instabilities_is_accounted_for():
 def test_grains_that_come_nearer_with_the_cell_touch():
     """Opposite grains of the diamonds close a gap of 0.136; all move with the cell."""
     strain, law = 0.125 * np.eye(2), LinearFrictional(1.0, 0.5, 0.5)
-    path = followed(diamonds(), law, strained(strain), interval=1e-3)
+    path = followed(Scene(diamonds(), law), strained(strain), interval=1e-3)
     touch = 1 - 1 / (2 * 0.99 * np.sin(np.radians(35)))
     assert len(path.of_kind("closing")) == 4
     for event in path.of_kind("closing"):
@@ -372,7 +376,7 @@ def test_a_contact_that_would_open_if_it_stuck_slides_when_it_closes(
     which, law, interval, contact, kinds
 ):
     """At its last closing: if it stuck it would open at once, close, and so on."""
-    path = followed(packed(*which, law), law, strained(5 * H), interval=interval)
+    path = followed(Scene(packed(*which, law), law), strained(5 * H), interval=interval)
     assert path.status == "finished" and not path.of_kind("instability")
     found = [event.kind for event in path.events if event.contacts == (contact,)]
     assert found[: len(kinds)] == kinds and found.count("closing") == kinds.count("closing")
@@ -383,7 +387,7 @@ def test_grains_that_carry_nothing_leave_the_packing_with_their_contacts():
 
     With longer intervals contacts of others open on curved ways, which the quadrature sees.
     """
-    path = followed(packed(24, 3, BRANCH), BRANCH, strained(10 * H), interval=5e-5)
+    path = followed(Scene(packed(24, 3, BRANCH), BRANCH), strained(10 * H), interval=5e-5)
     assert path.status == "finished" and not path.of_kind("instability")
     gone = [e for e in path.of_kind("opening") if e.cause == "unloaded"]
     times = Counter(event.parameter for event in gone)
@@ -401,7 +405,9 @@ def test_rows_are_looks_at_a_path_and_no_steps_of_it(which, stress):
     graph, stage = packed(*which, LAW), strained(4 * H)
     if stress:
         stage = Stage(drained_biaxial(2), "H22", 8e-3)
-    one, *others = (followed(graph, LAW, stage, interval=2e-4, rows=rows) for rows in (1, 10, 200))
+    one, *others = (
+        followed(Scene(graph, LAW), stage, interval=2e-4, rows=rows) for rows in (1, 10, 200)
+    )
     assert one.status == "finished" and one.events and one.intervals > 40
     for rows, other in zip((10, 200), others, strict=True):
         assert len(other) == rows + 1 and other.intervals == one.intervals
@@ -439,7 +445,7 @@ def test_rattlers_that_touch(count):
     """They are no contacts, and they end where a slow replay puts them."""
     graph, first = packed(16, 2, LAW), 16
     loose = with_a_row_of_rattlers(graph, count)
-    paths = [followed(g, LAW, strained(H), interval=2e-5) for g in (graph, loose)]
+    paths = [followed(Scene(g, LAW), strained(H), interval=2e-5) for g in (graph, loose)]
     alone, end = (path.states[-1] for path in paths)
     other = replay(Scene(loose, LAW), H, duration=2e4, viscous=0.02).state
     pairs = (end.contacts >= first).all(axis=1)
@@ -460,7 +466,7 @@ def test_rattlers_that_touch(count):
 def test_a_cell_sheared_past_its_neighbours():
     """A shear of 0.4: the closed contacts at the end are all overlapping pairs and images."""
     shear, law = np.array([[0.0, 0.4], [0.0, 0.0]]), LinearFrictional(1.0, 0.5, np.inf, "branch")
-    path = followed(diamonds(), law, strained(shear), interval=4e-3)
+    path = followed(Scene(diamonds(), law), strained(shear), interval=4e-3)
     end = path.states[-1]
     assert path.status == "finished" and path.of_kind("opening")
     grains, images = near_pairs(end.x, end.cell, end.radii, 0.0)
@@ -481,11 +487,11 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
     )
     held = np.diag([0, 1.0, 1.0, 1.0])
     pull = Stage(Programme("pull", np.diag([1.0, 0, 0, 0]), held, [-1.0, 0, 0, 0]), "P11", -0.01)
-    path = followed(row, LAW, pull, interval=1e-3)
+    path = followed(Scene(row, LAW), pull, interval=1e-3)
     assert path.status == "control_limit" and 0 < path.P[-1, 0] < 0.2 * path.P[0, 0]
     other = replace(strained(1e-3 * H), fallback=True)
-    assert followed(row, LAW, [pull, strained(H)], interval=1e-3).status == "control_limit"
-    path = followed(row, LAW, [pull, other], interval=1e-3)
+    assert followed(Scene(row, LAW), [pull, strained(H)], interval=1e-3).status == "control_limit"
+    path = followed(Scene(row, LAW), [pull, other], interval=1e-3)
     assert path.status == "finished" and path.stage.tolist() == [0, 0, 1]
     np.testing.assert_allclose(path.H[-1] - path.H[-2], 1e-3 * H.ravel(), rtol=0.02)
 
@@ -493,7 +499,7 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
 def test_events_of_a_rejected_interval_are_dropped():
     """A limit of the control met at the start of an interval: nothing lies beyond the last row."""
     stage = Stage(drained_biaxial(), "parameter", 0.05)
-    path = followed(packed(16, 2, LAW), LAW, stage, interval=2e-4)
+    path = followed(Scene(packed(16, 2, LAW), LAW), stage, interval=2e-4)
     assert path.status == "control_limit" and len(path.events)
     assert max(event.parameter for event in path.events) <= path.parameter[-1]
 
@@ -503,7 +509,7 @@ def test_a_state_out_of_balance_keeps_its_load():
     graph = packed(24, 3, LAW)
     rng = np.random.default_rng(0)
     shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
-    path = followed(shaken, LAW, strained(0.1 * H))
+    path = followed(Scene(shaken, LAW), strained(0.1 * H))
     assert path.status == "finished" and path.imbalance[-1] < 1e-5
     found = path.states[-1].forces[: shaken.contact_count]
     error = []
@@ -522,7 +528,9 @@ def test_the_load_of_the_start_decreases(kept):
     graph = packed(24, 3, LAW)
     rng = np.random.default_rng(0)
     shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
-    path = followed(shaken, LAW, strained(2e-5 * H / np.linalg.norm(H)), load_kept=kept, rows=4)
+    path = followed(
+        Scene(shaken, LAW), strained(2e-5 * H / np.linalg.norm(H)), load_kept=kept, rows=4
+    )
     assert path.status == "finished"
     first = path.states[0].resultants
     for state, share in zip(path.states, (1.0, 0.5 + 0.5 * kept, kept, kept, kept), strict=True):
@@ -553,7 +561,7 @@ def test_the_load_of_the_start_decreases(kept):
 def test_bad_input(change, message):
     given = {"graph": diamonds(), "law": LAW, "stages": strained(H)} | change
     with pytest.raises(InputError, match=message):
-        followed(given.pop("graph"), given.pop("law"), given.pop("stages"), **given)
+        followed(Scene(given.pop("graph"), given.pop("law")), given.pop("stages"), **given)
 
 
 @pytest.mark.parametrize("change", [{"interval": 1e-6}, {"instabilities": 3}])
@@ -573,7 +581,7 @@ def test_work_of_yades_loops(numbers, mean, least):
     for number in numbers:
         (one, _), (two, _) = slow(number), slow(number + 1)
         step = strained(strain_between(one, two))
-        path = followed(one.graph, one.law, step, instabilities=100)
+        path = followed(Scene(one.graph, one.law), step, instabilities=100)
         assert path.status == "finished"
         end = path.states[-1]
         found.append(
@@ -589,7 +597,7 @@ def test_energy_of_yades_steps_is_closed(number):
     """Strains of 2e-5 and 1e-4: the balance closes in every row, past instabilities too."""
     (one, _), (two, _) = slow(number), slow(number + 1)
     stage = strained(strain_between(one, two))
-    path = followed(one.graph, one.law, stage, rows=5, instabilities=100)
+    path = followed(Scene(one.graph, one.law), stage, rows=5, instabilities=100)
     assert path.status == "finished" and len(path.events) > 200
     work, *spent = np.diff(path.work, axis=0).T
     open_ = work - sum(spent) - np.diff(path.energy)
@@ -604,7 +612,7 @@ def test_strain_ratio_of_yades_sample(number):
     (one, _), (two, _) = slow(number), slow(number + 1)
     strain = strain_between(one, two)
     path = followed(
-        one.graph, one.law, Stage(drained_biaxial(2), "H22", strain[1, 1]), instabilities=100
+        Scene(one.graph, one.law), Stage(drained_biaxial(2), "H22", strain[1, 1]), instabilities=100
     )
     ratio = path.H[-1, 0] / path.H[-1, 3]
     assert ratio == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.02)

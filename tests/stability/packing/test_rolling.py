@@ -94,11 +94,11 @@ def test_a_lattice_has_the_path_of_the_loops_engine(increment, k_r):
     slid = {c for event in whole.of_kind("yield") for c in event.contacts}
     error = []
     for interval in INTERVALS:
-        path = followed(KAGOME, law, strained(STRAIN), interval=interval)
+        path = followed(Scene(KAGOME, law), strained(STRAIN), interval=interval)
         assert path.status == "finished" and {e.contacts[0] for e in path.events} == slid
         error.append(np.abs(path.P[-1] - whole.P[-1]).max() / np.abs(whole.P[-1]).max())
     assert error[0] < 3e-6 and np.divide(error[:-1], error[1:]).min() > 1.95
-    free = followed(KAGOME, law.law, strained(STRAIN), interval=1e-4)
+    free = followed(Scene(KAGOME, law.law), strained(STRAIN), interval=1e-4)
     assert np.abs(free.P[-1] - whole.P[-1]).max() > 0.01 * np.abs(whole.P[-1]).max()
 
 
@@ -132,7 +132,7 @@ def kagome_moments(law, steps):
 @pytest.mark.parametrize("mu_r", [0.1, 0.05, 0.02])
 def test_springs_of_a_lattice_yield_as_in_small_implicit_steps(mu_r):
     law = RollingResistance(LinearFrictional(1.0, 0.5, np.inf), 0.05, mu_r)
-    path = followed(KAGOME, law, strained(STRAIN), interval=5e-5)
+    path = followed(Scene(KAGOME, law), strained(STRAIN), interval=5e-5)
     assert path.status == "finished"
     assert {(event.kind, event.spring) for event in path.events} == {("yield", "rolling")}
     T, M = kagome_moments(law, 400)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import InputError, Scene
+from loops import InputError
 from patterns import read_snapshot, sample_path
 from stability.packing.hold import hold, unbalanced_force
 from studies.cli import main
@@ -107,7 +107,7 @@ def test_what_cannot_be_held_is_said(change, tmp_path):
 
 def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
     def flowing(*given, **options):
-        return replace(hold(Scene(*given), most_steps=1, **options), status="flows")
+        return replace(hold(*given, most_steps=1, **options), status="flows")
 
     monkeypatch.setattr(sys.modules["stability.packing.hold"], "hold", flowing)
     with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows with damping"):

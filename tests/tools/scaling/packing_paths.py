@@ -214,7 +214,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
         ("under way", one, two, _strain(one, two)),
     ):
         graph, law, faces = start.graph, start.mechanics()[0], find_faces(start.graph)
-        path = followed(graph, law, strained(H), instabilities=1000)
+        path = followed(Scene(graph, law), strained(H), instabilities=1000)
         before, after = (path.states[k].forces[: graph.contact_count] for k in (0, -1))
         told = loop_changes(graph, path.states[-1], faces).normalised_work
         row = {"state": name, "unbalanced_before": path.states[0].unbalanced}
@@ -277,7 +277,7 @@ def grown(times: int) -> dict[str, Any]:
     replay(
         Scene(*small), 1e-3 * H, duration=10.0, time_step=1.0, mass=small[1].kn[0] * np.ones(2000)
     )
-    followed(*small, strained(1e-2 * H))
+    followed(Scene(*small), strained(1e-2 * H))
     row: dict[str, Any] = {"grains": graph.grain_count, "contacts": graph.contact_count}
     mass = np.full(graph.grain_count, float(law.kn[0]))
     for name, steps in (("replay", 200), ("longer replay", 1200)):
@@ -392,7 +392,7 @@ def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[st
         mass = tables[k].set_index("id").mass[one.ids].to_numpy()
         time = float(np.diff(macro.time[numbers[k : k + 2]])[0])
         stage, how = strained(H), {"instabilities": 1000, "past": "dynamic"}
-        path = followed(graph, law, stage, boundary=boundary, **how)
+        path = followed(Scene(graph, law, boundary), stage, **how)
         again = replay(Scene(graph, law, boundary), H, duration=time, mass=mass)
         row: dict[str, Any] = {"snapshot": numbers[k], "strain": H[1, 1], "status": path.status}
         row |= {"unbalanced": macro.unbalanced[numbers[k]], "events": len(path.events)}
@@ -421,11 +421,11 @@ def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
     yield {"interval": 0, "strain": 0.0, "status": "start"} | _of_stress("yade", stress_of(first))
     for k, (one, two) in enumerate(pairwise(states), 1):
         graph, law, H = one.graph, one.mechanics()[0], _strain(one, two)
-        path = followed(graph, law, strained(H), instabilities=1000, past="dynamic")
+        path = followed(Scene(graph, law), strained(H), instabilities=1000, past="dynamic")
         again = replay(Scene(graph, law), H, inertial_number=1e-5, mass=one.mass, damping=0.2)
         whole = _strain(first, two)
         through = followed(
-            first.graph, first.law, strained(whole), instabilities=1000, past="dynamic"
+            Scene(first.graph, first.law), strained(whole), instabilities=1000, past="dynamic"
         )
         strain = whole[1, 1]
         row: dict[str, Any] = {"interval": k, "strain": strain, "status": path.status}
