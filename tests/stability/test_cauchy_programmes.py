@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from loops import boundary_of
-from loops import LinearFrictional, Scene
+from loops import LinearFrictional, Scene, boundary_of
 from patterns import regular_polygon
 from patterns.diamond import diamond
 from stability import Stage, follow, programmes
