@@ -59,6 +59,10 @@ if TYPE_CHECKING:
     from stability import second_order_work as second_order_work
     from stability import symmetric_spectrum as symmetric_spectrum
     from stability import unstable_fraction as unstable_fraction
+    from stability.material import LoopMaterial as LoopMaterial
+    from stability.material import loops_of as loops_of
+    from stability.material import march as march
+    from stability.material import oriented as oriented
     from stability.packing import hold as hold
     from stability.packing import indicators as indicators
     from stability.packing import replay as replay
@@ -99,6 +103,7 @@ NAMES = {
         "programmes rates_at restrict rotate_tangent second_order_work symmetric_spectrum "
         "unstable_fraction"
     ),
+    "stability.material": "LoopMaterial loops_of march oriented",
     "stability.packing": "hold indicators replay",
     "studies": "__version__",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",

@@ -103,8 +103,8 @@ class LoopMaterial(Shown):
     >>> material = LoopMaterial(oriented(regular_polygon(6), 36), None, law, closure="affine")
     >>> state = material.start(1)
     >>> response = material.update(np.diag([0.98, 0.99])[None], state)
-    >>> response.stress.round(6).tolist()
-    [[[0.012908, 0.0], [0.0, 0.009912]]]
+    >>> (response.stress.round(6) + 0.0).tolist()
+    [[[0.021618, 0.0], [0.0, 0.013023]]]
     """
 
     def __init__(

@@ -208,7 +208,7 @@ def loops_of(
 
     Each contact belongs to two loops and counts half in each, and a loop weighs as much as its
     area: the mean of all loops of a periodic packing has the packing's stress, and under the affine
-    closure its affine tangent. What is out of balance in a loop cut out of its packing stays on its
+    closure its affine tangent, but for contacts of dangling grains, which belong to no loop. What is out of balance in a loop cut out of its packing stays on its
     grains as a dead load.
 
     Parameters
@@ -235,7 +235,7 @@ def loops_of(
     >>> from patterns import read_snapshot, sample_path
     >>> from stability.material import loops_of
     >>> loops_of(read_snapshot(sample_path()), orders=[4, 5], count=20)
-    LoopSet(loops: 20, orders: (4, 5), contacts: 87, share: 0.5)
+    LoopSet(loops: 20, orders: (4, 5), contacts: 90, share: 0.5)
     """
     scene = scene_of(snapshot)
     faces = scene.faces

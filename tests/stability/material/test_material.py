@@ -267,7 +267,6 @@ def test_averaged_hexagons_peak():
     assert abs(strain[np.flatnonzero(work < 0)[0]] - 0.0615) < 1e-9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("order, height, place", [(5, 4.774, 0.0505), (8, 3.156, 0.0390)])
 def test_averaged_pentagons_and_octagons_peak(order, height, place):
     # Pentagons peak between 4.7738 and 4.7749 with the set of directions.
@@ -275,7 +274,6 @@ def test_averaged_pentagons_and_octagons_peak(order, height, place):
     assert abs(ratio.max() - height) < 1.2e-3 and abs(strain[ratio.argmax()] - place) < 1e-9
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "loop, closure",
     [(hexagon(np.radians(45)), "traction"), (regular_polygon(4), "traction"),
