@@ -208,8 +208,8 @@ def loops_of(
 
     Each contact belongs to two loops and counts half in each, and a loop weighs as much as its
     area: the mean of all loops of a periodic packing has the packing's stress, and under the affine
-    closure its affine tangent, but for contacts of dangling grains, which belong to no loop. What is out of balance in a loop cut out of its packing stays on its
-    grains as a dead load.
+    closure its affine tangent, but for contacts of dangling grains, which belong to no loop. What
+    is out of balance in a loop cut out of its packing stays on its grains as a dead load.
 
     Parameters
     ----------

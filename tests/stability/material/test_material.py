@@ -9,6 +9,7 @@ from loops import (
     HertzMindlin,
     InputError,
     LinearFrictional,
+    Scene,
     contact_state,
 )
 from loops.laws import CohesiveFrictional
@@ -52,7 +53,8 @@ def symmetric(P):
 def path_end(loop, law, H, closure):
     rate = np.array([H[0], H[2], H[2], H[1]])
     programme = programmes.combination(np.zeros((4, 4)), np.eye(4), rate, "straight")
-    path = follow(loop, law, Stage(programme, "parameter", 1.0), closure=closure)
+    stage = Stage(programme, "parameter", 1.0)
+    path = follow(Scene(loop, law), stage, closure=closure)
     assert path.status == "finished"
     return path
 
