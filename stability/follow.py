@@ -43,7 +43,7 @@ def follow(
     normal forces are exact at their ends, so the error halves with the interval. What is out of
     balance at the start is balanced by a load, of which `load_kept` stays.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `load_kept` and `progress`.
+    `past`, `load_kept`, `spread` and `progress`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -103,6 +103,11 @@ def follow(
         Of a packing that is out of balance at the start: share of the load that balances it that
         stays; the rest decreases to zero over the first strain of 1e-5. 1 for a sample that goes on
         at its rate, 0 for the limit of slow loading from this state.
+    spread : bool
+        Of a packing: whether to follow it a second time if it meets an instability, with springs
+        three times as stiff ('viscous') or a third of the damping ('dynamic'): the stress behind an
+        instability is that of one of several ways on, and `Path.stress_spread` says how far they
+        part.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
 

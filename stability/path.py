@@ -326,6 +326,9 @@ class Path(Shown):
         Packings: loading parameter at which the path met its limit, by the smallest interval, and
         its change as the interval was halved, over itself: infinite where it has not converged to
         1 %. nan of paths that end otherwise than by 'control_limit' or a first instability.
+    stress_spread : float
+        Packings, where it was asked for: largest difference of the stress, over its largest change,
+        to the same path with the other choice past instabilities; 0 where none was met, else nan.
     velocity, spin : (G, 2), (G,) array
         Replays: velocities beyond the affine motion, and spins, half a step before the end.
     steps, time_step : int, float
@@ -361,6 +364,7 @@ class Path(Shown):
     intervals: int = 0
     limit: float = math.nan
     limit_spread: float = math.nan
+    stress_spread: float = math.nan
     velocity: Floats = field(default_factory=_none)
     spin: Floats = field(default_factory=_none)
     steps: int = 0

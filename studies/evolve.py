@@ -63,6 +63,7 @@ def run_evolve(
     time_step: float | None = None,
     mean_mass: float | None = None,
     damping: float = 0.3,
+    spread: bool = False,
     hold: bool = False,
     hold_stress: bool = False,
     cells: Path | None = None,
@@ -84,6 +85,7 @@ def run_evolve(
     asked = {
         "programme": programme, "axis": axis, "to": to, "rows": rows, "interval": interval,
         "instabilities": instabilities, "past": past, "by": by, "damping": damping,
+        "spread": spread,
     }  # fmt: skip
     numbers = {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
     asked |= {name: value for name, value in numbers.items() if value is not None}
@@ -104,7 +106,8 @@ def run_evolve(
         if by != "replay":
             path = follow(
                 snapshot, stage, closure="packing", max_steps=INTERVALS, rows=rows,
-                interval=interval, instabilities=instabilities, past=past, progress=progress,
+                interval=interval, instabilities=instabilities, past=past, spread=spread,
+                progress=progress,
             )  # fmt: skip
             ways["events"] = path
         if by != "events":
@@ -413,6 +416,7 @@ def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str
         "passed": {name or "other": count for name, count in passed.items()},
         "reached": float(last["driven"]),
         "status": way.status,
+        "stress_spread": None if math.isnan(way.stress_spread) else way.stress_spread,
         "unstable_contacts": len({event.contacts for event in instabilities}),
         "work": float(last["work"]) if len(way.work) else None,
     }

@@ -318,11 +318,12 @@ def snap_through(
     load: Floats,
     control: MixedControl,
     by_radii: bool,
+    damping: float,
 ) -> Snap:
     """Strain slowly by the whole of a control under a load (B, 3), then hold until at rest.
 
-    Masses are those of discs of unit density, damping is Cundall's. `ArithmeticError` where grains
-    run off, or don't come to rest.
+    Masses are those of discs of unit density, `damping` is Cundall's. `ArithmeticError` where
+    grains run off, or don't come to rest.
     """
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, pairs, masses)
@@ -332,14 +333,14 @@ def snap_through(
     moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)
     moving.load(load)
     energy = stored_energy(state, pairs)
-    ran, checks = moving.run(steps, dt), 0
+    ran, checks = moving.run(steps, dt, damping), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
     while ran and not rests(moving, slow):
         if checks == MAX_CHECKS:
             raise ArithmeticError(
                 f"no rest in {MAX_CHECKS * CHECK_STEPS} steps after an instability"
             )
-        ran, checks = moving.run(CHECK_STEPS, dt), checks + 1
+        ran, checks = moving.run(CHECK_STEPS, dt, damping), checks + 1
     end = moving.state()
     if not ran or not np.isfinite(end.x).all():
         raise ArithmeticError("grains ran off at an instability")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,24 +57,44 @@ class Passed(NamedTuple):
 PassBy = Callable[[Any, Event, MixedControl], Passed]
 
 
-def viscous(here: Within, instability: Event, control: MixedControl) -> Passed:
-    """Drag the grains of the mode by springs on the ground; hold the contact if none is left."""
-    if not here.spring:
-        return Passed("held")
-    here.packing.add_ground_springs(np.array(instability.grains), here.spring)
-    return Passed("dragged")
+@dataclass(frozen=True)
+class Viscous:
+    """Drag the grains of the mode by springs on the ground; hold the contact if none is left.
+
+    `stiffness` multiplies the springs of `strain_increment`.
+    """
+
+    stiffness: float = 1.0
+
+    def __call__(self, here: Within, instability: Event, control: MixedControl) -> Passed:
+        """Add the springs."""
+        if not here.spring:
+            return Passed("held")
+        grains = np.array(instability.grains)
+        here.packing.add_ground_springs(grains, self.stiffness * here.spring)
+        return Passed("dragged")
 
 
-def dynamic(here: Standing, instability: Event, control: MixedControl) -> Passed:
-    """Follow the equations of motion through the rest of the interval, then until rest."""
-    try:
-        snap = snap_through(here.state, here.pairs, here.load, control, here.by_radii)
-        jump = jumped(here.state, snap.state, here.first_stress)
-        if jump:
-            raise ArithmeticError(jump)
-    except ArithmeticError as error:
-        return Passed("lost", message=str(error))
-    return Passed("replayed", snap.state, snap.pairs, snap.work)
+@dataclass(frozen=True)
+class Dynamic:
+    """Follow the equations of motion through the rest of the interval, then until rest.
+
+    `damping` is Cundall's.
+    """
+
+    damping: float = 0.3
+
+    def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
+        """Return the packing at rest."""
+        packing = here.state, here.pairs, here.load
+        try:
+            snap = snap_through(*packing, control, here.by_radii, self.damping)
+            jump = jumped(here.state, snap.state, here.first_stress)
+            if jump:
+                raise ArithmeticError(jump)
+        except ArithmeticError as error:
+            return Passed("lost", message=str(error))
+        return Passed("replayed", snap.state, snap.pairs, snap.work)
 
 
 def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:
@@ -81,7 +102,13 @@ def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:
     return Passed("stopped")
 
 
-WAYS: dict[str, PassBy] = {"viscous": viscous, "dynamic": dynamic, "stop": stop}
+WAYS: dict[str, PassBy] = {"viscous": Viscous(), "dynamic": Dynamic(), "stop": stop}
+# The same ways with three times the springs, and with a third of the damping: the stress of a path
+# past instabilities is known to the difference (docs/knobs.md).
+OTHER_WAYS: dict[PassBy, PassBy] = {
+    Viscous(): Viscous(stiffness=3.0),
+    Dynamic(): Dynamic(damping=0.1),
+}
 
 
 def past_of(way: Past | PassBy) -> PassBy:

@@ -13,7 +13,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats
 from loops.boundary import Boundary
-from loops.errors import check_choice, number, whole_number
+from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.scene import Scene
@@ -30,7 +30,7 @@ from stability.packing.pairs import (
     with_near,
     with_normal_forces,
 )
-from stability.packing.past import PassBy, Passed, Standing, past_of, viscous
+from stability.packing.past import OTHER_WAYS, PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.past import stop as end_there
 from stability.packing.rattlers import free_rattlers
 from stability.packing.regime_factor import (
@@ -86,6 +86,7 @@ class PackingPathOptions:
     instabilities: int = 20
     past: Past | PassBy = "viscous"
     load_kept: float = 1.0
+    spread: bool = False
     progress: Callable[[float], None] | None = None
 
     def __post_init__(self) -> None:
@@ -116,6 +117,17 @@ def follow_packing(
         stages,
     )
     path = solver.path(*stop)
+    if o.spread:
+        other = OTHER_WAYS.get(solver.past)
+        if other is None:
+            received = f"True with past={o.past!r}"
+            remedy = "Leave it out: a path of another way past instabilities has no second one."
+            raise InputError("spread", received, "past='viscous' or 'dynamic'", remedy)
+        again = path
+        if any(event.passed for event in path.events):
+            asked = replace(o, past=other, spread=False)
+            again = follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
+        path = replace(path, stress_spread=_stress_spread(path, again))
     met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)
     if not (met and solver.history):
         return path
@@ -125,6 +137,14 @@ def follow_packing(
     )
     message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
     return replace(path, message=message, limit=limit, limit_spread=spread)
+
+
+def _stress_spread(path: Path, other: Path) -> float:
+    """Largest difference of the stress of two paths where both have rows, over its change."""
+    both = path.parameter <= other.parameter[-1] * (1.0 + 1e-12)
+    P = np.array([np.interp(path.parameter[both], other.parameter, p) for p in other.P.T]).T
+    apart = np.linalg.norm(path.P[both] - P, axis=1).max()
+    return float(apart / max(np.linalg.norm(path.P - path.P[0], axis=1).max(), 1e-300))
 
 
 def halved(
@@ -401,7 +421,7 @@ class PackingPathSolver:
             # Under given strain rates its time ends it, to rounding.
             (1.0 + 1e-9) * self.size,
             max_speed,
-            self.past if self.past is viscous else None,
+            self.past if isinstance(self.past, Viscous) else None,
             self.rattlers,
         )
         met: InstabilityError | ControlLimitError | None = None

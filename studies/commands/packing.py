@@ -339,7 +339,13 @@ def _evolve_lines(summary: dict[str, Any]) -> list[str]:
         ways = ", ".join(
             f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
         )
-        lines.append(f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}")
+        told = "ask for it by --spread"
+        if summary["stress_spread"] is not None:
+            told = f"{100 * summary['stress_spread']:.2g} % of its change"
+        lines.append(
+            f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}; spread of "
+            f"the stress behind the first: {told}"
+        )
     if summary["replay"] is not None:
         rate = summary["replay"]
         lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
@@ -417,6 +423,14 @@ def evolve_command(
             "tables and map are those of the first, of both the replay has tables of its own.",
         ),
     ] = "events",
+    spread: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Follow it a second time if it meets an instability, another way past it "
+            "(stiffer springs, or less damping), and say how far the stresses part.",
+        ),
+    ] = False,
     replaying: Replaying | None = None,
     hold: Hold = False,
     hold_stress: HoldStress = False,
@@ -445,6 +459,7 @@ def evolve_command(
             rows=rows,
             interval=interval,
             instabilities=instabilities,
+            spread=spread,
             **asdict(replaying or Replaying()),
             hold=hold,
             hold_stress=hold_stress,

@@ -9,19 +9,21 @@
     out                 folder of the results
     degrees             directions of the load in the plane (P11, P22), compression positive
     first, largest      first load of the levels, and the last one at most (N/m)
+    coarse, fine        load of a level over that before, far from the limit and near it (1.5, 1.08)
+    ramp, most_steps    steps in which a level is put on, and after which it is left (1000, 20,000)
 
 The law is Cundall and Strack's with Yade's default shear increment. The cell is held until the
 unbalanced force is 1e-7 (damping 0.4), and `held.npz` is written. Every direction starts from a
 fork of this state. The load is dead: the nominal stress is P = P0 + load (cos, sin), so the goal
 of Yade's controller, a Cauchy stress, follows the cell every ten steps (S11 = P11/F22, S22 =
 P22/F11). The cell has no shear, a twentieth of the sample's mass, and a strain rate of at most
-0.05 / s; the damping is 0.2. A level is put on in 1,000 steps. It is at rest when the unbalanced
-force is below 1e-6 and the stress within 1e-3 of the load, in two looks 250 steps apart; it is
-left after 20,000 steps, or where it strains by 1e-2.
+0.05 / s; the damping is 0.2. A level is at rest when the unbalanced force is below 1e-6 and the
+stress within 1e-3 of the load, in two looks 250 steps apart; it is left after `most_steps`, or
+where it strains by 1e-2.
 
-The next level is 1.5 times the load, tried in a fork. Where it isn't quiet (no rest in 10,000
-steps, or 2.5 times the strain per load before it) the fork is dropped, and the load grows by 1.08 a
-level. So each level starts from rest under the one before, and the last one found no rest.
+The next level is `coarse` times the load, tried in a fork. Where it isn't quiet (no rest in half of
+the steps, or 2.5 times the strain per load before it) the fork is dropped, and the load grows by
+`fine` a level. So each level starts from rest under the one before, and the last one found no rest.
 `levels_DEGREES.json` has an entry a level; `yade_rest.npz` holds the state and all of them.
 """
 
@@ -37,12 +39,16 @@ import numpy as np
 from yade import *
 from yade import utils
 
+CONFIG = json.load(open(sys.argv[1]))
 # Load of a level over the one before: far from the limit, and near it.
-COARSE, FINE = 1.5, 1.08
+COARSE = CONFIG.get("coarse", 1.5)
+FINE = CONFIG.get("fine", 1.08)
 # Strain per load over that of the levels before from which on a level isn't quiet.
 QUIET = 2.5
 # Steps between two looks, in which a level is put on, and after which it is left.
-LOOK, RAMP, MOST_STEPS = 250, 1000, 20_000
+LOOK = 250
+RAMP = CONFIG.get("ramp", 1000)
+MOST_STEPS = CONFIG.get("most_steps", 20_000)
 # Unbalanced force at rest of the held state and of a level.
 HELD, REST = 1e-7, 1e-6
 # Error of the stress over the load at rest; below the second one (N/m) it does not count.
@@ -50,7 +56,6 @@ WITHIN, LEAST = 1e-3, 5e-4
 # Strain of a level that is a flow.
 FLOWS = 1e-2
 COLUMNS = "degrees load at_rest H11 H22 strain P11 P22 unbalanced kinetic steps".split()
-CONFIG = json.load(open(sys.argv[1]))
 
 
 def build():

@@ -158,10 +158,10 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     """In units of the loading parameter; a quantity that is not driven may be leapt over."""
     spans, graph, duration = [], jammed(12, 1), 0.01
 
-    def at_once(state, pairs, load, control, by_radii):
+    def at_once(state, pairs, load, control, by_radii, damping):
         spans.append(control.rate[0] / 1e-3)
         np.testing.assert_array_equal(load, -state.resultants)
-        assert by_radii
+        assert by_radii and damping == 0.3
         return Snap(state, pairs, np.array([3.0, 2.0, 0.25, 0.75]))
 
     monkeypatch.setattr(past_module, "snap_through", at_once)
@@ -192,7 +192,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     """The rate of a snap takes the strain to where the programme would be after it."""
     rates = []
 
-    def kept(state, pairs, load, control, by_radii):
+    def kept(state, pairs, load, control, by_radii, damping):
         rates.append(control.rate)
         return Snap(state, pairs, np.zeros(4))
 

@@ -163,7 +163,7 @@ def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
 
     monkeypatch.setattr(Moving, "run", run)
     monkeypatch.setattr(equations_of_motion, "rests", asks)
-    snap_through(state, pairs, -state.resultants, MixedControl(NONE, ALL, rate * span), True)
+    snap_through(state, pairs, -state.resultants, MixedControl(NONE, ALL, rate * span), True, 0.3)
     (steps, dt), *others = ran
     masses = masses_of(state.radii)[0]
     wanted = duration_of(span * rate, masses, state, 2.5e-7)

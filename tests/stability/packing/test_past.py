@@ -22,7 +22,7 @@ from stability.packing.equations_of_motion import (
     stored_energy,
 )
 from stability.packing.pairs import contact_pairs
-from stability.packing.past import dynamic
+from stability.packing.past import OTHER_WAYS, Dynamic, past_of
 from stability.packing.state import start_state
 from stability.programmes import Programme
 from tests.packings import BRANCH, jammed, strained
@@ -225,7 +225,7 @@ def test_a_way_of_ones_own_passes_an_instability():
 
     def own(here, instability, control):
         met.append((here, instability, control))
-        return dynamic(here, instability, control)
+        return Dynamic()(here, instability, control)
 
     path, wanted = passed(own), passed("dynamic")
     (event,) = path.of_kind("instability")
@@ -234,3 +234,23 @@ def test_a_way_of_ones_own_passes_an_instability():
     assert instability.contacts == event.contacts and instability.passed == ""
     assert here.pairs.grains.shape == here.state.contacts.shape
     assert np.linalg.norm(control.rate) > 0
+
+
+@pytest.mark.parametrize("past", ["viscous", "dynamic"])
+def test_the_spread_is_the_distance_to_the_other_choice(past):
+    """Of springs three times as stiff, or a third of the damping; 0 without an instability."""
+    how = {"interval": INTERVAL, "rows": 4}
+    other = OTHER_WAYS[past_of(past)]
+    one = followed(GRAPH, BRANCH, strained(STRAIN), **how, past=past, spread=True)
+    two = followed(GRAPH, BRANCH, strained(STRAIN), **how, past=other)
+    apart = max(map(np.linalg.norm, one.P - two.P)) / max(map(np.linalg.norm, one.P - one.P[0]))
+    assert one.stress_spread == pytest.approx(apart, rel=1e-12)
+    assert apart > 0
+    before = followed(GRAPH, BRANCH, strained(0.1 * STRAIN), **how, past=past, spread=True)
+    assert before.events and before.stress_spread == 0
+    assert np.isnan(followed(GRAPH, BRANCH, strained(STRAIN), **how, past=past).stress_spread)
+
+
+def test_a_path_that_stops_at_an_instability_has_no_spread():
+    with pytest.raises(InputError, match="spread"):
+        followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="stop", spread=True)

@@ -16,7 +16,7 @@ from stability import Stage, follow, programmes
 from stability.packing import loop_changes
 from studies.evolve import forecast_summary, run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
-from tests.packings import LAW, jammed
+from tests.packings import BRANCH, LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
 
@@ -84,6 +84,29 @@ def test_a_path_tells_how_far_it_is(small):
     assert len(reached) == path.intervals
     assert reached == sorted(reached)
     assert reached[-1] == path.parameter[-1]
+
+
+@pytest.mark.slow
+def test_a_path_past_instabilities_says_how_far_another_way_is(tmp_path, monkeypatch, capsys):
+    grains, out, graph = tmp_path / "grains.parquet", tmp_path / "out", jammed(36, 5, BRANCH)
+    regime = np.ones(graph.contact_count, dtype=np.int8)
+    ids = np.arange(graph.grain_count)
+    write_snapshot(grains, Snapshot(graph, BRANCH, regime, ids, 0, ()))
+    asked = ["--axis", "2", "--to", "-0.0152", "--interval", "1e-4", "--shear-increment", "branch"]
+    asked += ["--no-figures", "--out", out]
+    assert run(monkeypatch, "evolve", grains, *asked) == 0
+    said = "spread of the stress behind the first: "
+    assert said + "ask for it by --spread" in capsys.readouterr().out
+    assert json.loads((out / "summary.json").read_text())["stress_spread"] is None
+    assert run(monkeypatch, "evolve", grains, *asked, "--spread", "--force") == 0
+    summary = json.loads((out / "summary.json").read_text())
+    stage = Stage(programmes.drained_biaxial(2, -1.0), "parameter", 0.0152)
+    how = {"rows": 20, "interval": 1e-4, "spread": True}
+    found = follow(Scene(graph, BRANCH), stage, closure="packing", **how)
+    assert found.stress_spread > 0
+    assert summary["stress_spread"] == pytest.approx(found.stress_spread, rel=1e-6)
+    percent = f"{100 * summary['stress_spread']:.2g}"
+    assert f"{said}{percent} % of its change" in capsys.readouterr().out
 
 
 def test_tables_are_the_numerics(small, tmp_path):
