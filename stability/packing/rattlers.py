@@ -13,13 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Integers
 from stability.packing.pairs import (
+    SMALL_OVERLAP,
     Pairs,
     normal_energy,
     normal_forces,
     overlaps,
     rolling_energy,
+    strength,
     tangents,
     touching_distances,
 )
@@ -39,6 +41,8 @@ LIGHT_SHARE = 1e-2
 WEDGED = 0.1
 # Rounds in which the grains that carry nothing move out of overlap, one after the other.
 MOST_ROUNDS = 30
+# Shares of a step that are tried until the energy falls.
+HALVES = tuple(0.5**k for k in range(10))
 
 
 class Freed(NamedTuple):
@@ -92,7 +96,8 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
         for name in ("normal_force", "shear_force", "rolling_moment")
     }
     nothing["closed"] = state.closed & ~free
-    moved = replace(state, x=_out_of_overlap(state, pairs, idle, free), **nothing)
+    x, T = _out_of_overlap(state, pairs, idle, free)
+    moved = replace(state, x=x, **nothing)
     overlap = np.where(free, overlaps(moved, pairs), 0.0)
     N = normal_forces(pairs, overlap)
     loaded = (overlap > 0) & (N - pairs.at_touch >= LOADED_SHARE * state.mean_force)
@@ -100,63 +105,99 @@ def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None
     free = np.asarray(idle[pairs.grains].any(axis=1))
     joined = ~free & (overlap > 0)
     N = np.where(joined, N, moved.normal_force)
-    moved = replace(moved, normal_force=N, closed=moved.closed | joined)
+    T = np.where(joined, T, moved.shear_force)
+    moved = replace(moved, normal_force=N, shear_force=T, closed=moved.closed | joined)
     return Freed(moved, idle, energy - _energy(moved, pairs, joined))
 
 
-def _out_of_overlap(state: PackingState, pairs: Pairs, idle: Flags, free: Flags) -> Floats:
-    """Return centres (B, 2) where springs of grains that carry nothing have least energy.
+def _out_of_overlap(
+    state: PackingState, pairs: Pairs, idle: Flags, free: Flags
+) -> tuple[Floats, Floats]:
+    """Return centres (B, 2) where grains that carry nothing have least energy, and `T` (P,) there.
 
     Newton's steps of all these grains together, halved until the energy falls; all others stay.
+    Pressed contacts stick while friction can hold them: a grain between two others stays where the
+    line between its contacts lies in both friction cones, and slips out where it does not.
     """
     rows = np.flatnonzero(free)
-    i, j = pairs.grains[rows].T
-    shift, wall = pairs.images[rows] @ state.cell.T, j - state.count
-    touching = touching_distances(state, pairs)[rows]
+    ends = pairs.grains[rows]
+    i, j = ends.T
+    touching, T = touching_distances(state, pairs), np.zeros(len(pairs))
+    kn, kt = tangents(pairs, np.maximum(overlaps(state, pairs), SMALL_OVERLAP * touching))
     weight = np.sqrt(np.where(pairs.kn > 0, pairs.kn, 1.0))[rows]
     weight /= weight.max(initial=0.0)
-    still = np.finfo(float).eps * float(np.abs(state.x).max())
+    ratio, still = (kt / kn)[rows], np.finfo(float).eps * float(np.abs(state.x).max())
+    sticks = np.ones(len(rows), dtype=bool)
 
     def deep(x: Floats) -> tuple[Floats, Floats]:
-        d = x[j] + shift - x[i]
-        at_wall = wall >= 0
-        if at_wall.any():
-            normal = state.walls[wall[at_wall]]
-            d[at_wall] = np.sum(d[at_wall] * normal, axis=1, keepdims=True) * normal
+        d = replace(state, x=x).branches[rows]
         length = np.linalg.norm(d, axis=1)
-        return touching - length, d / length[:, None]
+        return touching[rows] - length, d / length[:, None]
 
-    x = state.x.copy()
+    def slid(x: Floats, rolled: Floats) -> Floats:
+        u = x - state.x
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        return np.asarray(np.sum((u[j] - u[i]) * t, axis=1) - rolled[i] - rolled[j])
+
+    def energy(x: Floats, rolled: Floats) -> float:
+        shear = np.where(stuck, ratio, 0.0) * slid(x, rolled) ** 2
+        return float(np.sum(weight**2 * (np.maximum(deep(x)[0], 0.0) ** 2 + shear)))
+
+    x, rolled = state.x, np.zeros(len(state.x))
     overlap, n = deep(x)
     for _ in range(MOST_ROUNDS):
-        pressed = np.flatnonzero(overlap > 0)
+        pressed, stuck = np.flatnonzero(overlap > 0), sticks & (overlap > 0)
         if not len(pressed):
             break
-        grains = np.unique([i[pressed], j[pressed]])
+        grains = np.unique(ends[pressed])
         grains = grains[idle[grains]]
-        place = np.full(len(x), -1)
-        place[grains] = np.arange(len(grains))
-        apart = np.zeros((len(pressed), len(grains), 2))
-        for grain, way in ((i, -n), (j, n)):
-            at = np.flatnonzero(idle[grain[pressed]])
-            apart[at, place[grain[pressed[at]]]] += way[pressed[at]]
-        w = weight[pressed]
-        matrix = w[:, None] * apart.reshape(len(pressed), -1)
+        shear = np.where(stuck, np.sqrt(ratio), 0.0)[pressed]
+        matrix = _parting_and_slip(ends[pressed], n[pressed], grains, len(x))
+        matrix *= weight[pressed, None] * np.stack([np.ones(len(pressed)), shear])[..., None]
         # Contacts that only touch, by rounding, are open.
-        right = w * (overlap[pressed] + 4.0 * still)
-        moves = np.linalg.lstsq(matrix, right, rcond=WEDGED)[0].reshape(-1, 2)
-        energy = float(np.sum((weight * np.maximum(overlap, 0.0)) ** 2))
-        start, step = x, 1.0
-        while step > 1e-3:
-            x = start.copy()
-            x[grains] += step * moves
-            overlap, n = deep(x)
-            if float(np.sum((weight * np.maximum(overlap, 0.0)) ** 2)) < energy:
+        right = np.stack([overlap[pressed] + 4.0 * still, -shear * slid(x, rolled)[pressed]])
+        right *= weight[pressed]
+        moves = np.linalg.lstsq(matrix.reshape(right.size, -1), right.ravel(), rcond=WEDGED)[0]
+        before, start, moves = energy(x, rolled), (x, rolled), moves.reshape(-1, 3)
+        for step in HALVES:
+            x, rolled = start[0].copy(), start[1].copy()
+            x[grains] += step * moves[:, :2]
+            rolled[grains] += step * moves[:, 2]
+            if energy(x, rolled) < before:
                 break
-            step *= 0.5
         else:
-            return start
-    return x
+            x, rolled = start
+        overlap, n = deep(x)
+        stuck = sticks & (overlap > 0)
+        every = np.zeros(len(pairs))
+        every[rows] = np.maximum(overlap, 0.0)
+        N = normal_forces(pairs, every)
+        carried = (N - pairs.at_touch)[rows] / np.where(stuck, overlap, 1.0)
+        T[rows] = np.where(stuck, -ratio * slid(x, rolled) * carried, 0.0)
+        most = strength(pairs, replace(state, x=x, normal_force=N))
+        slips = np.abs(T[rows]) > most[rows]
+        T[rows[slips]] = 0.0
+        sticks &= ~slips
+        if x is start[0] and not slips.any():
+            break
+    return x, T
+
+
+def _parting_and_slip(ends: Integers, n: Floats, grains: Integers, bodies: int) -> Floats:
+    """Return (2, P, 3 G) how grains part contacts and shear them.
+
+    Unknowns of a grain: its displacement, and its spin times its radius.
+    """
+    place = np.full(bodies, -1)
+    place[grains] = np.arange(len(grains))
+    t = np.column_stack([-n[:, 1], n[:, 0]])
+    out = np.zeros((2, len(ends), len(grains), 3))
+    for grain, sense in zip(ends.T, (-1.0, 1.0), strict=True):
+        c = np.flatnonzero(place[grain] >= 0)
+        out[0, c, place[grain[c]], :2] += sense * n[c]
+        out[1, c, place[grain[c]], :2] += sense * t[c]
+        out[1, c, place[grain[c]], 2] -= 1.0
+    return out.reshape(2, len(ends), -1)
 
 
 def _energy(state: PackingState, pairs: Pairs, rows: Flags) -> float:

@@ -78,9 +78,9 @@ def test_a_grain_with_room_moves_out_of_overlap_and_carries_nothing(aside):
 @pytest.mark.parametrize("aside", [(0.0, 0.0), (5e-4, 0.0), (3e-4, -6e-4)])
 @pytest.mark.parametrize("too_large", [1e-3, 1e-4])
 def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
-    """It ends in the middle, where all four press alike by its overlap."""
+    """Without friction it ends in the middle, where all four press alike by its overlap."""
     state, pairs = caged(ROOM + too_large, 0.5 + np.array(aside))
-    freed = free_rattlers(state, pairs)
+    freed = free_rattlers(state, replace(pairs, mu=0.0 * pairs.mu))
     rows, overlap = of_small(freed.state, pairs)
     assert not freed.rattlers.any()
     np.testing.assert_allclose(freed.state.x[4], 0.5, rtol=0, atol=1e-3 * too_large)
@@ -89,6 +89,48 @@ def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
     assert np.abs(freed.state.resultants[4]).max() < 2e-3 * too_large
     # It has the energy of its overlaps from now on.
     assert freed.released == pytest.approx(-0.5 * np.sum(overlap**2), rel=1e-12)
+
+
+@pytest.mark.parametrize("aside", [(5e-4, 0.0), (3e-4, -6e-4)])
+def test_friction_keeps_a_grain_without_room_where_it_is_loaded(aside):
+    """Not in the middle, but in balance, with shear forces within the limit."""
+    state, pairs = caged(ROOM + 1e-3, 0.5 + np.array(aside))
+    freed = free_rattlers(state, pairs).state
+    N, T = freed.normal_force[8:], freed.shear_force[8:]
+    assert np.abs(freed.x[4] - 0.5).max() > 1e-4 and np.abs(T).max() > 0.1 * N.max()
+    assert (np.abs(T) <= 0.5 * N * (1 + 1e-9)).all()
+    assert np.abs(freed.resultants[4]).max() < 2e-3 * N.max()
+
+
+@pytest.mark.parametrize("mu", [0.3, 0.5])
+@pytest.mark.parametrize("degrees", [1.0, 10.0, 16.0, 17.5, 26.0, 27.0, 40.0])
+def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degrees, mu):
+    """Held up to the angle of friction, with T = N tan(angle); beyond it slips out.
+
+    Springs in series: a lateral way u takes u sin from the overlaps and shears by u cos, so
+    N = kn kt overlap cos^2 / (kn sin^2 + kt cos^2).
+    """
+    angle, overlap, r = np.radians(degrees), 1e-5, 0.1
+    reach = (LARGE + r - overlap) * np.array([np.cos(angle), np.sin(angle)])
+    # The two stand in columns of two.
+    graph = GrainGraph(
+        x=[[0, 0], [2 * reach[0], 0], reach, [0, 1], [2 * reach[0], 1]],
+        radii=[LARGE, LARGE, r, LARGE, LARGE],
+        contacts=[[0, 3], [3, 0], [1, 4], [4, 1], [2, 0], [1, 2]],
+        images=[[0, 0], [0, 1], [0, 0], [0, 1], [0, 0], [0, 0]],
+        normal_force=[FORCE] * 4 + [0, 0], cell=[[10, 0], [0, 2]],
+    )  # fmt: skip
+    state = start_state(graph)
+    law = LinearFrictional(1.0, 0.5, mu)
+    freed = free_rattlers(state, contact_pairs(state, law), np.arange(5) == 2).state
+    N, T = freed.normal_force[4:], freed.shear_force[4:]
+    if np.tan(angle) > mu:
+        assert not N.any() and not T.any()
+        return
+    sin, cos = np.sin(angle), np.cos(angle)
+    np.testing.assert_allclose(N, 0.5 * overlap * cos**2 / (sin**2 + 0.5 * cos**2), rtol=1e-4)
+    np.testing.assert_allclose(np.abs(T), np.tan(angle) * N, rtol=1e-4)
+    assert np.abs(freed.resultants[2]).max() < 1e-4 * N.max()
 
 
 def test_a_grain_in_a_tight_cage_is_loaded_from_the_least_force_on():
