@@ -96,6 +96,10 @@ class PackingPathOptions:
             check_choice("past", self.past, get_args(Past))
         number("load_kept", self.load_kept, 0.0)
         number("1 - load_kept", 1.0 - self.load_kept, 0.0)
+        if self.spread and past_of(self.past) not in OTHER_WAYS:
+            received = f"True with past={self.past!r}"
+            remedy = "Leave it out: a path of another way past instabilities has no second one."
+            raise InputError("spread", received, "past='viscous' or 'dynamic'", remedy)
 
 
 def follow_packing(
@@ -118,14 +122,9 @@ def follow_packing(
     )
     path = solver.path(*stop)
     if o.spread:
-        other = OTHER_WAYS.get(solver.past)
-        if other is None:
-            received = f"True with past={o.past!r}"
-            remedy = "Leave it out: a path of another way past instabilities has no second one."
-            raise InputError("spread", received, "past='viscous' or 'dynamic'", remedy)
         again = path
         if any(event.passed for event in path.events):
-            asked = replace(o, past=other, spread=False)
+            asked = replace(o, past=OTHER_WAYS[solver.past], spread=False)
             again = follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
         path = replace(path, stress_spread=_stress_spread(path, again))
     met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)

@@ -2,8 +2,8 @@
 
 A grain without load is held by nothing: in the rates of the packing its motion would be that of
 a nearly singular system, or of a spring to the ground. Here it has no contacts and goes with the
-mean strain; at the end of an increment it moves as far as its gaps let it, and where they let it
-no further it is loaded, with the forces of its overlaps.
+mean strain; at the end of an increment it moves as far as its gaps let it, and where they, or the
+friction of the contacts that press it, let it no further it is loaded, with their forces.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ UNLOADED_SHARE = 1e-5
 # regimes it leaves the system. Such a snap of one grain moves the sample by 3e-7 and has 1e-9 of
 # its energy; whether an interval met it changed the first loss by a factor of two.
 LIGHT_SHARE = 1e-2
-# Normals of two contacts that are opposite to this share hold a grain between them: it does not
-# slip out sideways, where it would move by more than ten times its overlap.
+# Motions of these grains are left out that take less than this share of the best one out of an
+# overlap: with a smooth grain between two others, more than ten times the overlap to the side.
 WEDGED = 0.1
 # Rounds in which the grains that carry nothing move out of overlap, one after the other.
 MOST_ROUNDS = 30

@@ -236,21 +236,22 @@ def test_a_way_of_ones_own_passes_an_instability():
     assert np.linalg.norm(control.rate) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("past", ["viscous", "dynamic"])
 def test_the_spread_is_the_distance_to_the_other_choice(past):
     """Of springs three times as stiff, or a third of the damping; 0 without an instability."""
-    how = {"interval": INTERVAL, "rows": 4}
-    other = OTHER_WAYS[past_of(past)]
-    one = followed(GRAPH, BRANCH, strained(STRAIN), **how, past=past, spread=True)
-    two = followed(GRAPH, BRANCH, strained(STRAIN), **how, past=other)
+    scene, how = Scene(GRAPH, BRANCH), {"interval": INTERVAL, "rows": 4}
+    one = followed(scene, strained(STRAIN), **how, past=past, spread=True)
+    two = followed(scene, strained(STRAIN), **how, past=OTHER_WAYS[past_of(past)])
     apart = max(map(np.linalg.norm, one.P - two.P)) / max(map(np.linalg.norm, one.P - one.P[0]))
     assert one.stress_spread == pytest.approx(apart, rel=1e-12)
     assert apart > 0
-    before = followed(GRAPH, BRANCH, strained(0.1 * STRAIN), **how, past=past, spread=True)
+    before = followed(scene, strained(0.1 * STRAIN), **how, past=past, spread=True)
     assert before.events and before.stress_spread == 0
-    assert np.isnan(followed(GRAPH, BRANCH, strained(STRAIN), **how, past=past).stress_spread)
+    assert np.isnan(followed(scene, strained(STRAIN), **how, past=past).stress_spread)
 
 
 def test_a_path_that_stops_at_an_instability_has_no_spread():
+    scene = Scene(GRAPH, BRANCH)
     with pytest.raises(InputError, match="spread"):
-        followed(GRAPH, BRANCH, strained(STRAIN), interval=INTERVAL, past="stop", spread=True)
+        followed(scene, strained(0.1 * STRAIN), interval=INTERVAL, past="stop", spread=True)
