@@ -98,7 +98,7 @@ class PackingPathOptions:
         number("1 - load_kept", 1.0 - self.load_kept, 0.0)
         if self.spread and past_of(self.past) not in OTHER_WAYS:
             received = f"True with past={self.past!r}"
-            remedy = "Leave it out: a path of another way past instabilities has no second one."
+            remedy = "Leave it out: other paths have no second choice at instabilities."
             raise InputError("spread", received, "past='viscous' or 'dynamic'", remedy)
 
 

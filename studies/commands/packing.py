@@ -427,8 +427,8 @@ def evolve_command(
         bool,
         Parameter(
             negative="",
-            help="Follow it a second time if it meets an instability, another way past it "
-            "(stiffer springs, or less damping), and say how far the stresses part.",
+            help="Follow it a second time if it meets an instability, with stiffer springs or less "
+            "damping there, and say how far the stresses part.",
         ),
     ] = False,
     replaying: Replaying | None = None,
