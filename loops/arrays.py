@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,6 +29,46 @@ def frobenius(a: Floats) -> Floats:
 def all_finite(a: Floats) -> Flags:
     """(...) whether all entries of small matrices (..., i, j) are finite."""
     return np.asarray(np.isfinite(np.einsum("...ij->...", a)))
+
+
+def order_statistics(values: ArrayLike, places: Iterable[int]) -> list[float]:
+    """Return the numbers at some places of the sorted values, ascending but for repeated places.
+
+    One place at a time: numpy uses the processor's vectors then, and takes a fifth of the time that
+    it takes for two or more places of a million values.
+    """
+    placed, start, found = np.array(values, dtype=float).ravel(), 0, list[float]()
+    for place in places:
+        if place >= start:
+            placed[start:].partition(place - start)
+            start = place + 1
+        found.append(float(placed[place]))
+    return found
+
+
+def median(values: ArrayLike) -> float:
+    """Return what `numpy.median` does for all values, faster; see `order_statistics`."""
+    count = np.size(values)
+    if count == 0 or np.isnan(np.max(values)):
+        return float("nan")
+    low, high = order_statistics(values, ((count - 1) // 2, count // 2))
+    return (low + high) / 2.0
+
+
+def quantiles(values: ArrayLike, shares: Sequence[float]) -> list[float]:
+    """Return what `numpy.quantile` does for ascending shares, faster; see `order_statistics`."""
+    count = np.size(values)
+    if count == 0 or np.isnan(np.max(values)):
+        return [float("nan")] * len(shares)
+    at = [(count - 1) * share for share in shares]
+    beside = [(int(place), min(int(place) + 1, count - 1)) for place in at]
+    placed = iter(order_statistics(values, (k for pair in beside for k in pair)))
+    found = []
+    for place, (low, _), start, end in zip(at, beside, placed, placed, strict=True):
+        share = place - low
+        below, above = start + (end - start) * share, end - (end - start) * (1.0 - share)
+        found.append(below if share < 0.5 else above)
+    return found
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, in_threads
+from loops.compiled import given, use_passes
 from loops.errors import InputError
 from loops.faces import Faces
-from loops.graph import GrainGraph, contact_state, require_one_state, require_plane
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state, require_plane
 from loops.shown import Shown
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
@@ -296,17 +297,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     require_plane(graph.x, "centres of the grains")
     state = contact_state(graph)
     i, j = graph.contacts.T
-    stress = np.zeros((graph.grain_count, 2, 2))
-    n0, n1 = state.n.T.copy()
-    # The tangent is the normal turned: t = (-n1, n0).
-    force = (
-        state.normal_force * n0 - state.shear_force * n1,
-        state.normal_force * n1 + state.shear_force * n0,
-    )
-    for grain, arm in ((i, state.arm_i), (j, state.arm_j)):
-        arms = (arm * n0, arm * n1)
-        for a, b in np.ndindex(2, 2):
-            stress[:, a, b] += np.bincount(grain, force[a] * arms[b], graph.grain_count)
+    stress = _force_moments(graph, state)
     stress /= (np.pi * graph.radii**2)[:, None, None]
     difference, axis = principal(stress)
     major = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1] + difference)
@@ -335,6 +326,31 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
         chain=chain,
         links=np.sort(links[chain[i[links]] >= 0]),
     )
+
+
+def _force_moments(graph: GrainGraph, state: ContactState) -> Floats:
+    """Return (G, 2, 2) sums of force times arm over the contacts of each grain."""
+    count, contacts = graph.grain_count, graph.contacts
+    if use_passes(len(contacts)):
+        from loops.compiled.passes import stresses_at_end
+
+        pairs = given(contacts, np.int64)
+        every = (state.length, state.n, state.normal_force, state.shear_force, graph.radii)
+        columns = [given(values, np.float64) for values in every]
+        first, second = in_threads(lambda side: stresses_at_end(pairs, side, *columns), (0, 1))
+        return np.asarray((first + second).reshape(-1, 2, 2))
+    moments = np.zeros((count, 2, 2))
+    n0, n1 = state.n.T.copy()
+    # The tangent is the normal turned: t = (-n1, n0).
+    force = (
+        state.normal_force * n0 - state.shear_force * n1,
+        state.normal_force * n1 + state.shear_force * n0,
+    )
+    for grain, arm in zip(contacts.T, (state.arm_i, state.arm_j), strict=True):
+        arms = (arm * n0, arm * n1)
+        for a, b in np.ndindex(2, 2):
+            moments[:, a, b] += np.bincount(grain, force[a] * arms[b], count)
+    return moments
 
 
 def _smallest_linked(graph: GrainGraph, links: Integers) -> Integers:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, Integers, Regimes
+from loops.compiled import given, on_parts, use_passes
 from loops.errors import InputError
 from loops.shown import Shown
 from loops.validation import check_branches, check_graph, checked_regimes
@@ -250,24 +251,45 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     return branches_between(graph.x0, graph.contacts, graph.images, graph.cell0)
 
 
+def branches_of(graph: GrainGraph, part: Integers | slice) -> Floats:
+    """(..., 2) branch vectors of some contacts of one state, of any shape."""
+    contacts = graph.contacts[part]
+    images = None if graph.images is None else graph.images[part].reshape(-1, 2)
+    d = branches_between(graph.x, contacts.reshape(-1, 2), images, graph.cell)
+    return d.reshape(contacts.shape)
+
+
 def branches_between(
     x: Floats, contacts: Integers, images: Integers | None, cell: Floats | None
 ) -> Floats:
     """(..., C, 2) branch vectors of some contacts, rounded once."""
-    i, j = contacts.T
-    d = x[..., j, :] - x[..., i, :]
+    d = _differences(x, contacts)
     if cell is None or images is None:
         return d
-    across = np.flatnonzero(images.any(axis=1))
-    d = np.broadcast_to(d, (*np.broadcast_shapes(d.shape[:-2], cell.shape[:-2]), *d.shape[-2:]))
-    d = d.copy()
+    across = np.flatnonzero((images[:, 0] != 0) | (images[:, 1] != 0))
+    if cell.ndim > 2:
+        batch = np.broadcast_shapes(d.shape[:-2], cell.shape[:-2])
+        d = np.broadcast_to(d, (*batch, *d.shape[-2:])).copy()
     # Across the border: the rounding error of the difference of the centres is added after the
     # cell vector.
-    end, start = x[..., j[across], :], x[..., i[across], :]
+    i, j = contacts[across].T
+    end, start = x[..., j, :], x[..., i, :]
     total = end - start
     kept = end - total
     lost = (end - (total + kept)) + (kept - start)
     d[..., across, :] = total + images[across] @ np.swapaxes(cell, -1, -2) + lost
+    return d
+
+
+def _differences(x: Floats, contacts: Integers) -> Floats:
+    """(..., C, 2) centre of the second grain less that of the first."""
+    if not (x.ndim == 2 and x.shape[1] == 2 and use_passes(len(contacts))):
+        return x[..., contacts[:, 1], :] - x[..., contacts[:, 0], :]
+    from loops.compiled.passes import fill_differences
+
+    x, contacts = given(x, np.float64), given(contacts, np.int64)
+    d = np.empty((len(contacts), 2))
+    on_parts(lambda part: fill_differences(x, contacts[part], d[part]), len(contacts))
     return d
 
 
@@ -296,13 +318,23 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
     >>> [value.tolist() for value in contact_frame(pair)]
     [[0.9], [[1.0, 0.0]], [[-0.0, 1.0]]]
     """
-    d = branch_vectors(graph)
+    return _frame(branch_vectors(graph))
+
+
+def _frame(d: Floats) -> tuple[Floats, Floats, Floats]:
+    """Length, normal and tangent of branches (..., C, 2) or (..., C, 3)."""
     if d.shape[-1] == 3:
         length = np.linalg.norm(d, axis=-1)
         n = d / length[..., None]
         axis = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
         t = np.cross(n, axis)
         return length, n, t / np.linalg.norm(t, axis=-1)[..., None]
+    if d.ndim == 2 and use_passes(len(d)):
+        from loops.compiled.passes import fill_frames
+
+        length, n, t = np.empty(len(d)), np.empty_like(d), np.empty_like(d)
+        on_parts(lambda part: fill_frames(d[part], length[part], n[part], t[part]), len(d))
+        return length, n, t
     length = np.hypot(d[..., 0], d[..., 1])
     n = d / length[..., None]
     t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
@@ -382,17 +414,22 @@ def contact_state(graph: GrainGraph) -> ContactState:
     >>> state.length.tolist(), state.arm_i.round(12).tolist(), state.touching_length.tolist()
     ([0.9], [0.45], [1.0])
     """
-    length, n, t = contact_frame(graph)
-    i, j = graph.contacts.T
+    return state_of_branches(graph, slice(None), branch_vectors(graph))
+
+
+def state_of_branches(graph: GrainGraph, part: slice, d: Floats) -> ContactState:
+    """Contacts in a part of their list, as `contact_state` has all of them, from their branches."""
+    length, n, t = _frame(d)
+    i, j = graph.contacts[part].T
     return ContactState(
         length=length,
         n=n,
         t=t,
-        normal_force=graph.normal_force,
-        shear_force=graph.shear_force,
+        normal_force=graph.normal_force[..., part],
+        shear_force=graph.shear_force[..., part],
         radii_i=graph.radii[..., i],
         radii_j=graph.radii[..., j],
-        regime=graph.regime,
+        regime=None if graph.regime is None else graph.regime[..., part],
     )
 
 

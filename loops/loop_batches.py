@@ -16,7 +16,7 @@ from loops.closures.tangents import solved
 from loops.compiled import given
 from loops.errors import InputError
 from loops.faces import Faces, faces_by_order
-from loops.graph import ContactState, GrainGraph, branch_vectors, branches_between
+from loops.graph import GrainGraph, branches_of, state_of_branches
 from loops.laws import ContactLaw
 
 
@@ -77,7 +77,6 @@ def loop_batches(
     >>> [batch.grains.tolist() for batch in loop_batches(square, find_faces(square))]
     [[[0, 1, 2], [0, 2, 3]]]
     """
-    branches = branch_vectors(graph)
     crossing = None if graph.images is None else np.asarray(graph.images.any(axis=1))
     for order, group in faces_by_order(faces, loops).items():
         ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
@@ -90,7 +89,7 @@ def loop_batches(
                 over = np.asarray(crossing[contacts].any(axis=1))
             if over.any():
                 sign = np.where(group.forward[part][over][..., None], 1.0, -1.0)
-                edges = sign * branches[contacts[over]]
+                edges = sign * branches_of(graph, contacts[over])
                 x[over] = np.cumsum(edges, axis=1) - edges
                 origin[over] = graph.x[grains[over, 0]]
             batch = GrainGraph(
@@ -200,8 +199,9 @@ class CompiledPacking:
     def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
         """Affine and traction tangents with spins blocked, traction with spins free; poor loops.
 
-        Conditions are estimates, the rest is as by `macroscopic_tangent`. In the poor loops (L,)
-        rounding could turn a sign by these conditions: use `macroscopic_tangent` for them.
+        Conditions are estimates, the rest is as by `macroscopic_tangent`. In poor loops, (2, L) by
+        traction with spins blocked and free, rounding could turn a sign by these conditions: use
+        `macroscopic_tangent` for them.
         """
         from loops.compiled.tangents import tangents_of_faces
 
@@ -219,7 +219,7 @@ class CompiledPacking:
             solved(matrices[k], *TANGENTS[k], area, conditions[k], sensitivity=change[k])
             for k in range(3)
         ]
-        return tangents, poor[1] | poor[2]
+        return tangents, poor[1:]
 
 
 def compiled_packing(
@@ -240,23 +240,11 @@ def compiled_packing(
 
     def fill(start: int) -> tuple[bool, bool]:
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
-        images = None if graph.images is None else graph.images[part]
-        d = branches_between(graph.x, graph.contacts[part], images, graph.cell)
+        d = branches_of(graph, part)
         rows[part, :2] = d
         if law is None:
             return True, True
-        i, j = graph.contacts[part].T
-        length = np.hypot(d[:, 0], d[:, 1])
-        n = d / length[:, None]
-        state = ContactState(
-            length=length,
-            n=n,
-            t=np.column_stack([-n[:, 1], n[:, 0]]),
-            normal_force=graph.normal_force[part],
-            shear_force=graph.shear_force[part],
-            radii_i=graph.radii[i],
-            radii_j=graph.radii[j],
-        )
+        state = state_of_branches(graph, part, d)
         own = law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
         rows[part, 2:6] = local_blocks(state, own, regimes[part]).reshape(-1, 4)

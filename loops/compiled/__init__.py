@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops.arrays import available_cores, in_threads
+
 COMPILED_FROM = 40_000
 """Contacts from which on the kernels are used.
 
@@ -23,16 +25,36 @@ Once compiled, they save a second on a snapshot of 40,000 contacts and six on on
 compiling them, once on a machine, takes about half a minute, which small packings never earn back.
 """
 
+PASSES_FROM = 200_000
+"""Contacts from which on kernels pass over them where numpy is as simple (`loops.compiled.passes`).
+"""
+
 
 def load_ahead(contacts: int) -> None:
     """Load the kernels on another thread if so many contacts will use them."""
     if use_compiled(None, contacts):
-        Thread(target=import_module, args=("loops.compiled.network",), daemon=True).start()
+        Thread(target=_load, daemon=True).start()
+
+
+def _load() -> None:
+    """Load numba and call one kernel: the first one takes as long as numba itself."""
+    import_module("loops.compiled.network").spatial_order(given(np.zeros((1, 2)), np.float64))
 
 
 def use_compiled(compiled: bool | None, contacts: int) -> bool:
     """Whether to use the kernels: as told, else by the number of contacts."""
     return contacts >= COMPILED_FROM if compiled is None else compiled
+
+
+def use_passes(contacts: int) -> bool:
+    """Whether so many contacts are passed over by kernels."""
+    return contacts >= PASSES_FROM
+
+
+def on_parts(work: Callable[[slice], Any], count: int) -> None:
+    """Do the work on equal parts of `count` rows, one for each core, in threads."""
+    size = -(-count // available_cores())
+    in_threads(work, [slice(k, k + size) for k in range(0, count, size)])
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -16,12 +16,12 @@ from loops import (
     LinearFrictional,
     Regime,
 )
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Integers, Regimes, median
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import ShearHistory
 from loops.validation import repeated_contacts
-from patterns.snapshots.checked import HERTZ, Checked, goes_with_root
+from patterns.snapshots.checked import HERTZ, Checked, goes_with_root, touching_lengths
 from patterns.snapshots.checks import SLIDING_SHARE, check_state, same_force
 from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.frame import Frame
@@ -101,7 +101,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
     if parameters.law is None and table.has("kn", "ks") and force is not None:
         kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
-        if _of_hertz(kn, normal, bodies.radii[pairs], branches.length, coarse):
+        if _of_hertz(kn, normal, bodies.radii, pairs, branches.length, coarse):
             parameters = parameters._replace(law="hertz")
             notes.append(TOLD)
     if parameters.law is None and table.has("kn", "adhesion") and force is not None:
@@ -123,12 +123,9 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     elif not lacks:
-        radii = bodies.radii[pairs]
-        forces = normal, shear
-        law, regime = _law(table, rows, radii, forces, parameters, frame.shear_increment, notes)
+        grains, forces, increment = (bodies.radii, pairs), (normal, shear), frame.shear_increment
+        law, regime = _law(table, rows, grains, forces, parameters, increment, notes)
     graph = _graph(table, rows, bodies, (pairs, normal, shear, branches.images, cell, regime))
-    if table.has("mz_on_2"):
-        graph = graph.replace(rolling_moment=some(table.column("mz_on_2"), rows))
     if branches.images is not None and not branches.images.any():
         notes.append("no contact crosses the border of the periodic cell")
     geometry = (graph, branches.d, branches.length)
@@ -155,26 +152,28 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     )
 
 
-def _of_hertz(kn: Floats, normal: Floats, radii: Floats, length: Floats, coarse: float) -> bool:
+def _of_hertz(
+    kn: Floats, normal: Floats, radii: Floats, pairs: Integers, length: Floats, coarse: float
+) -> bool:
     """Whether stiffnesses and forces are Hertz's: `kn` with the root of the overlap, N 2/3 of both.
 
-    `radii` (C, 2); overlaps that are not above `coarse` say nothing.
+    Overlaps that are not above `coarse` say nothing.
     """
-    overlap = radii.sum(axis=1) - length
-    told = (kn > 0) & (normal > 0) & (overlap > coarse)
-    kn, N, radii, overlap = kn[told], normal[told], radii[told], overlap[told]
+    overlap = touching_lengths(radii, pairs) - length
+    told = np.flatnonzero((kn > 0) & (normal > 0) & (overlap > coarse))
+    kn, N, overlap = kn[told], normal[told], overlap[told]
     with np.errstate(divide="ignore", over="ignore"):
         share = N / (kn * overlap)
-    if len(kn) == 0 or not abs(float(np.median(share)) / HERTZ - 1) <= HERTZ_BAND:
+    if len(kn) == 0 or not abs(median(share) / HERTZ - 1) <= HERTZ_BAND:
         return False
-    return goes_with_root(kn, radii, overlap)
+    return goes_with_root(kn, radii[pairs[told]], overlap)
 
 
 def _cohesive_law(spring: Floats, normal: Floats, adhesion: Floats) -> LawName:
     """`cohesive` where most forces are those of the springs less the adhesion, else `bonded`."""
     pulls = adhesion > 0
     less = np.abs(normal - spring + adhesion)[pulls]
-    return "cohesive" if np.median(less) < np.median(np.abs(normal - spring)[pulls]) else "bonded"
+    return "cohesive" if median(less) < median(np.abs(normal - spring)[pulls]) else "bonded"
 
 
 def _graph(
@@ -197,6 +196,7 @@ def _graph(
             images=images,
             cell=cell,
             regime=regime,
+            rolling_moment=some(table.column("mz_on_2"), rows) if table.has("mz_on_2") else None,
         )
     except InputError:
         again, first = repeated_contacts(pairs, images, len(bodies.x))
@@ -329,7 +329,7 @@ def _walls_of_table(table: Table, bodies: Bodies) -> WallContacts:
 def _law(
     table: Table,
     rows: Integers,
-    radii: Floats,
+    grains: tuple[Floats, Integers],
     forces: tuple[Floats, Floats],
     parameters: Parameters,
     of_source: ShearIncrement | None,
@@ -337,7 +337,8 @@ def _law(
 ) -> tuple[LinearFrictional | CohesiveFrictional | HertzMindlin, NDArray[np.int8]]:
     """Law and regime of every contact; assumptions are added to the notes.
 
-    A contact is sliding where the table flags it, else from the forces. `radii` (C, 2).
+    A contact is sliding where the table flags it, else from the forces. `grains` are all radii and
+    (C, 2) the grains of the contacts.
     """
     normal, shear = forces
     mu: Floats | None = None
@@ -383,7 +384,8 @@ def _law(
         notes.append(f"shear increment {chosen!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     if parameters.law == "hertz":
-        young, poisson, ratio = _moduli(table, rows, radii, normal, parameters, notes)
+        radii, pairs = grains
+        young, poisson, ratio = _moduli(table, rows, radii[pairs], normal, parameters, notes)
         history = parameters.shear_history or "force"
         rule = "T stays" if history == "force" else "T goes with kt"
         notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
@@ -425,9 +427,9 @@ def _moduli(
     modulus[told] = 2.0 * np.sqrt(kn[told] ** 3 / (6.0 * reduced[told] * normal[told]))
     ratio[told] = ks[told] / kn[told]
     for values in (modulus, ratio):
-        values[~told] = np.median(values[told])
+        values[~told] = median(values[told])
     notes.append(
-        f"E/(1 - nu^2) = {np.median(modulus):.4g} and kt/kn = {np.median(ratio):.4g} (medians), "
+        f"E/(1 - nu^2) = {median(modulus):.4g} and kt/kn = {median(ratio):.4g} (medians), "
         "from the columns 'kn' and 'ks' as tangents"
     )
     return modulus, np.zeros(shape), ratio

@@ -17,7 +17,8 @@ from loops import (
     Regime,
     contact_state,
 )
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
+from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.findings import rounding
 
 # Laws that tables are read with.
@@ -95,7 +96,7 @@ class Checked:
         if graph.cell is None and self.walls is None:
             # Walls whose forces are not known may push on the rim.
             self.inner &= ~on_rim(self.x, self.radii, self.inner)
-        self.reach = self.radii[self.contacts].sum(axis=1)
+        self.reach = touching_lengths(self.radii, self.contacts)
         self.overlap = self.reach - self.length
         limit = LOADED * float(self.normal.mean())
         self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
@@ -129,11 +130,11 @@ class Checked:
             kn, kt = self.law.stiffnesses(contact_state(self.graph))
         return np.broadcast_to(kn, len(self.contacts)), np.broadcast_to(kt, len(self.contacts))
 
-    @property
+    @cached_property
     def overlapping(self) -> Integers:
         """Loaded contacts whose overlap tells a stiffness, none if the centres are too coarse."""
         coarse = OVERLAP_ROUNDINGS * rounding(self.x)
-        if not self.loaded.any() or np.median(self.overlap[self.loaded]) <= coarse:
+        if not self.loaded.any() or median(self.overlap[self.loaded]) <= coarse:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(self.loaded & (self.overlap > 0))
 
@@ -164,27 +165,26 @@ class Checked:
         secant = self.pressed[rows] / self.overlap[rows]
         hertz = isinstance(self.law, HertzMindlin) or (
             # Secants of Hertz's law go with the root as well.
-            bool(np.median(secant / kn[rows]) < np.sqrt(HERTZ))
-            and self.goes_with_root(kn[rows], rows)
+            bool(median(secant / kn[rows]) < np.sqrt(HERTZ)) and self.goes_with_root(kn[rows], rows)
         )
         unit = (HERTZ if hertz else 1.0) * kn
         needed = np.where(unit > 0, self.pressed, 0.0) / np.where(unit > 0, unit, 1.0)
         by_force = needed[rows] / overlap[rows]
-        scale = float(np.median(by_force))
+        scale = median(by_force)
         # Tangents of a given modulus grow with N themselves.
         of_modulus = isinstance(self.law, HertzMindlin) and self.law.ratio is None
         power = 1.5 if of_modulus else 1.0
-        typical = float(np.median(overlap[rows]))
-        scatter = float(np.subtract(*np.quantile(by_force, [0.75, 0.25])))
+        typical = median(overlap[rows])
+        quarter, rest = quantiles(by_force, [0.25, 0.75])
         needed = needed / scale
         off, size = needed - overlap, np.maximum(needed, overlap)
         pushed = (self.pressed > 0) & (size > 0)
         noise = [
-            float(np.quantile(np.abs(off[pushed]) / of, 1 - FEW_WRONG))
+            quantiles(np.abs(off[pushed]) / of, [1 - FEW_WRONG])[0]
             for of in (size[pushed], typical)
         ]
         # The median of ratios is off by their scatter, and where overlaps are in the denominator.
-        error = power * (ERRORS * scatter / np.sqrt(len(rows)) + noise[1] ** 2)
+        error = power * (ERRORS * (rest - quarter) / np.sqrt(len(rows)) + noise[1] ** 2)
         return OverlapFit(
             *(rows, scale**power, error, hertz, needed, off, size, typical),
             (noise[0], noise[1]),
@@ -194,6 +194,12 @@ class Checked:
         """Whether stiffnesses of some contacts go with the root of their overlaps."""
         return goes_with_root(stiffness, self.radii[self.contacts[rows]], self.overlap[rows])
 
+    @property
+    def columns(self) -> tuple[Floats, ...]:
+        """`d`, `length`, `normal` and `shear` as kernels take them."""
+        every = (self.d, self.length, self.normal, self.shear)
+        return tuple(given(values, np.float64) for values in every)
+
     @cached_property
     def parts(self) -> tuple[Floats, Floats]:
         """Normal and shear force on grain 2 of each contact, (C, 2) each."""
@@ -201,20 +207,34 @@ class Checked:
         t = np.column_stack([-n[:, 1], n[:, 0]])
         return self.normal[:, None] * n, self.shear[:, None] * t
 
+    def _sums(self) -> list[Floats]:
+        """Sums of the normal and of the shear forces on each grain, (G, 2) each."""
+        contacts, count = self.contacts, len(self.x)
+        if use_passes(len(contacts)):
+            from loops.compiled.passes import forces_at_end
+
+            pairs, columns = given(contacts, np.int64), self.columns
+            first, second = in_threads(
+                lambda side: forces_at_end(pairs, side, *columns, count), (0, 1)
+            )
+            second -= first
+            return [second[:, :2], second[:, 2:]]
+        one, two = contacts.T
+        return [
+            np.column_stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in part])
+            for part in (force.T for force in self.parts)
+        ]
+
     @cached_property
     def resultants(self) -> tuple[Floats, Floats]:
         """Forces that the normal forces with the walls', and the shear forces, leave on the grains.
 
         (G, 2) each, less a uniform body force that inner grains tell.
         """
-        one, two = self.contacts.T
-        count = len(self.x)
         area = np.where(self.inner, self.radii**2, 0.0)
         touched = np.where(self.degree > 0, self.radii**2, 0.0)
         found: list[Floats] = []
-        for force in self.parts:
-            sums = [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force.T]
-            rest = np.column_stack(sums)
+        for rest in self._sums():
             if not found and self.walls is not None:
                 np.add.at(rest, *self.walls)
             found.append(rest - touched[:, None] * ((area @ rest) / (area @ area or 1.0)))
@@ -225,6 +245,18 @@ class Checked:
         """`resultants` of the inner grains, zero on the others."""
         normal, shear = (np.where(self.inner[:, None], r, 0.0) for r in self.resultants)
         return normal, shear
+
+
+def touching_lengths(radii: Floats, contacts: Integers) -> Floats:
+    """Return the sum of the radii of both grains of each contact, (C,)."""
+    if not use_passes(len(contacts)):
+        return np.asarray(radii[contacts].sum(axis=1))
+    from loops.compiled.passes import fill_reach
+
+    radii, contacts = given(radii, np.float64), given(contacts, np.int64)
+    reach = np.empty(len(contacts))
+    on_parts(lambda part: fill_reach(radii, contacts[part], reach[part]), len(contacts))
+    return reach
 
 
 def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:

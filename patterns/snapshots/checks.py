@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from loops import CohesiveFrictional
-from loops.arrays import Floats, Integers, in_threads
+from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
+from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, power_of_ten, rounding
 from patterns.snapshots.missing import lost_contacts, walls
@@ -29,7 +30,7 @@ DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
 
 def distances(state: Checked) -> Finding:
     """Distances of the centres against the radii: diameters for radii, other units."""
-    reach = float(np.median(state.length / state.reach))
+    reach = median(state.length / state.reach)
     says = f"centres in contact are {reach:.4g} times the sum of their radii apart (median)"
     found = Finding("distances", reach, says)
     remedy = "Give radii and positions in one unit of length."
@@ -73,9 +74,9 @@ def same_snapshot(state: Checked) -> Finding | None:
     given, d = state.given, state.d
     size = np.hypot(*given.T)
     turned = np.abs(d[:, 0] * given[:, 1] - d[:, 1] * given[:, 0])
-    off = float(np.median(turned / np.where(size > 0, size, 1.0) / state.length))
-    coarse = 2 * rounding(state.x) / float(np.median(state.length))
-    coarse += rounding(given) / float(np.median(size) or 1.0)
+    off = median(turned / np.where(size > 0, size, 1.0) / state.length)
+    coarse = 2 * rounding(state.x) / median(state.length)
+    coarse += rounding(given) / (median(size) or 1.0)
     says = f"contact directions differ from the lines of centres by {off:.2g} rad (median)"
     return Finding("same_snapshot", off, says).doubt(
         f", more than their precision, {coarse:.1g}: positions and contacts of different "
@@ -191,32 +192,51 @@ def one_contact_turned(state: Checked) -> Finding | None:
     inner = np.count_nonzero(state.inner)
     if inner < FEWEST:
         return None
-    normal, shear = state.parts
     rest = np.add(*state.residuals)
     size = np.hypot(*rest.T)
-    least = max(
-        TOLD * float(np.median(size[state.inner])), WEAKEST * float(np.abs(state.normal).mean())
-    )
-    one, two = state.contacts.T
-    rows = np.flatnonzero(state.inner[one] | state.inner[two])
-    one, two = one[rows], two[rows]
-    turned = np.zeros(len(rows), dtype=bool)
-    for part in (normal[rows] + shear[rows], normal[rows], shear[rows]):
-        change = np.hypot(*part.T) * 2
-        left = [
-            np.where(state.inner[end], np.hypot(*(rest[end] - sign * part).T), 0.0)
-            for end, sign in ((one, -2), (two, 2))
-        ]
-        turned |= (change > least) & (np.maximum(*left) < CONTACT_TURNED * change)
-    count = int(np.count_nonzero(turned))
+    least = max(TOLD * median(size[state.inner]), WEAKEST * float(np.abs(state.normal).mean()))
+    rows = np.flatnonzero(_turned(state, rest, least))
+    count = len(rows)
     found = Finding(
         "turned", count, f"{count} contacts balance their grains if their sign is changed"
     )
     return found.doubt(
-        f": the force, or its normal or shear part, between grains {state.names(rows[turned])}",
+        f": the force, or its normal or shear part, between grains {state.names(rows)}",
         "Change the sign of these forces, or export them again.",
         count > 0,
     )
+
+
+def _turned(state: Checked, rest: Floats, least: float) -> Flags:
+    """Return (C,) contacts that balance both grains turned, of those that change more than `least`.
+
+    `rest` (G, 2) are the resultants.
+    """
+    turned = np.zeros(len(state.contacts), dtype=bool)
+    if use_passes(len(turned)):
+        from loops.compiled.passes import fill_turned
+
+        pairs, columns = given(state.contacts, np.int64), state.columns
+        inner, left = given(state.inner, np.bool_), given(rest, np.float64)
+
+        def fill(part: slice) -> None:
+            own = (pairs[part], *(values[part] for values in columns))
+            fill_turned(*own, inner, left, least, CONTACT_TURNED, turned[part])
+
+        on_parts(fill, len(turned))
+        return turned
+    one, two = state.contacts.T
+    rows = np.flatnonzero(state.inner[one] | state.inner[two])
+    one, two = one[rows], two[rows]
+    normal, shear = (part[rows] for part in state.parts)
+    for force in (normal + shear, normal, shear):
+        change = np.hypot(*force.T) * 2
+        rests = [
+            np.where(state.inner[end], np.hypot(*(rest[end] - sign * force).T), 0.0)
+            for end, sign in ((one, -2), (two, 2))
+        ]
+        turned[rows] |= (change > least) & (np.maximum(*rests) < CONTACT_TURNED * change)
+    return turned
 
 
 # Angles of friction in degrees; tangents are smaller.
@@ -227,7 +247,7 @@ BEYOND, BEYOND_SHARE = 1.01, 0.02
 
 def friction(state: Checked) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
-    typical = float(np.median(state.mu))
+    typical = median(state.mu)
     if DEGREES[0] < typical < DEGREES[1]:
         found = Finding("friction", typical, f"mu is {typical:.4g}")
         tangent = np.tan(np.radians(typical))
@@ -249,7 +269,7 @@ def friction(state: Checked) -> Finding | None:
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
     return Finding("friction", beyond, says).doubt(
         ": friction too small, or forces of another snapshot or law",
-        f"The forces need mu = {float(np.quantile(ratio, 0.999)):.3g}.",
+        f"The forces need mu = {quantiles(ratio, [0.999])[0]:.3g}.",
         beyond > BEYOND_SHARE,
     )
 
@@ -285,7 +305,7 @@ def one_ratio(state: Checked) -> Finding | None:
     count = int(sharing[below].max())
     shared = float(alike[below][np.argmax(sharing[below])])
     there = (ratio >= shared) & (ratio <= (1 + ONE_RATIO) * shared)
-    needed = shared * float(np.median(mu[rows[there]]))
+    needed = shared * median(mu[rows[there]])
     says = f"{count} contacts share |T| = {shared:.4g} mu N"
     return Finding("one_ratio", shared, says).doubt(
         ": they slide, and their mu is too large", f"The forces need mu = {needed:.4g} there."
@@ -301,15 +321,15 @@ def sliding(state: Checked) -> Finding | None:
     if len(rows) == 0:
         return None
     ratio = np.abs(state.shear[rows]) / limit[rows]
-    below, typical = ratio < AT_LIMIT[0], float(np.median(ratio))
+    below, typical = ratio < AT_LIMIT[0], median(ratio)
     share = float(np.mean(below))
     says = f"sliding contacts have |T| = {typical:.3g} mu N (median), {100 * share:.3g} % of them "
     found = Finding("sliding", typical, f"{says}less than mu N")
     if share > FEW_BELOW:
-        needed = float(np.median(ratio[below])) * float(np.median(mu[rows[below]]))
+        needed = median(ratio[below]) * median(mu[rows[below]])
         cause, remedy = "large", f"These need mu = {needed:.3g}."
     elif typical > AT_LIMIT[1]:
-        cause, remedy = "small", f"The forces need mu = {typical * float(np.median(mu[rows])):.3g}."
+        cause, remedy = "small", f"The forces need mu = {typical * median(mu[rows]):.3g}."
     else:
         return found
     return found.doubt(f": mu too {cause}, or flags of another snapshot", remedy)
@@ -425,7 +445,7 @@ def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Inte
     found = Finding(name, float(off.max()), says)
     if not wrong.any():
         return found
-    turned = bool(np.median(np.abs(column + used)) <= SAME_FORCE * scale)
+    turned = bool(median(np.abs(column + used)) <= SAME_FORCE * scale)
     cause = "tension positive" if turned else "of other contacts, units or snapshots"
     return found.doubt(
         f", and more than {SAME_FORCE:g} in {np.count_nonzero(wrong)} rows, the first is "

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.arrays import Flags, Floats, Integers, in_threads
+from loops.arrays import Flags, Floats, Integers, in_threads, median
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
@@ -72,7 +72,7 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
-        if np.median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
+        if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
             from loops.compiled import given
             from loops.compiled.network import spatial_order
 
@@ -95,7 +95,7 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
 
 def rows_by_first_grain(pairs: Integers) -> Integers:
     """Contacts sorted by their first grain, in the given order for each grain."""
-    if np.median(np.abs(np.diff(pairs[:, 0]))) < FAR:
+    if median(np.abs(np.diff(pairs[:, 0]))) < FAR:
         return np.arange(len(pairs))
     return np.sort((pairs[:, 0] << 32) | np.arange(len(pairs))) & 0xFFFFFFFF
 
@@ -302,7 +302,7 @@ def read_branches(
             remedy if turned else of_cell,
         )
     # If no grains overlap, the radii may be wrong: the checks explain it.
-    if reach.max() > TOUCHING_REACH and np.median(reach) < TOUCHING_REACH:
+    if reach.max() > TOUCHING_REACH and median(reach) < TOUCHING_REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)

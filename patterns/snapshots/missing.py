@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
-from loops.compiled import given, use_compiled
+from loops.arrays import Flags, Floats, Integers, median, quantiles
+from loops.compiled import given, use_compiled, use_passes
 from patterns.snapshots.checked import Checked
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
@@ -26,10 +26,10 @@ def lost_contacts(state: Checked) -> Finding | None:
     rows = state.overlapping
     if len(rows) == 0:
         return None
-    typical = float(np.median(state.overlap[rows]))
+    typical = median(state.overlap[rows])
     loaded = state.overlap[state.loaded]
     apart = np.count_nonzero(loaded < 0) > FEW_APART * len(loaded)
-    gap = float(np.quantile(-loaded, 1 - FEW_APART)) if apart else 0.0
+    gap = quantiles(-loaded, [1 - FEW_APART])[0] if apart else 0.0
     noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
     least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
     pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
@@ -167,11 +167,17 @@ def walls(state: Checked) -> Finding | None:
 
 def _stopped(state: Checked, grains: Flags, force: Floats) -> Flags:
     """(G,) whether some of the grains have a contact in the direction of a force (G, 2)."""
+    if use_passes(len(state.contacts)):
+        from loops.compiled.passes import mark_stopped
+
+        pairs, (d, length, *_) = given(state.contacts, np.int64), state.columns
+        marks = given(grains, np.bool_), given(force, np.float64)
+        return np.asarray(mark_stopped(pairs, d, length, *marks, AGAINST))
     stopped = np.zeros(len(state.x), dtype=bool)
     for end, sign in zip(state.contacts.T, (1.0, -1.0), strict=True):
         rows = np.flatnonzero(grains[end])
         towards, d = force[end[rows]], sign * state.d[rows]
-        along = np.einsum("ck,ck->c", towards, d)
+        along = towards[:, 0] * d[:, 0] + towards[:, 1] * d[:, 1]
         ahead = along > AGAINST * np.hypot(*towards.T) * state.length[rows]
         stopped[end[rows[ahead]]] = True
     return stopped

@@ -27,8 +27,10 @@ from loops import (
     find_faces,
     outline_area,
 )
-from loops.arrays import Integers, Regimes
+from loops.arrays import Integers, Regimes, in_threads
 from loops.boundary import Boundary, boundary_of, outline_grains
+from loops.graph import branches_of, state_of_branches
+from loops.loop_batches import CONTACTS_AT_ONCE
 from loops.scene import Scene
 from loops.shown import Shown
 from patterns.snapshots.checked import READ_LAWS
@@ -145,10 +147,18 @@ class Snapshot(Shown):
     @cached_property
     def mean_kn(self) -> float:
         """Mean normal stiffness of the contacts, all taken as elastic (force per length)."""
-        law, _ = self.mechanics()
-        elastic = np.full(self.graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-        stiffness = law.local_stiffness(contact_state(self.graph), elastic)
-        return float(np.mean(stiffness[..., 0, 0]))
+        (law, _), graph = self.mechanics(), self.graph
+        kn = np.empty(graph.contact_count)
+
+        def fill(start: int) -> None:
+            part = slice(start, start + CONTACTS_AT_ONCE)
+            state = state_of_branches(graph, part, branches_of(graph, part))
+            elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
+            own = law.take(np.arange(len(kn))[part])
+            kn[part] = own.local_stiffness(state, elastic)[..., 0, 0]
+
+        in_threads(fill, range(0, len(kn), CONTACTS_AT_ONCE))
+        return float(np.mean(kn))
 
     def mechanics(self) -> tuple[ContactLaw, NDArray[np.int8]]:
         """Law and regime of the contacts; `InputError` that names all that is missing."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from loops import HertzMindlin, LinearFrictional, Regime, branch_vectors, contact_state
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats, Integers, median
 from patterns.snapshots.checked import FEWEST, HERTZ, READ_LAWS, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
 from patterns.snapshots.geometry import index_of
@@ -28,8 +28,8 @@ def stiffness(state: Checked) -> Finding | None:
     rows = fit.rows
     kn, kt = (values[rows] for values in state.stiffnesses)
     secant = state.pressed[rows] / state.overlap[rows]
-    raw, shear_ratio = float(np.median(secant / kn)), float(np.median(secant / kt))
-    exceeds = float(np.median(kt / kn))
+    raw, shear_ratio = median(secant / kn), median(secant / kt)
+    exceeds = median(kt / kn)
     off = abs(fit.ratio - 1) > STIFFNESS_OFF + fit.error
     found = Finding("stiffness", raw, f"N is {raw:.4g} times kn times the overlap (median)")
     if off and abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
@@ -72,14 +72,14 @@ def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, bool]:
     """
     secant = state.pressed[rows] / state.overlap[rows]
     hertz = isinstance(state.law, HertzMindlin) or state.goes_with_root(secant, rows)
-    return float(np.median(secant)) / (HERTZ if hertz else 1.0), hertz
+    return median(secant) / (HERTZ if hertz else 1.0), hertz
 
 
 def _needed_modulus(state: Checked, rows: Integers) -> float:
     """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median)."""
     reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
     overlap = state.overlap[rows]
-    return float(np.median(state.pressed[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap))))
+    return median(state.pressed[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap)))
 
 
 def needed_stiffness(state: Checked) -> Finding | None:
@@ -210,8 +210,8 @@ def radii(state: Checked) -> Finding | None:
     coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
     if slope <= 0 or abs(share) <= RADII_OFF + coarse:
         return found
-    without = np.median(np.abs(needed - overlap * np.median(needed / overlap)))
-    left = np.median(np.abs(needed - slope * overlap - offset * reach))
+    without = median(np.abs(needed - overlap * median(needed / overlap)))
+    left = median(np.abs(needed - slope * overlap - offset * reach))
     return found.doubt(
         ": radii of another precision or unit, or forces that are not proportional to overlaps",
         f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
@@ -274,7 +274,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
     if not slip.any():
         return None
-    factor = float(np.median((needed / slip)[slip != 0]))
+    factor = median((needed / slip)[slip != 0])
     wrong = np.count_nonzero(np.abs(needed - factor * slip) > KT * np.abs(factor * slip))
     agreeing = max(1 - wrong / spare, 0.0)
     if agreeing < AGREEING:
@@ -283,7 +283,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
     return Finding("kt", factor, says).doubt(
         f": kt is too {'small' if factor > 1 else 'large'}",
-        f"The forces need kt = {factor * float(np.median(kt)):.4g}.",
+        f"The forces need kt = {factor * median(kt):.4g}.",
         abs(factor - 1) > KT,
     )
 

@@ -18,7 +18,7 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.fabric import (
     TensorMean,
     axial_mean,
@@ -270,7 +270,7 @@ def chains_table(table: Columns) -> dict[str, list[Any]]:
                 smallest = table[f"{judge}_lambda_min"][inside]
                 known = np.isfinite(smallest)
                 beyond = share(unstable[judge][inside][known])
-                row[f"{judge}_lambda_min"] = np.median(smallest[known]) if known.any() else np.nan
+                row[f"{judge}_lambda_min"] = median(smallest[known]) if known.any() else np.nan
                 row[f"{judge}_unstable"] = beyond["mean"]
                 row[f"{judge}_unstable_error"] = beyond["std_error"]
             rows.append(row)
@@ -341,16 +341,10 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
     if len(value) == 0 or (weight is not None and not weight.sum() > 0):
         return dict.fromkeys(("mean", "std", *QUARTILES), float("nan")) | {"count": len(value)}
     mean = np.average(value, weights=weight)
-    at = np.multiply(len(value) - 1, list(QUARTILES.values()))
-    low = at.astype(np.int64)
-    high = np.minimum(low + 1, len(value) - 1)
-    # Quartiles of many loops: a partition takes a third of the time of sorting.
-    placed = np.partition(value, [*low, *high])
-    quartiles = placed[low] + (at - low) * (placed[high] - placed[low])
     return {
         "mean": float(mean),
         "std": float(np.sqrt(np.average((value - mean) ** 2, weights=weight))),
-        **dict(zip(QUARTILES, quartiles.tolist(), strict=True)),
+        **dict(zip(QUARTILES, quantiles(value, [*QUARTILES.values()]), strict=True)),
         "count": len(value),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -51,6 +51,7 @@ MECHANICS = (
     "traction_condition",
     *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
+Tangents = Callable[[Snapshot, LoopBatch], Columns]
 LOOPS_AT_A_TIME = 2**13  # loops that a thread computes at a time
 
 # Loops of this order and beyond form one group, in every table, figure and report.
@@ -142,8 +143,15 @@ def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
         found = _stability(tangent.matrix / kn, tangent.error / kn, compiled=False)
         columns |= _named(closure, found)
     columns["traction_condition"] = tangent.condition
+    return columns | _free_tangents(snapshot, batch)
+
+
+def _free_tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
+    """Eigenvalues with spins free of a batch of loops of one order, by the closure in numpy."""
+    law, regime = snapshot.mechanics()
+    own, regimes = law.take(batch.contacts), regime[batch.contacts]
     free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
-    return columns | _eigenvalues(free, kn, compiled=False)
+    return _eigenvalues(free, snapshot.mean_kn, compiled=False)
 
 
 def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[Any, Columns]]:
@@ -155,25 +163,34 @@ def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[A
     blocks = [slice(k, k + LOOPS_AT_A_TIME) for k in range(0, len(faces.loops), LOOPS_AT_A_TIME)]
     kn = np.nan if law is None else snapshot.mean_kn
     work = partial(_compiled_columns, packing, faces.loops, kn)
-    rest = np.zeros(len(faces.loops), dtype=bool)
+    rest = np.zeros((2, len(faces.loops)), dtype=bool)
     row = np.full(len(faces.kind), -1)
     row[faces.loops] = np.arange(len(faces.loops))
 
-    def again(loops: Integers) -> list[tuple[Integers, Columns]]:
+    def again(task: tuple[Tangents, Integers]) -> list[tuple[Integers, Columns]]:
+        find, loops = task
         batches = loop_batches(snapshot.graph, faces, loops=loops)
-        return [(row[batch.face], _tangents(snapshot, batch)) for batch in batches]
+        return [(row[batch.face], find(snapshot, batch)) for batch in batches]
 
     with ThreadPoolExecutor(threads) as pool:
-        for block, (columns, rest[block]) in zip(blocks, pool.map(work, blocks), strict=True):
+        for block, (columns, rest[:, block]) in zip(blocks, pool.map(work, blocks), strict=True):
             yield block, columns
-        for some in pool.map(again, np.array_split(faces.loops[rest], threads)):
+        blocked, free = rest
+        # Most have a gear mode, which only spins that are free have.
+        tasks = ((_tangents, blocked), (_free_tangents, free & ~blocked))
+        parts = [
+            (find, some)
+            for find, poor in tasks
+            for some in np.array_split(faces.loops[poor], threads)
+        ]
+        for some in pool.map(again, parts):
             yield from some
 
 
 def _compiled_columns(
     packing: Any, loops: Integers, kn: float, block: slice
 ) -> tuple[Columns, Flags]:
-    """Columns of a block of loops, tangents over `kn`, and a flag of the ill-conditioned loops."""
+    """Columns of a block of loops, tangents over `kn`, and flags of the ill-conditioned loops."""
     from loops.compiled import given
     from loops.compiled import tangents as kernel
 
@@ -182,7 +199,7 @@ def _compiled_columns(
     columns: Columns = dict(zip(SHAPE, shape, strict=False))
     columns["orientation"] = np.degrees(columns["orientation"])
     if packing.law is None:
-        return columns, np.zeros(len(chosen), dtype=bool)
+        return columns, np.zeros((2, len(chosen)), dtype=bool)
     columns["sliding_contacts"] = shape[kernel.SLIDING]
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
     (affine, traction, free), poor = packing.tangents(chosen)

@@ -1,0 +1,142 @@
+"""Kernels that pass once over the contacts of a large packing: branches, forces on its grains.
+
+Arrays are those of the contacts, (C, ...) with a row each, or of the grains, (G, ...). Each row of
+a result belongs to one contact, so that parts of the contacts may be computed on several cores, or
+is summed in the order of the contacts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers
+from loops.compiled import kernel
+
+
+@kernel
+def fill_differences(x: Floats, contacts: Integers, d: Floats) -> None:
+    """Fill in the centre of the second grain less that of the first, (C, 2)."""
+    for c in range(len(contacts)):
+        i, j = contacts[c, 0], contacts[c, 1]
+        d[c, 0], d[c, 1] = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+
+
+@kernel
+def fill_frames(d: Floats, length: Floats, n: Floats, t: Floats) -> None:
+    """Fill in length, normal and tangent of branches."""
+    for c in range(len(d)):
+        size = math.hypot(d[c, 0], d[c, 1])
+        length[c] = size
+        n[c, 0], n[c, 1] = d[c, 0] / size, d[c, 1] / size
+        t[c, 0], t[c, 1] = -n[c, 1], n[c, 0]
+
+
+@kernel
+def fill_reach(radii: Floats, contacts: Integers, reach: Floats) -> None:
+    """Fill in the sum of the radii of both grains."""
+    for c in range(len(contacts)):
+        reach[c] = radii[contacts[c, 0]] + radii[contacts[c, 1]]
+
+
+@kernel
+def forces_at_end(
+    contacts: Integers,
+    side: int,
+    d: Floats,
+    length: Floats,
+    normal: Floats,
+    shear: Floats,
+    grains: int,
+) -> Floats:
+    """Sum normal, then shear forces of the contacts whose `side` a grain is at, (G, 4)."""
+    total = np.zeros((grains, 4))
+    for c in range(len(contacts)):
+        n0, n1, g = d[c, 0] / length[c], d[c, 1] / length[c], contacts[c, side]
+        total[g, 0] += normal[c] * n0
+        total[g, 1] += normal[c] * n1
+        total[g, 2] += shear[c] * -n1
+        total[g, 3] += shear[c] * n0
+    return total
+
+
+@kernel
+def stresses_at_end(
+    contacts: Integers,
+    side: int,
+    length: Floats,
+    n: Floats,
+    normal: Floats,
+    shear: Floats,
+    radii: Floats,
+) -> Floats:
+    """Sum force times arm, (G, 4), of the contacts whose `side` a grain is at."""
+    total = np.zeros((len(radii), 4))
+    for c in range(len(contacts)):
+        n0, n1, g = n[c, 0], n[c, 1], contacts[c, side]
+        arm = 0.5 * (length[c] + radii[g] - radii[contacts[c, 1 - side]])
+        f0, f1 = normal[c] * n0 - shear[c] * n1, normal[c] * n1 + shear[c] * n0
+        total[g, 0] += f0 * (arm * n0)
+        total[g, 1] += f0 * (arm * n1)
+        total[g, 2] += f1 * (arm * n0)
+        total[g, 3] += f1 * (arm * n1)
+    return total
+
+
+@kernel
+def fill_turned(
+    contacts: Integers,
+    d: Floats,
+    length: Floats,
+    normal: Floats,
+    shear: Floats,
+    judged: Flags,
+    rest: Floats,
+    least: float,
+    share: float,
+    turned: Flags,
+) -> None:
+    """Flag contacts whose force, or its normal or shear part, balances both grains if turned.
+
+    `rest` (G, 2) are the resultants, which count on the `judged` grains alone: both are then left
+    with less than a `share` of the change, which is more than `least`.
+    """
+    for c in range(len(contacts)):
+        i, j = contacts[c, 0], contacts[c, 1]
+        turned[c] = False
+        if not (judged[i] or judged[j]):
+            continue
+        n0, n1 = d[c, 0] / length[c], d[c, 1] / length[c]
+        push0, push1 = normal[c] * n0, normal[c] * n1
+        drag0, drag1 = shear[c] * -n1, shear[c] * n0
+        for part in range(3):
+            f0, f1 = push0 + drag0, push1 + drag1
+            if part == 1:
+                f0, f1 = push0, push1
+            elif part == 2:
+                f0, f1 = drag0, drag1
+            change, left = math.hypot(f0, f1) * 2.0, 0.0
+            if not change > least:
+                continue
+            if judged[i]:
+                left = math.hypot(rest[i, 0] + 2.0 * f0, rest[i, 1] + 2.0 * f1)
+            if judged[j]:
+                left = max(left, math.hypot(rest[j, 0] - 2.0 * f0, rest[j, 1] - 2.0 * f1))
+            turned[c] = turned[c] or left < share * change
+
+
+@kernel
+def mark_stopped(
+    contacts: Integers, d: Floats, length: Floats, pushed: Flags, force: Floats, cosine: float
+) -> Flags:
+    """Flag the pushed grains that have a contact in the direction of their force, (G,)."""
+    stopped = np.zeros(len(pushed), dtype=np.bool_)
+    for c in range(len(contacts)):
+        for side in range(2):
+            g, sign = contacts[c, side], 1.0 - 2.0 * side
+            if pushed[g]:
+                f0, f1 = force[g, 0], force[g, 1]
+                along = f0 * (sign * d[c, 0]) + f1 * (sign * d[c, 1])
+                stopped[g] |= along > cosine * math.hypot(f0, f1) * length[c]
+    return stopped
