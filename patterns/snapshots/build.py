@@ -359,7 +359,7 @@ def _law(
         slides_at = "cohesion + mu N"
     carries = strength > 0 if cohesive else normal > 0
     if table.has("sliding"):
-        sliding = (table.column("sliding")[rows] != 0) & carries
+        sliding = (some(table.column("sliding"), rows) != 0) & carries
     elif mu is not None:
         sliding = (np.abs(shear) >= SLIDING_SHARE * strength) & carries
         notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} {slides_at}")

@@ -218,7 +218,7 @@ class Checked:
                 lambda side: forces_at_end(pairs, side, *columns, count), (0, 1)
             )
             second -= first
-            return [second[:, :2], second[:, 2:]]
+            return [np.ascontiguousarray(part) for part in (second[:, :2], second[:, 2:])]
         one, two = contacts.T
         return [
             np.column_stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in part])
@@ -276,8 +276,9 @@ RIM = 0.05
 
 def on_rim(x: Floats, radii: Floats, touched: Flags) -> Flags:
     """(G,) array: grains at the border of the box around those touched, where walls may be."""
-    low, high = x - radii[:, None], x + radii[:, None]
-    margin = RIM * radii.mean()
-    near_low = low < low[touched].min(axis=0) + margin
-    near_high = high > high[touched].max(axis=0) - margin
-    return np.asarray((near_low | near_high).any(axis=1))
+    margin, near = RIM * radii.mean(), np.zeros(len(x), dtype=bool)
+    for along in x.T:
+        low, high = along - radii, along + radii
+        near |= low < low[touched].min() + margin
+        near |= high > high[touched].max() - margin
+    return near

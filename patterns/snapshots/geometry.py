@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
+from loops.compiled import on_parts, use_passes
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
@@ -71,19 +72,21 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
         )
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
-        spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
+        spacing = np.sqrt(np.ptp(x[:, 0]) * np.ptp(x[:, 1]) / len(x))
         if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
             from loops.compiled import given
             from loops.compiled.network import spatial_order
 
             order = spatial_order(given(x, np.float64))
-            x, radii = x[order], radii[order]
+            x, radii = some(x, order), some(radii, order)
             rotation, mass, motion = (
-                None if values is None else values[order] for values in (rotation, mass, motion)
+                None if values is None else some(values, order)
+                for values in (rotation, mass, motion)
             )
             # Walls stand behind the grains.
-            every = np.append(np.flatnonzero(~is_wall)[order], np.flatnonzero(is_wall))
-            ids, is_wall = ids[every], is_wall[every]
+            if is_wall.any():
+                order = np.append(np.flatnonzero(~is_wall)[order], np.flatnonzero(is_wall))
+            ids, is_wall = some(ids, order), is_wall[order]
     bodies = Bodies(ids, is_wall, x, radii, rotation, mass, motion)
     if len(radii) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
@@ -312,8 +315,18 @@ def read_branches(
 
 def some(values: Any, rows: Integers) -> Any:
     """Values of some rows; no copy if these are all rows in order."""
-    every = len(rows) == len(values) and bool((rows[1:] > rows[:-1]).all())
-    return values if every else values[rows]
+    if len(rows) == len(values) and bool((rows[1:] > rows[:-1]).all()):
+        return values
+    if not use_passes(len(rows)):
+        return values[rows]
+    # Rows in random order wait for the memory: on several cores at once.
+    picked = np.empty((len(rows), *values.shape[1:]), dtype=values.dtype)
+
+    def fill(part: slice) -> None:
+        np.take(values, rows[part], axis=0, out=picked[part], mode="clip")
+
+    on_parts(fill, len(rows))
+    return picked
 
 
 def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Integers | None:

@@ -41,7 +41,8 @@ def lost_contacts(state: Checked) -> Finding | None:
     # A pair that touches through several images of the cell has a row for each.
     count = len(state.x)
     touching, place, found = np.unique(pairs @ [count, 1], return_index=True, return_counts=True)
-    rows = np.sort(np.sort(state.contacts, axis=1) @ [count, 1])
+    low, high = np.minimum(*state.contacts.T), np.maximum(*state.contacts.T)
+    rows = np.sort(low * count + high)
     listed = np.searchsorted(rows, touching, "right") - np.searchsorted(rows, touching)
     lost = place[found > listed]
     lost = lost[np.argsort(-overlap[lost])]

@@ -151,10 +151,10 @@ class Snapshot(Shown):
         kn = np.empty(graph.contact_count)
 
         def fill(start: int) -> None:
-            part = slice(start, start + CONTACTS_AT_ONCE)
+            part = slice(start, min(start + CONTACTS_AT_ONCE, len(kn)))
             state = state_of_branches(graph, part, branches_of(graph, part))
             elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
-            own = law.take(np.arange(len(kn))[part])
+            own = law.take(np.arange(part.start, part.stop))
             kn[part] = own.local_stiffness(state, elastic)[..., 0, 0]
 
         in_threads(fill, range(0, len(kn), CONTACTS_AT_ONCE))

@@ -372,6 +372,9 @@ class Table:
             received, expected = str(values[row]), f"a finite number, at most {HUGE:g}"
             raise InputError(f"{where}, row {row}", received, expected, "Correct or drop the row.")
         self._read[name] = values
+        if getattr(self._columns[name], "type", None) == FLOAT:
+            # Not held twice.
+            self._columns[name] = values
         return values
 
     def read_ahead(self) -> None:

@@ -146,9 +146,11 @@ def _orders(table: Columns, groups: Groups) -> dict[str, Any]:
 def _fabric(snapshot: Snapshot, table: Columns, groups: Groups) -> dict[str, Any]:
     """Orientation of contacts and loops, size and elongation of the loops."""
     area, branches = table["area"], branch_vectors(snapshot.graph)
-    directions, shapes = direction_tensors(branches), edge_tensors(branches, snapshot.faces)
+    directions = direction_tensors(branches)
     contacts = tensor_block(mean_tensor(directions))
     by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
+    del directions
+    shapes = edge_tensors(branches, snapshot.faces)
     return {
         "contact_fabric": contacts | {"fourier_amplitude": 2 * contacts["anisotropy"]},
         "contact_fabric_by_length": tensor_block(by_length),
