@@ -43,7 +43,7 @@ def follow(
     normal forces are exact at their ends, so the error halves with the interval. What is out of
     balance at the start is balanced by a load, of which `load_kept` stays.
     Of the options below it takes `max_steps` (intervals), `rows`, `interval`, `instabilities`,
-    `past`, `load_kept`, `spread` and `progress`.
+    `past`, `load_kept`, `spread`, `progress` and `pathologies`.
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
@@ -110,6 +110,9 @@ def follow(
         part.
     progress : callable, optional
         Of a packing: called after every interval with the parameter that the path has reached.
+    pathologies : bool
+        Of a packing: look at every row whether the rates are the only ones and stable
+        (`Path.pathologies`).
 
     Returns
     -------

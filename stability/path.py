@@ -20,6 +20,7 @@ from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 if TYPE_CHECKING:
+    from stability.packing.pathologies import Pathologies
     from stability.packing.state import PackingState
 
 EventKind = Literal[
@@ -322,6 +323,9 @@ class Path(Shown):
         `2/5 N overlap`, of other laws their `normal_energy`.
     intervals : int
         Packings: number of intervals.
+    pathologies : tuple of Pathologies
+        Packings, where asked for: of each row, whether the matrix of the contacts at yield is
+        symmetric, positive definite, a P-matrix, and the number of solutions of the rate problem.
     limit, limit_spread : float
         Packings: loading parameter at which the path met its limit, by the smallest interval, and
         its change as the interval was halved, over itself: infinite where it has not converged to
@@ -362,6 +366,7 @@ class Path(Shown):
     states: tuple[PackingState, ...] = ()
     energy: Floats = field(default_factory=_none)
     intervals: int = 0
+    pathologies: tuple[Pathologies, ...] = ()
     limit: float = math.nan
     limit_spread: float = math.nan
     stress_spread: float = math.nan

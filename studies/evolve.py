@@ -19,6 +19,7 @@ from patterns import Snapshot
 from stability import COMPONENTS, Stage, follow, programmes
 from stability import Path as FollowedPath
 from stability.packing import LoopRates, loop_changes, replay
+from stability.packing.pathologies import columns
 from stability.packing.state import nominal
 from stability.path import Past, describe
 from stability.programmes import NOTHING
@@ -57,6 +58,7 @@ def run_evolve(
     interval: float = 5e-6,
     instabilities: int = 20,
     past: Past = "viscous",
+    pathologies: bool = False,
     by: By = "events",
     inertial_number: float | None = None,
     times: Path | None = None,
@@ -90,6 +92,11 @@ def run_evolve(
     numbers = {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
     asked |= {name: value for name, value in numbers.items() if value is not None}
     one_of("--by", by, get_args(By))
+    if pathologies:
+        asked["pathologies"] = True
+        if by == "replay":
+            remedy = "Follow by events, or both."
+            raise InputError("--pathologies", "--by replay", "a path by events", remedy)
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to, **numbers), float(np.sign(to))
@@ -107,7 +114,7 @@ def run_evolve(
             path = follow(
                 snapshot, stage, closure="packing", max_steps=INTERVALS, rows=rows,
                 interval=interval, instabilities=instabilities, past=past, spread=spread,
-                progress=progress,
+                progress=progress, pathologies=pathologies,
             )  # fmt: skip
             ways["events"] = path
         if by != "events":
@@ -219,8 +226,18 @@ def row_table(way: FollowedPath, sense: float) -> pd.DataFrame:
             **works_of(way),
             "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
             "events": np.searchsorted(ends, way.parameter, side="right"),
+            **pathology_columns(way),
         }
     )
+
+
+def pathology_columns(way: FollowedPath) -> dict[str, NDArray[Any]]:
+    """Return the answers of `--pathologies` row by row, and instabilities so far; none without."""
+    if not way.pathologies:
+        return {}
+    lost = np.sort([event.parameter for event in way.of_kind("instability")])
+    so_far = np.searchsorted(lost, way.parameter, side="right")
+    return {**columns(way.pathologies), "instabilities": so_far}
 
 
 def event_table(way: FollowedPath, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:

@@ -32,6 +32,7 @@ from stability.packing.pairs import (
 )
 from stability.packing.past import OTHER_WAYS, PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.past import stop as end_there
+from stability.packing.pathologies import Pathologies, pathologies
 from stability.packing.rattlers import free_rattlers
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -88,6 +89,7 @@ class PackingPathOptions:
     load_kept: float = 1.0
     spread: bool = False
     progress: Callable[[float], None] | None = None
+    pathologies: bool = False
 
     def __post_init__(self) -> None:
         number("interval", self.interval, 0.0, open_low=True)
@@ -113,7 +115,9 @@ def follow_packing(
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
     packing = scene.graph, scene.law, stages
-    solver = PackingPathSolver(*packing, o.interval, o.past, scene.boundary, o.load_kept)
+    solver = PackingPathSolver(
+        *packing, o.interval, o.past, scene.boundary, o.load_kept, o.pathologies
+    )
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), o.instabilities, max_steps, o.progress
@@ -186,11 +190,14 @@ class PackingPathSolver:
         past: Past | PassBy,
         boundary: Boundary | None,
         load_kept: float = 1.0,
+        pathologies: bool = False,
     ) -> None:
         checked = require_movable(graph, law)
         start = start_state(graph, boundary)
         for stage in stages:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
+        self.stages, self.looks_at_pathologies = stages, pathologies
+        self.looked: RegimeFactor | None = None
         self.by_radii = checked.shear_increment == "radii"
         self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
@@ -573,12 +580,24 @@ class PackingPathSolver:
         state = self.state
         energy = stored_energy(state, self.pairs)
         largest = np.abs(self.imbalance)[:, :2].max() / state.mean_force
+        found = self._pathologies() if self.looks_at_pathologies else None
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
-        self.rows.append(row)
+        self.rows.append((*row, found))
+
+    def _pathologies(self) -> Pathologies:
+        """Look at the matrix of the candidates of this state, with a factor of its own."""
+        held = np.resize(self.rattlers[self.pairs.grains].any(axis=1), len(self.regime))
+        control, regimes = self._control(self.stages[self.stage], 0.0), (self.regime, self.side)
+        found, self.looked = pathologies(
+            self.state, self.pairs, *regimes, self.by_radii, control, held, self.looked
+        )
+        return found
 
     def path(self, status: PathStatus, message: str) -> Path:
         """The path so far."""
-        parameter, stage, H, P, states, work, energy, imbalance = zip(*self.rows, strict=True)
+        parameter, stage, H, P, states, work, energy, imbalance, found = zip(
+            *self.rows, strict=True
+        )
         return Path(
             status=status,
             message=message,
@@ -592,6 +611,7 @@ class PackingPathSolver:
             energy=np.array(energy),
             imbalance=np.array(imbalance),
             intervals=self.intervals,
+            pathologies=found if self.looks_at_pathologies else (),
         )
 
 

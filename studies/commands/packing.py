@@ -415,6 +415,13 @@ def evolve_command(
     ] = 5e-6,
     instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
     past: PastOption = "viscous",
+    pathologies: Annotated[
+        bool,
+        Parameter(
+            help="Tell at every row whether the matrix of the contacts at yield is symmetric, "
+            "positive definite, a P-matrix, and how many solutions the rate problem has."
+        ),
+    ] = False,
     by: Annotated[
         str,
         Parameter(
@@ -460,6 +467,7 @@ def evolve_command(
             interval=interval,
             instabilities=instabilities,
             spread=spread,
+            pathologies=pathologies,
             **asdict(replaying or Replaying()),
             hold=hold,
             hold_stress=hold_stress,

@@ -422,3 +422,19 @@ def test_drops_and_reach_of_a_forecast():
 def test_numbers_of_programmes_are_checked(programme, numbers, word):
     with pytest.raises(InputError, match=word):
         stage_of(programme, 1, 1e-5, **numbers)
+
+
+def test_pathologies_of_every_row(tmp_path, small):
+    paths = [small[0]]
+    how = {"to": 2e-5, "rows": 3, "figures": False}
+    run_evolve(paths, tmp_path / "p", pathologies=True, **how)
+    run_evolve(paths, tmp_path / "q", **how)
+    told, plain = (pd.read_parquet(tmp_path / f / "path.parquet") for f in "pq")
+    assert told[plain.columns].equals(plain)
+    assert set(told.columns) - set(plain.columns) == {
+        "candidates", "asymmetry", "symmetric", "definite", "p_matrix", "solutions", "proved",
+        "path_w2", "withheld", "instabilities",
+    }  # fmt: skip
+    assert (told["solutions"] == 1).all() and (told["withheld"] == "").all()
+    with pytest.raises(InputError, match="--pathologies"):
+        run_evolve(paths, tmp_path / "r", pathologies=True, by="replay", **how)

@@ -1,0 +1,146 @@
+"""What stands against a single, stable answer of a packing under a control, at one state."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from loops.arrays import Flags, Floats, Integers, Regimes
+from stability.complementarity import positive_definite, solve_complementarity
+from stability.p_matrix import has_definite_scaling, is_p_matrix
+from stability.packing.pairs import AT_YIELD, Pairs, frame_of
+from stability.packing.regime_factor import ELASTIC, RANK, SLIDING, RegimeFactor
+from stability.packing.state import PackingState
+from stability.packing.strain_increment import MixedControl, edges_of_pushes
+
+# Candidates up to which minors and solutions are looked for, and up to which there is a matrix.
+FEW_CANDIDATES, MOST_CANDIDATES = 30, 2 * RANK
+# Random and named starts of the search for solutions where not all sets are tried.
+STARTS = 5
+# A part of `M` that is antisymmetric below this share is rounding of the columns.
+SYMMETRIC = 1e-8
+
+
+class Pathologies(NamedTuple):
+    """Answers on the matrix of the candidates, `w = q + M z`, at one state under a control.
+
+    Candidates are the contacts at their friction limit, `z` their slip rates (length) and `w` the
+    rates at which they leave the limit (force). `asymmetry` is the size of `M - M^T` over that of
+    `M`, `definite` whether the symmetric part of `M` is positive definite; `p_matrix` whether all
+    principal minors are positive, so that there is exactly one solution for every `q`, None where
+    it was not decided. `solutions` is the number of those found, all of them if `proved`; -1 where
+    none were looked for. `w2` is the second-order work `P':H'` of the state's regimes under the
+    control, over the sizes of both. `withheld` says what was not asked, and why.
+    """
+
+    candidates: int
+    asymmetry: float
+    definite: bool | None
+    p_matrix: bool | None
+    solutions: int
+    proved: bool
+    w2: float
+    withheld: str
+
+    @property
+    def symmetric(self) -> bool | None:
+        """Whether `M` is symmetric to rounding; None without a matrix."""
+        return None if np.isnan(self.asymmetry) else self.asymmetry <= SYMMETRIC
+
+
+def pathologies(
+    state: PackingState,
+    pairs: Pairs,
+    regime: Regimes,
+    side: Floats,
+    by_radii: bool,
+    control: MixedControl,
+    held: Flags,
+    before: RegimeFactor | None = None,
+) -> tuple[Pathologies, RegimeFactor]:
+    """Look at the matrix of the candidates of a state; the factor is `before` of the next call.
+
+    Pairs that are `held` have no regimes of their own.
+    """
+    from stability.compiled.packing_rates import at_yield
+
+    N, T = state.normal_force, state.shear_force
+    if pairs.rolling:
+        N, T = np.tile(N, 2), np.append(T, state.rolling_moment / state.mean_radius)
+    candidates: Integers = at_yield(frame_of(state, pairs, by_radii), regime, held, N, T, AT_YIELD)
+    side = side.copy()
+    stuck = candidates[regime[candidates] == ELASTIC]
+    sliding = candidates[regime[candidates] == SLIDING]
+    side[stuck] = np.sign(T[stuck])
+    # All of them stick in the factor; slips are forces on it.
+    reference = regime.copy()
+    reference[candidates] = ELASTIC
+    none = np.zeros(3 * len(state.x))
+    packing = RegimeFactor(state, pairs, reference, side, by_radii, none, before)
+    m = len(candidates)
+    if m > MOST_CANDIDATES:
+        packing.set_regimes(sliding, SLIDING)
+        w2, said = (
+            _second_order_work(packing, control),
+            f"{m} candidates, {MOST_CANDIDATES} at most",
+        )
+        return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing
+    if m == 0:
+        return _judged(np.zeros(0), np.eye(0), _second_order_work(packing, control)), packing
+    rows = (len(packing.frame) + candidates).tolist()
+    pushes = edges_of_pushes(packing, control, rows, candidates)
+    q = packing.edge((packing.solve(*control),), candidates)[:, 0]
+    # Of slips, not of slips times stiffness: work-conjugate to the forces.
+    M = (np.eye(m) - side[candidates] * pushes) * packing.frame["kt"][candidates]
+    for c in sliding.tolist():
+        packing.set_regime(c, SLIDING, side[c])
+    w2 = _second_order_work(packing, control)
+    return _judged(q, M, w2), packing
+
+
+def _judged(q: Floats, M: Floats, w2: float) -> Pathologies:
+    """Return what `w = q + M z` says of itself."""
+    m, size = len(q), float(np.linalg.norm(M)) or 1.0
+    asymmetry, definite = float(np.linalg.norm(M - M.T)) / size, m == 0 or positive_definite(M)
+    if m < FEW_CANDIDATES:
+        sure, told = is_p_matrix(M), "minors vanish to rounding, or are too many to decide"
+    else:
+        sure = True if definite or has_definite_scaling(M) else None
+        told = f"{m} candidates, fewer than {FEW_CANDIDATES} wanted for the minors"
+    told = "" if sure is not None else told
+    solutions, proved = (1, True) if sure else (-1, False)
+    if not sure and m < FEW_CANDIDATES:
+        found = solve_complementarity(q, M, starts=STARTS)
+        solutions, proved = len(found.active), bool(found.proof)
+    return Pathologies(m, asymmetry, definite, sure, solutions, proved, w2, told)
+
+
+def _second_order_work(packing: RegimeFactor, control: MixedControl) -> float:
+    """Return `P':H'` over the sizes of both, in the present regimes under a control."""
+    from stability.compiled.packing_rates import stress_rate
+
+    rates, stress = packing.solve(*control), np.zeros(4)
+    strain = rates.h[:4]
+    stress_rate(packing.frame, packing.regime, packing.side, packing.motion(rates), rates.h, stress)
+    size = float(np.linalg.norm(stress) * np.linalg.norm(strain))
+    return float(stress @ strain) / size if size > 0 else np.nan
+
+
+def columns(found: tuple[Pathologies, ...]) -> dict[str, Floats]:
+    """Return columns of a table: flags as 1, 0, nan where they are not known."""
+
+    def numbers(values: list[bool | None]) -> Floats:
+        return np.array([np.nan if value is None else float(value) for value in values])
+
+    return {
+        "candidates": np.array([one.candidates for one in found]),
+        "asymmetry": np.array([one.asymmetry for one in found]),
+        "symmetric": numbers([one.symmetric for one in found]),
+        "definite": numbers([one.definite for one in found]),
+        "p_matrix": numbers([one.p_matrix for one in found]),
+        "solutions": np.array([one.solutions for one in found]),
+        "proved": np.array([one.proved for one in found]),
+        "path_w2": np.array([one.w2 for one in found]),
+        "withheld": np.array([one.withheld for one in found], dtype=str),
+    }
