@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from loops.loop_batches import loop_batches as loop_batches
     from loops.loop_batches import loop_tangents as loop_tangents
     from loops.pruning import prune_dangling as prune_dangling
+    from loops.quadrons import Quadrons as Quadrons
+    from loops.quadrons import quadrons as quadrons
     from loops.scene import Scene as Scene
     from loops.stress_strain import best_fit_strain as best_fit_strain
     from loops.stress_strain import contact_forces as contact_forces
@@ -102,6 +104,7 @@ NAMES = {
         "reference_branch_vectors to_networkx"
     ),
     "loops.kinetics": "OrderKinetics order_kinetics",
+    "loops.quadrons": "Quadrons quadrons",
     "loops.laws": (
         "CohesiveFrictional ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime "
         "RollingResistance"

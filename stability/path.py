@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 if TYPE_CHECKING:
-    from stability.packing.pathologies import Pathologies
     from stability.packing.state import PackingState
 
 EventKind = Literal[
@@ -37,6 +36,8 @@ EventKind = Literal[
     "programme_change",
     "instability",
 ]
+# Antisymmetric parts of a matrix of candidates below this share are rounding of its columns.
+SYMMETRIC = 1e-8
 # Kinds that change the regimes of contacts.
 CHANGES: tuple[EventKind, ...] = ("yield", "unloading", "opening", "closing")
 Spring = Literal["shear", "rolling"]
@@ -243,6 +244,33 @@ def reason(event: Event) -> str:
 def _none() -> Any:
     """Return an empty array, for what a kind of path does not have."""
     return np.zeros(0)
+
+
+class Pathologies(NamedTuple):
+    """Answers on the matrix of the candidates, `w = q + M z`, at one state under a control.
+
+    Candidates are the contacts at their friction limit, `z` their slip rates (length) and `w` the
+    rates at which they leave the limit (force). `asymmetry` is the size of `M - M^T` over that of
+    `M`, `definite` whether the symmetric part of `M` is positive definite; `p_matrix` whether all
+    principal minors are positive, so that there is exactly one solution for every `q`, None where
+    it was not decided. `solutions` is the number of those found, all of them if `proved`; -1 where
+    none were looked for. `w2` is the second-order work `P':H'` of the state's regimes under the
+    control, over the sizes of both. `withheld` says what was not asked, and why.
+    """
+
+    candidates: int
+    asymmetry: float
+    definite: bool | None
+    p_matrix: bool | None
+    solutions: int
+    proved: bool
+    w2: float
+    withheld: str
+
+    @property
+    def symmetric(self) -> bool | None:
+        """Whether `M` is symmetric to rounding; None without a matrix."""
+        return None if np.isnan(self.asymmetry) else self.asymmetry <= SYMMETRIC
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -32,7 +32,7 @@ from stability.packing.pairs import (
 )
 from stability.packing.past import OTHER_WAYS, PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.past import stop as end_there
-from stability.packing.pathologies import Pathologies, pathologies
+from stability.packing.pathologies import pathologies
 from stability.packing.rattlers import free_rattlers
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -49,7 +49,7 @@ from stability.packing.strain_increment import (
     MixedControl,
     StrainIncrement,
 )
-from stability.path import FINISHED, Event, Past, Path, PathStatus, follow_stages
+from stability.path import FINISHED, Event, Past, Path, Pathologies, PathStatus, follow_stages
 from stability.programmes import NOTHING, Stage
 from stability.spectra import COMPONENTS
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
@@ -13,40 +11,12 @@ from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.regime_factor import ELASTIC, RANK, SLIDING, RegimeFactor
 from stability.packing.state import PackingState
 from stability.packing.strain_increment import MixedControl, edges_of_pushes
+from stability.path import Pathologies
 
 # Candidates up to which minors and solutions are looked for, and up to which there is a matrix.
 FEW_CANDIDATES, MOST_CANDIDATES = 30, 2 * RANK
 # Random and named starts of the search for solutions where not all sets are tried.
 STARTS = 5
-# A part of `M` that is antisymmetric below this share is rounding of the columns.
-SYMMETRIC = 1e-8
-
-
-class Pathologies(NamedTuple):
-    """Answers on the matrix of the candidates, `w = q + M z`, at one state under a control.
-
-    Candidates are the contacts at their friction limit, `z` their slip rates (length) and `w` the
-    rates at which they leave the limit (force). `asymmetry` is the size of `M - M^T` over that of
-    `M`, `definite` whether the symmetric part of `M` is positive definite; `p_matrix` whether all
-    principal minors are positive, so that there is exactly one solution for every `q`, None where
-    it was not decided. `solutions` is the number of those found, all of them if `proved`; -1 where
-    none were looked for. `w2` is the second-order work `P':H'` of the state's regimes under the
-    control, over the sizes of both. `withheld` says what was not asked, and why.
-    """
-
-    candidates: int
-    asymmetry: float
-    definite: bool | None
-    p_matrix: bool | None
-    solutions: int
-    proved: bool
-    w2: float
-    withheld: str
-
-    @property
-    def symmetric(self) -> bool | None:
-        """Whether `M` is symmetric to rounding; None without a matrix."""
-        return None if np.isnan(self.asymmetry) else self.asymmetry <= SYMMETRIC
 
 
 def pathologies(
