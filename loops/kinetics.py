@@ -131,6 +131,8 @@ class OrderKinetics(Shown):
         Time integrals of `N_m N_n/G` and of `N_(m+n-2)`, by the trapezoidal rule.
     loops : (K,) array
         Mean number of loops over the time, indexed by order.
+    duration : float
+        Time of all intervals.
     kept, once, grain, several : int
         Earlier loops that survived their interval, took part in one elementary event, were merged
         or split by a grain that came loose or was caught, took part in more.
@@ -142,6 +144,7 @@ class OrderKinetics(Shown):
     opening_exposure: Floats
     closing_exposure: Floats
     loops: Floats
+    duration: float
     kept: int
     once: int
     grain: int
@@ -164,18 +167,47 @@ class OrderKinetics(Shown):
 
     def limits(self, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Lower and upper limits, each (2, P), of `p_mn` and of `q_mn`: Poisson counts, exact."""
-        from scipy.special import gammaincinv
-
         counts = np.stack([self.opened.sum(axis=0), self.closed.sum(axis=0)])
         exposure = np.stack([self.opening_exposure, self.closing_exposure])
-        tail = 0.5 * (1.0 - level)
-        low = np.where(counts > 0, gammaincinv(np.maximum(counts, 1), tail), 0.0)
-        return low / exposure, gammaincinv(counts + 1, 1.0 - tail) / exposure
+        low, high = poisson_limits(counts, level)
+        return low / exposure, high / exposure
+
+    def by_order(self, level: float = LEVEL) -> dict[str, Any]:
+        """Return how often a loop of each order splits and merges, per loop and unit of time.
+
+        One row an order, with the counts and the limits of Poisson's counts. A loop of order k
+        splits where a contact closes inside it, and merges where one of its own opens; a merger of
+        two loops of one order counts for both.
+        """
+        order, opened, closed = (
+            np.arange(len(self.loops)), self.opened.sum(axis=0), self.closed.sum(axis=0)
+        )  # fmt: skip
+        m, n = self.pairs.T
+        splits = np.bincount(m + n - 2, closed, minlength=len(order))
+        # Mergers in which loops of the order took part, and the loops of it that did.
+        with_one = np.bincount(np.where(m == n, m, n), opened, minlength=len(order))
+        mergers = with_one + np.bincount(m[m != n], opened[m != n], minlength=len(order))
+        loops = mergers + np.bincount(m[m == n], opened[m == n], minlength=len(order))
+        table: dict[str, Any] = {"order": order}
+        exposure = np.maximum(self.loops * self.duration, 1e-300)
+        for name, counts, taking_part in (("split", splits, splits), ("merger", mergers, loops)):
+            twice = np.divide(taking_part, counts, out=np.ones(len(order)), where=counts > 0)
+            seen = self.loops > 0
+            values = (taking_part, *(twice * one for one in poisson_limits(counts, level)))
+            for tail, value in zip(("", "_low", "_high"), values, strict=True):
+                table[f"{name}_rate{tail}"] = np.where(seen, value / exposure, np.nan)
+            table[f"{name}s"] = counts.astype(np.int64)
+        return table
 
     def table(self) -> dict[str, Any]:
-        """One row a pair of orders: counts, rates with their limits, z and p of the balance."""
+        """One row a pair of orders: counts, rates with their limits, and the balance.
+
+        `balance_excess` is `(openings - closings)/(openings + closings)`, zero under detailed
+        balance, and `balance_error` its standard error there; `balance_z` is the one over the
+        other.
+        """
         (p_low, q_low), (p_high, q_high) = self.limits()
-        balance = self.balance()
+        balance, error = self.balance(), 1.0 / np.sqrt((self.opened + self.closed).sum(axis=0))
         return {
             "order_1": self.pairs[:, 0],
             "order_2": self.pairs[:, 1],
@@ -188,6 +220,8 @@ class OrderKinetics(Shown):
             "closing_rate": self.closing_rate,
             "closing_rate_low": q_low,
             "closing_rate_high": q_high,
+            "balance_excess": balance.z * error,
+            "balance_error": error,
             "balance_z": balance.z,
             "balance_p": balance.p,
         }
@@ -371,4 +405,14 @@ def order_kinetics(
             exposure += 0.5 * weight * np.stack([many / grains, N[m + n - 2]])
             loops += 0.5 * weight * N / length.sum()
     fates = {name: sum(getattr(one, name) for one in events) for name in FATES}
-    return OrderKinetics(pairs, opened, closed, exposure[0], exposure[1], loops, **fates)
+    total = float(length.sum())
+    return OrderKinetics(pairs, opened, closed, exposure[0], exposure[1], loops, total, **fates)
+
+
+def poisson_limits(counts: ArrayLike, level: float = LEVEL) -> tuple[Floats, Floats]:
+    """Return the exact limits between which the means of Poisson's counts lie, central."""
+    from scipy.special import gammaincinv
+
+    counts, tail = np.asarray(counts), 0.5 * (1.0 - level)
+    low = np.where(counts > 0, gammaincinv(np.maximum(counts, 1), tail), 0.0)
+    return low, gammaincinv(counts + 1, 1.0 - tail)

@@ -123,6 +123,13 @@ def snapshot_command(
             "(less memory, larger errors), or auto (by the number of grains).",
         ),
     ] = None,
+    quadrons: Annotated[
+        bool,
+        Parameter(
+            help="Write quadrons.parquet: area and shape of the quadrilateral that each loop has "
+            "in common with each of its grains."
+        ),
+    ] = False,
     no_figures: NoFigures = False,
     paraview: Annotated[
         bool, Parameter(name="--vtk", help="Write loops.vtp for ParaView.")
@@ -146,6 +153,7 @@ def snapshot_command(
             path,
             out,
             **words,
+            quadrons=quadrons,
             figures=not no_figures,
             paraview=paraview,
             **writing.files(),

@@ -125,7 +125,7 @@ def event_table(path: FollowedPath) -> pd.DataFrame:
 @styled()
 def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figure:
     """Draw stress ratio, lost area, differences, candidates and answers over the strain."""
-    heights = {"height_ratios": [3, 3, 2.4, 2, 1.5]}
+    heights = {"height_ratios": [3, 3, 2.4, 2, 1.8]}
     figure, panels = new_panels(5, 1, 7.6, sharex=True, gridspec_kw=heights)
     ratio, area, off, count, strip = panels[:, 0]
     strain, theirs = 100 * rows.strain_11, 100 * table.strain_11
@@ -137,7 +137,7 @@ def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figur
         axes.plot(strain, factor * rows[name], color=BLUE, label="by events")
         axes.plot(theirs, factor * points, "o", color=VERMILION, mfc="none", label="OVAL")
     ratio.set_ylabel(r"$\sigma_{11}/\sigma_{22}$ (–)")
-    ratio.legend(loc="lower right")
+    ratio.legend(loc="upper left")
     area.set_ylabel("lost area (%)")
     low, high = ratio.get_ylim()
     ratio.vlines(100 * events.strain_11, low, low + 0.06 * (high - low), color=BLACK, linewidth=0.4)
@@ -162,15 +162,17 @@ def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figur
 def _strip(axes: Axes, rows: pd.DataFrame) -> None:
     """Draw the answers of the rows as bars: yes blue, no vermilion, not decided grey."""
     edges = 100 * np.append(rows.strain_11 - 0.5 * ROW, rows.strain_11.iloc[-1] + 0.5 * ROW)
-    single = np.where(rows.solutions < 0, np.nan, (rows.solutions == 1).astype(float))
-    bars = [rows[name].to_numpy() for name in ANSWERS] + [single]
+    single = (rows.solutions == 1).astype(float).where(rows.solutions >= 0)
+    works = (rows.path_w2 > 0).astype(float)
+    bars = [rows[name].to_numpy() for name in ANSWERS] + [single.to_numpy(), works.to_numpy()]
     for k, values in enumerate(bars):
         for answer, colour in ((1.0, BLUE), (0.0, VERMILION), (np.nan, LIGHT_GREY)):
             rows_of = np.isnan(values) if np.isnan(answer) else values == answer
             label = {1.0: "yes", 0.0: "no"}.get(answer) if k == 0 else None
             spans = [(edges[r], edges[r + 1] - edges[r]) for r in np.flatnonzero(rows_of)]
             axes.broken_barh(spans, (-k - 0.7, 0.7), color=colour, linewidth=0.0, label=label)
-    axes.set_yticks([-k - 0.35 for k in range(len(bars))], [*ANSWERS.values(), "one solution"])
+    names = [*ANSWERS.values(), "one solution", "$W_2 > 0$"]
+    axes.set_yticks([-k - 0.35 for k in range(len(bars))], names)
     axes.tick_params(axis="y", length=0)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
@@ -190,6 +192,8 @@ def main(out: Path, folder: Path) -> dict[str, Any]:
         "stress_held": held.stress.ravel().tolist(),
         "sliders": [event.parameter for event in path.of_kind("yield")[:2]],
         "events": len(path.events),
+        "rows_not_definite": rows.strain_11[rows.definite == 0].tolist(),
+        "rows_negative_w2": rows.strain_11[rows.path_w2 < 0].tolist(),
         "instabilities": len(path.of_kind("instability")),
         "intervals": path.intervals,
         "within": within(table),

@@ -288,7 +288,7 @@ def kinetics(
     order = np.flatnonzero((found.loops > 0) | touched)
     # The rates say nothing about orders without an event.
     orders = {
-        "order": order,
+        **{name: values[order] for name, values in found.by_order().items()},
         "observed_share": (found.loops / found.loops.sum())[order],
         "steady_share": np.where(touched, steady.share, np.nan)[order],
         "steady_error": np.where(touched, steady.error, np.nan)[order],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +28,13 @@ def run_snapshot(
     figures: bool = True,
     paraview: bool = False,
     in_packing: Method | None = None,
+    quadrons: bool = False,
     **how: Any,
 ) -> dict[str, Any]:
     """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar`; `in_packing` is auto, whole or blocks.
+    `how` are options of `read_planar`; `in_packing` is auto, whole or blocks; `quadrons` adds their
+    table, summary and figure.
     """
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
@@ -57,6 +60,11 @@ def run_snapshot(
             written.result()
         summary["notes"] += notes
         tables: dict[str, Any] = {"orders": order_columns(summary, table)}
+        if quadrons:
+            from studies.snapshot.quadrons import quadron_columns, quadron_summary
+
+            tables["quadrons"] = quadron_columns(snapshot)
+            summary["quadrons"] = quadron_summary(tables["quadrons"])
         if chains is not None:
             tables["chains"] = chains_table(table)
         if figures:
@@ -72,6 +80,10 @@ def run_snapshot(
 
             links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
             drawn = snapshot_figures(snapshot, table, tables["fabric"], summary, **links)
+            if quadrons:
+                from studies.snapshot.quadrons import quadron_figure
+
+                drawn = chain(drawn, [("quadrons", quadron_figure(tables["quadrons"]))])
             pictures = results.save_figures(drawn)
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)

@@ -5,8 +5,10 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from studies.examples import kuhn_discs
 from studies.examples.three_discs import CASES, answer, changing_angles, located
 from tests.docs.pages import DOCS, page, says, section, tables
 
@@ -14,6 +16,7 @@ FOLDER = Path(os.environ.get("GRAINLOOPS_PUBLISHED") or "none")
 THREE = section(page("published"), "## Three discs whose contacts are at the friction limit")
 (OVERVIEW,) = tables(page("published").split("\n## ")[0])
 KINDS, ANGLES = tables(THREE)
+OVAL, ANSWERS = tables(section(page("published"), "## Kuhn's 49 discs"))
 
 
 @pytest.mark.parametrize(("beta", "told"), list(zip(CASES, KINDS, strict=True)))
@@ -48,8 +51,64 @@ def test_angles_of_the_page():
         assert float(told["located by the platform"]) == pytest.approx(found, abs=1e-10)
 
 
-def test_the_figure_exists():
-    assert (DOCS / "figures/published-three-discs.png").is_file()
+@pytest.mark.parametrize("name", ["three-discs", "kuhn-discs"])
+def test_the_figures_exist(name):
+    assert (DOCS / f"figures/published-{name}.png").is_file()
+
+
+@pytest.fixture(scope="module")
+def kuhn(tmp_path_factory):
+    """Numbers and tables of the example, whole."""
+    out = tmp_path_factory.mktemp("kuhn")
+    numbers = kuhn_discs.main(out, FOLDER / "kuhn49")
+    names = ("kuhn_discs", "kuhn_discs_oval", "kuhn_discs_events")
+    return numbers, *(pd.read_parquet(out / f"{name}.parquet") for name in names)
+
+
+@pytest.mark.published
+def test_kuhns_discs_are_within_the_bounds_of_oval(kuhn):
+    """1e-5 and 1e-4 up to 1.9e-3, 3e-4 and 5e-4 up to 1.375e-2; the other law is outside."""
+    numbers, rows, oval, _ = kuhn
+    for last, bounds in {1.9e-3: (1e-5, 1e-4), 1.375e-2: (3e-4, 5e-4)}.items():
+        off = oval[oval.strain_11 <= last][["off_sigma", "off_extension"]].abs().max()
+        assert (off.to_numpy() < bounds).all()
+    assert numbers["within"] and not numbers["within_radii"]
+    assert numbers["off_radii"] == pytest.approx([5e-4, 4e-3], rel=0.2)
+    first, second = numbers["sliders"]
+    assert 1.5e-4 < first < 1.6e-4 and 2.0e-4 < second < 2.1e-4
+    # Digits that OVAL prints; those of sigma12 differ by 1e-5 of it.
+    assert numbers["stress_before"][::3] == pytest.approx([2.496325e-3, 2.542448e-3], abs=5e-10)
+    assert numbers["stress_held"][::3] == pytest.approx([2.497627e-3, 2.542604e-3], abs=1e-9)
+    assert -numbers["stress_held"][1] == pytest.approx(3.445973e-5, rel=2e-5)
+    assert {k: numbers["start"][k] for k in ("contacts", "loops")} == {"contacts": 92, "loops": 47}
+    assert numbers["at_0.009"]["loops"] == 38
+    assert rows.sigma_22.to_numpy() == pytest.approx(rows.sigma_22[0], rel=1e-6)
+
+
+@pytest.mark.published
+def test_numbers_of_the_page_on_kuhns_discs(kuhn):
+    _, rows, oval, events = kuhn
+    for told, (_, found) in zip(OVAL, oval.iterrows(), strict=True):
+        assert float(told["strain"]) == found.strain_11
+        columns = list(told.values())
+        assert [float(one) for one in columns[1:3]] == pytest.approx(
+            [found.sigma_11, found.sigma_11_ours], rel=2e-6
+        )
+        assert [float(columns[k]) for k in (3, 6)] == pytest.approx(
+            [found.off_sigma, found.off_extension], rel=0.05
+        )
+    assert len(events) == 131 and (events.kind == "instability").sum() == 0
+    told = ANSWERS[1:7]
+    for one, (_, found) in zip(told, events.iterrows(), strict=False):
+        assert one["event"] == found.kind
+        assert float(one["strain"]) == pytest.approx(found.strain_11, rel=1e-3)
+        assert int(one["contacts at yield"]) == found.candidates
+        assert (one["symmetric"] == "yes") == bool(found.symmetric)
+    few, many = rows[rows.candidates < 2], rows[rows.candidates >= 2]
+    assert few.symmetric.all() and not many.symmetric.any()
+    assert (rows.p_matrix == 1).all() and (rows.solutions == 1).all() and rows.proved.all()
+    assert rows.strain_11[rows.definite == 0].between(0.0124, 0.0126).all()
+    assert (rows.definite == 0).sum() == 4 and (events.definite == 0).sum() == 2
 
 
 @pytest.mark.published

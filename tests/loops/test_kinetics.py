@@ -5,7 +5,13 @@ import pytest
 from scipy.stats import binom
 
 from loops import InputError
-from loops.kinetics import FATES, OrderEvents, order_events, order_kinetics
+from loops.kinetics import (
+    FATES,
+    OrderEvents,
+    order_events,
+    order_kinetics,
+    poisson_limits,
+)
 from patterns import synthetic_network
 from tests.loops.test_tracking import CORNERS, SQUARE, follow, network, with_contacts
 
@@ -189,3 +195,46 @@ def test_a_steady_state_that_too_few_events_tell_is_withheld():
     back = one._replace(closed=np.array([1]))
     share = order_kinetics([back]).steady().share
     assert np.isfinite(share).all() and share[3] > 0.01 and share[4] > 0.01
+
+
+# --- by order ---------------------------------------------------------------------------------
+
+
+def test_rates_by_order_are_those_of_the_pairs():
+    """Splits and mergers of each order, in a run at its steady state."""
+    events = gillespie(balanced(), 60.0, 4)
+    found = order_kinetics(events, np.full(len(events), 0.05))
+    table = found.by_order()
+    m, n = found.pairs.T
+    time = found.loops * found.duration
+    for k in range(3, 8):
+        splits = float(found.closed.sum(axis=0)[m + n - 2 == k].sum())
+        with_k = found.opened.sum(axis=0) * ((m == k).astype(float) + (n == k))
+        assert table["split_rate"][k] == pytest.approx(splits / time[k])
+        assert table["merger_rate"][k] == pytest.approx(with_k.sum() / time[k])
+        assert table["splits"][k] == splits
+        assert table["mergers"][k] == found.opened.sum(axis=0)[(m == k) | (n == k)].sum()
+        for name in ("split", "merger"):
+            low, high = table[f"{name}_rate_low"][k], table[f"{name}_rate_high"][k]
+            assert low <= table[f"{name}_rate"][k] <= high
+    assert table["split_rate"][3] == 0.0 and np.isnan(table["split_rate"][2])
+    # In balance a loop of order 7 splits as often as the rates that led there say.
+    wanted = sum(q for (a, b), q in balanced().items() if a + b - 2 == 7)
+    assert table["split_rate_low"][7] < wanted < table["split_rate_high"][7]
+
+
+def test_excess_over_its_error_is_z():
+    found = order_kinetics(gillespie(balanced(), 20.0, 5))
+    table = found.table()
+    total = table["openings"] + table["closings"]
+    excess = (table["openings"] - table["closings"]) / total
+    assert table["balance_excess"] == pytest.approx(excess)
+    assert table["balance_error"] == pytest.approx(1 / np.sqrt(total))
+    assert table["balance_excess"] / table["balance_error"] == pytest.approx(table["balance_z"])
+
+
+@pytest.mark.parametrize(("count", "low", "high"), [(0, 0.0, 3.689), (1, 0.0253, 5.572),
+                                                    (10, 4.795, 18.390)])  # fmt: skip
+def test_limits_of_counts_are_those_of_tables(count, low, high):
+    """Garwood's limits, 95 %, as printed in tables of the Poisson distribution."""
+    assert poisson_limits(count) == pytest.approx((low, high), abs=5e-4)

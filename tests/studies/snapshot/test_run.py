@@ -21,7 +21,7 @@ from loops import (
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import imhof_fraction, restrict, symmetric_part
 from studies.cli import main
-from studies.snapshot import figures
+from studies.snapshot import figures, run_snapshot
 from studies.snapshot.table import loop_columns
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
@@ -410,3 +410,16 @@ def test_table_is_a_plain_arrow_table(results):
     schema = pyarrow.parquet.read_schema(results / "loops.parquet")
     assert pa.types.is_integer(schema.field("order").type)
     assert pa.types.is_floating(schema.field("traction_lambda_min").type)
+
+
+def test_quadrons_of_a_snapshot(tmp_path):
+    out = tmp_path / "out"
+    run_snapshot(sample_path(), out, quadrons=True, figures=True)
+    table, loops = (pd.read_parquet(out / f"{name}.parquet") for name in ("quadrons", "loops"))
+    area = table.groupby("loop")["area"].sum()
+    np.testing.assert_allclose(area, loops["area"], rtol=1e-12)
+    assert (table.groupby("loop").size() == loops["order"]).all()
+    assert table["relative_area"].mean() == pytest.approx(1.0, rel=1e-12)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["quadrons"]["count"] == len(table) == loops["order"].sum()
+    assert (out / "quadrons.png").is_file()
