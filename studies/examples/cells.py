@@ -37,7 +37,7 @@ def read(path: Path) -> Snapshot:
     """Return a snapshot, its cell from the table `macro.csv` beside it where it has one."""
     macro = path.parent / "macro.csv"
     periodic = "h_xx" in macro.read_text().split("\n", 1)[0]
-    cell = cell_reader(macro)(path, None) if periodic else None
+    cell = np.reshape(cell_reader(macro)(path, None), (2, 2)) if periodic else None
     return planar(read_snapshot(path, cell=cell))
 
 

@@ -86,6 +86,7 @@ def test_smallest_model_of_a_cauchy_path_is_the_full_one():
     assert small.P[-1] == pytest.approx(full.P[-1], abs=1e-11)
 
 
+@pytest.mark.slow
 def test_fluid_between_drained_and_undrained():
     """Its error falls with `1/K` towards constant area and with `K` towards `cauchy_drained`."""
     ends = {
