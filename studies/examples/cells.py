@@ -74,33 +74,39 @@ def means(tables: dict[str, Columns]) -> tuple[dict[int, Floats], pd.DataFrame]:
 @styled()
 def draw_kinetics(found: dict[str, OrderKinetics]) -> Figure:
     """Draw rates by order, the excess of each transition, and steady beside observed orders."""
-    figure, ((rates, excess, orders),) = new_panels(1, 3, 2.9)
-    for shift, (name, one) in zip((-0.1, 0.1), found.items(), strict=True):
+    figure, ((rates, excess, orders),) = new_panels(1, 3, 3.2)
+    tables = {name: pd.DataFrame(one.table()) for name, one in found.items()}
+    both = pd.concat(tables.values())
+    seen = both[both.openings + both.closings >= FEWEST_EVENTS]
+    kinds = sorted({(int(m), int(n)) for m, n in zip(seen.order_1, seen.order_2, strict=True)})
+    order = np.arange(3, LAST_ORDER + 1)
+    for shift, (name, one) in zip((-0.12, 0.12), found.items(), strict=True):
         colour, marker = LOOKS[name]
-        table, pairs, steady = one.by_order(), pd.DataFrame(one.table()), one.steady()
-        shown = (table["order"] >= 3) & (table["order"] <= LAST_ORDER)
-        for kind, fill in (("split", colour), ("merger", "none")):
-            rate, low, high = (table[f"{kind}_rate{end}"][shown] for end in ("", "_low", "_high"))
-            rates.errorbar(
-                table["order"][shown] + shift, rate, (rate - low, high - rate), fmt=marker,
-                color=colour, mfc=fill, markersize=3.5, elinewidth=0.7, label=f"{kind}s, {name}",
-            )  # fmt: skip
-        many = pairs[pairs.openings + pairs.closings >= FEWEST_EVENTS].reset_index(drop=True)
-        at = [f"{m}+{n}" for m, n in zip(many.order_1, many.order_2, strict=True)]
-        excess.errorbar(at, many.balance_excess, many.balance_error, fmt=marker, color=colour,
-                        markersize=3.5, elinewidth=0.7, label=name)  # fmt: skip
-        order = np.arange(3, LAST_ORDER + 1)
+        how: Any = {"fmt": marker, "color": colour, "markersize": 3.5, "elinewidth": 0.7}
+        table, pairs, steady = one.by_order(), tables[name], one.steady()
+        for kind, fill in (("split", colour), ("merger", "white")):
+            rate, low, high = (table[f"{kind}_rate{end}"][order] for end in ("", "_low", "_high"))
+            known = rate > 0
+            limits = np.array([rate - low, high - rate])[:, known]
+            label = f"{kind}s, {name}"
+            at = (order + shift)[known]
+            rates.errorbar(at, rate[known], limits, mfc=fill, label=label, **how)
+        rows = pairs[[pair in kinds for pair in zip(pairs.order_1, pairs.order_2, strict=True)]]
+        place = [kinds.index((m, n)) for m, n in zip(rows.order_1, rows.order_2, strict=True)]
+        excess.errorbar(np.array(place) + shift, rows.balance_excess, rows.balance_error, **how)
         observed = (one.loops / one.loops.sum())[order]
-        orders.plot(order + shift, observed, "_", color=colour, label=f"observed, {name}")
-        orders.errorbar(order + shift, steady.share[order], steady.error[order], fmt=marker,
-                        color=colour, markersize=3.5, elinewidth=0.7, label="steady")  # fmt: skip
-    rates.set(xlabel="loop order", ylabel="rate per loop and shear strain", yscale="symlog")
-    rates.legend(fontsize=6)
+        label = f"observed, {name}"
+        orders.plot(order + shift, observed, "_", color=colour, markersize=8, label=label)
+        orders.errorbar(order + shift, steady.share[order], steady.error[order], **how)
+    rates.set(xlabel="loop order", ylabel="rate per loop and shear strain", yscale="log")
     excess.axhline(0.0, color=GREY, linewidth=0.8)
-    excess.tick_params(axis="x", rotation=60)
+    excess.set_xticks(range(len(kinds)), [f"{m}+{n}" for m, n in kinds], rotation=60)
     excess.set(xlabel="orders that merge", ylabel="excess of mergers over splits")
-    orders.set(xlabel="loop order", ylabel="share of the loops", yscale="log", ylim=(1e-3, 1.0))
-    orders.legend(fontsize=6)
+    orders.set(xlabel="loop order", ylabel="share of the loops, steady", yscale="log")
+    orders.set_ylim(1e-3, 1.0)
+    handles = [[*ax.get_legend_handles_labels()] for ax in (rates, orders)]
+    keys = [sum(parts, []) for parts in zip(*handles, strict=True)]
+    figure.legend(*keys, loc="outside lower center", ncols=3)
     return figure
 
 
@@ -142,8 +148,9 @@ def main(out: Path, collection: Path) -> dict[str, Any]:
         "variation": {name: float(one["relative_area"].std()) for name, one in tables.items()},
         "quadrons": {name: len(one["area"]) for name, one in tables.items()},
     }
-    save(out, "cells_kinetics", draw_kinetics(found), numbers, pairs, units="1/strain")
-    return save(out, "cells_quadrons", draw_quadrons(parts, by_order), numbers, by_order)
+    drawn = draw_kinetics(found), draw_quadrons(parts, by_order)
+    save(out / "kinetics", "cells_kinetics", drawn[0], numbers, pairs, units="1/strain")
+    return save(out / "quadrons", "cells_quadrons", drawn[1], numbers, by_order)
 
 
 if __name__ == "__main__":
