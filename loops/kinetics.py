@@ -207,7 +207,7 @@ class OrderKinetics(Shown):
         other.
         """
         (p_low, q_low), (p_high, q_high) = self.limits()
-        balance, error = self.balance(), 1.0 / np.sqrt((self.opened + self.closed).sum(axis=0))
+        balance, total = self.balance(), (self.opened + self.closed).sum(axis=0)
         return {
             "order_1": self.pairs[:, 0],
             "order_2": self.pairs[:, 1],
@@ -220,8 +220,8 @@ class OrderKinetics(Shown):
             "closing_rate": self.closing_rate,
             "closing_rate_low": q_low,
             "closing_rate_high": q_high,
-            "balance_excess": balance.z * error,
-            "balance_error": error,
+            "balance_excess": (self.opened - self.closed).sum(axis=0) / total,
+            "balance_error": 1.0 / np.sqrt(total),
             "balance_z": balance.z,
             "balance_p": balance.p,
         }

@@ -128,7 +128,8 @@ def follow_packing(
     if o.spread:
         again = path
         if any(event.passed for event in path.events):
-            asked = replace(o, past=OTHER_WAYS[solver.past], spread=False)
+            other = OTHER_WAYS[solver.past]
+            asked = replace(o, past=other, spread=False, pathologies=False)
             again = follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
         path = replace(path, stress_spread=_stress_spread(path, again))
     met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)

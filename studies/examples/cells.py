@@ -104,9 +104,8 @@ def draw_kinetics(found: dict[str, OrderKinetics]) -> Figure:
     excess.set(xlabel="orders that merge", ylabel="excess of mergers over splits")
     orders.set(xlabel="loop order", ylabel="share of the loops, steady", yscale="log")
     orders.set_ylim(1e-3, 1.0)
-    handles = [[*ax.get_legend_handles_labels()] for ax in (rates, orders)]
-    keys = [sum(parts, []) for parts in zip(*handles, strict=True)]
-    figure.legend(*keys, loc="outside lower center", ncols=3)
+    (marks, names), (more, others) = (a.get_legend_handles_labels() for a in (rates, orders))
+    figure.legend(marks + more, names + others, loc="outside lower center", ncols=3)
     return figure
 
 

@@ -97,7 +97,7 @@ def test_numbers_of_the_page_on_kuhns_discs(kuhn):
         assert [float(columns[k]) for k in (3, 6)] == pytest.approx(
             [found.off_sigma, found.off_extension], rel=0.05
         )
-    assert len(events) == 131 and (events.kind == "instability").sum() == 0
+    assert len(events) == 171 and (events.kind == "instability").sum() == 0
     told = ANSWERS[1:7]
     for one, (_, found) in zip(told, events.iterrows(), strict=False):
         assert one["event"] == found.kind
