@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.examples import kuhn_discs
+from studies.examples import cells, kuhn_discs
 from studies.examples.three_discs import CASES, answer, changing_angles, located
 from tests.docs.pages import DOCS, page, says, section, tables
 
@@ -17,6 +17,9 @@ THREE = section(page("published"), "## Three discs whose contacts are at the fri
 (OVERVIEW,) = tables(page("published").split("\n## ")[0])
 KINDS, ANGLES = tables(THREE)
 OVAL, ANSWERS = tables(section(page("published"), "## Kuhn's 49 discs"))
+CELLS = section(page("published"), "## Cells that split and merge, and their quadrons")
+(QUADRONS,) = tables(CELLS)
+COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
 
 
 @pytest.mark.parametrize(("beta", "told"), list(zip(CASES, KINDS, strict=True)))
@@ -51,7 +54,7 @@ def test_angles_of_the_page():
         assert float(told["located by the platform"]) == pytest.approx(found, abs=1e-10)
 
 
-@pytest.mark.parametrize("name", ["three-discs", "kuhn-discs"])
+@pytest.mark.parametrize("name", ["three-discs", "kuhn-discs", "cells-kinetics", "cells-quadrons"])
 def test_the_figures_exist(name):
     assert (DOCS / f"figures/published-{name}.png").is_file()
 
@@ -126,3 +129,30 @@ def test_the_folder_quotes_what_the_page_says_it_quotes():
 def named(*numbers):
     """Numbers as the page writes them: with a zero before the point."""
     return [re.sub(r"^(-?)\.", r"\g<1>0.", one) for one in numbers]
+
+
+@pytest.mark.collection
+def test_kinetics_of_the_page():
+    found = {
+        name: cells.kinetics(COLLECTION / "yade-slow", stretch)
+        for name, stretch in cells.STRETCHES.items()
+    }
+    short, long = found.values()
+    assert says("7.4", short.balance().chi2) and says("7.9", long.balance().chi2)
+    assert (short.balance().pairs, long.balance().pairs) == (3, 5)
+    assert says("0.06", short.balance().p_all) and says("0.16", long.balance().p_all)
+    assert says("2.7", np.abs(long.balance().z).max()) and np.abs(short.balance().z).max() < 2.7
+    assert says("0.17", min(long.table()["balance_error"]))
+    for one, order in ((short, 4), (long, 5)):
+        steady, observed = one.steady(), one.loops / one.loops.sum()
+        away = (steady.share - observed) / steady.error
+        assert -2.5 < away[order] < -2.3 and 0.95 < away[8] < 1.4
+
+
+@pytest.mark.collection
+def test_quadrons_of_the_page():
+    found = {name: cells.quadrons_of(COLLECTION / name) for name in cells.SAMPLES}
+    assert sum(len(one["area"]) for one in found.values()) == 369_092
+    _, by_order = cells.means(found)
+    mean, error = ([value for name, value in row.items() if name != "order"] for row in QUADRONS)
+    assert all(map(says, mean, by_order.mean_area)) and all(map(says, error, by_order.error))
