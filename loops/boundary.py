@@ -21,7 +21,8 @@ BoundaryKind = Literal["free", "cell", "walls", "outline"]
 
 # Feet on one wall: their normals and offsets agree to this share.
 SAME_WALL = 1e-6
-# Sine of the angle by which walls along the axes lean at most.
+# Sine of the angle by which walls along the axes lean at most; share of a side to which they are
+# flat. Files with seven digits have 1e-7.
 UPRIGHT = 1e-6
 
 

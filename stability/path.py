@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 from stability.programmes import Stage
@@ -20,6 +20,7 @@ from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 if TYPE_CHECKING:
+    from stability.packing.motion import Motion
     from stability.packing.state import PackingState
 
 EventKind = Literal[
@@ -90,7 +91,13 @@ PathStatus = Literal[
     "no_load",
     "instabilities",
     "lost",
+    "held",
+    "large motion, at rest again",
+    "large motion, no rest",
+    "unfinished",
 ]
+# Statuses of paths under a growing load that end with a large motion.
+LARGE_MOTION: tuple[PathStatus, ...] = ("large motion, at rest again", "large motion, no rest")
 ModelOption = Literal["auto", "full"]
 # Terms of the work along a path, see `Path.work`.
 WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
@@ -292,6 +299,9 @@ class Path(Shown):
         number of them, or at the first as asked; 'lost': the integration failed, forces or centres
         jumped, or there was no rest after an instability, see `message`. The last row of a packing
         is the state before; at 'control_limit' that of the event within the interval which met it.
+        Under a growing load (`sustain`): 'held': no large motion up to the largest load; 'large
+        motion, at rest again' and 'large motion, no rest': how the first one ended; 'unfinished':
+        given up before.
     message : str
         The status in words.
     events : tuple of Event
@@ -361,6 +371,22 @@ class Path(Shown):
     stress_spread : float
         Packings, where it was asked for: largest difference of the stress, over its largest change,
         to the same path with the other choice past instabilities; 0 where none was met, else nan.
+        Under a growing load: stress along the direction, less that of the start, of the last state
+        before the equilibrium was first lost by a motion of 1e-5 or more; and how much it changed
+        as the interval was halved over the second half of the path and by other numberings, over
+        itself. nan if it never was. Errors of the first half are not in it (docs/sustaining.md).
+    direction : (m,) array
+        Growing load: unit direction of `P'`; the parameter is the load along it.
+    motions : tuple of Motion
+        Growing load: motions past lost equilibria, in their order; the large one is the last.
+    resting : (R,) array of bool
+        Growing load: whether the packing is in equilibrium at the row (the start, the end of each
+        interval and of each motion): not at the end of a motion without rest.
+    first_large_strain, first_large_spread : float
+        Growing load: strain of the first large motion (of all motions over the last 5 % of the
+        load), nan if there was none; largest change of its load by other numberings and by a third
+        of the damping, over itself: nan if it was not asked for. A run without a large motion
+        counts with the largest load.
     velocity, spin : (G, 2), (G,) array
         Replays: velocities beyond the affine motion, and spins, half a step before the end.
     steps, time_step : int, float
@@ -398,6 +424,11 @@ class Path(Shown):
     limit: float = math.nan
     limit_spread: float = math.nan
     stress_spread: float = math.nan
+    direction: Floats = field(default_factory=_none)
+    motions: tuple[Motion, ...] = ()
+    resting: Flags = field(default_factory=_none)
+    first_large_strain: float = math.nan
+    first_large_spread: float = math.nan
     velocity: Floats = field(default_factory=_none)
     spin: Floats = field(default_factory=_none)
     steps: int = 0
@@ -420,6 +451,35 @@ class Path(Shown):
     def duration(self) -> float:
         """Duration of a replay."""
         return self.steps * self.time_step
+
+    @property
+    def first_event(self) -> float:
+        """Parameter at which the first contact changed its regime; nan if none did."""
+        return min((event.parameter for event in self.events), default=math.nan)
+
+    @property
+    def first_instability(self) -> float:
+        """Load at which the equilibrium was first lost, by a motion of any strain; else nan."""
+        return self.motions[0].lost if self.motions else math.nan
+
+    @property
+    def first_large_load(self) -> float:
+        """Load of the first large motion, nan if there was none."""
+        return self.motions[-1].load if self.status in LARGE_MOTION else math.nan
+
+    @property
+    def mode(self) -> Motion | None:
+        """The large motion, else the motion of largest strain; None without any."""
+        if self.status in LARGE_MOTION:
+            return self.motions[-1]
+        return max(self.motions, key=lambda one: float(np.linalg.norm(one.strain)), default=None)
+
+    @property
+    def balance_error(self) -> float:
+        """Largest error of a packing's energy balance over the largest work."""
+        work, *spent = self.work.T
+        error = work - sum(spent) - (self.energy - self.energy[0])
+        return float(np.abs(error).max() / max(np.abs(work).max(), 1e-300))
 
     @cached_property
     def K(self) -> Floats:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
@@ -20,13 +21,15 @@ from loops.arrays import Floats
 from loops.laws import FrictionalLaw, HertzMindlin, RollingResistance
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
-from stability.packing import LoadPath, Motion, Sustained
+from stability.packing import Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
 from stability.packing.pairs import require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
+from stability.path import Event
+from stability.path import Path as LoadedPath
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, one_blas_thread, open_runner
@@ -37,6 +40,11 @@ UNITS = (
     "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
     "H and P over the cell of the start; angles in degrees"
 )
+# Numbers and arrays of a direction's path that are kept while others run.
+KEPT = (
+    "status message parameter stage H P work energy imbalance intervals direction limit "
+    "limit_spread resting first_large_strain first_large_spread"
+).split()
 # Contacts within this share of their strength may slide in the rate problem beside the limits.
 YIELD_BAND = 0.99
 
@@ -239,16 +247,15 @@ class _Direction:
         return f"direction {self.number}"
 
 
-def _load(one: _Direction) -> tuple[int, LoadPath]:
+def _load(one: _Direction) -> tuple[int, LoadedPath]:
     scene = one.scene
     with one_blas_thread():
-        how = one.loading, scene.faces, scene.boundary
-        return one.number, load_path(scene.graph, scene.law, one.direction, *how)
+        return one.number, load_path(scene, one.direction, one.loading, scene.faces)
 
 
 def _followed(
     runner: Runner, parts: _Parts, task: partial[_Direction], directions: Floats, loading: Loading
-) -> list[LoadPath]:
+) -> list[LoadedPath]:
     """Paths of all directions, independent of the number of processes; finished ones are kept."""
     found = {k: path for k in range(len(directions)) if (path := parts.read(k)) is not None}
     left = [task(k, one, loading) for k, one in enumerate(directions) if k not in found]
@@ -296,7 +303,7 @@ class _Parts:
     def _file(self, number: int) -> Path:
         return self.folder / f"{self.digest}-{number:05d}.npz"
 
-    def read(self, number: int) -> LoadPath | None:
+    def read(self, number: int) -> LoadedPath | None:
         """A direction that was finished before; None if it was not."""
         if not self._file(number).is_file():
             return None
@@ -306,19 +313,17 @@ class _Parts:
                 Motion(**{f.name: _plain(kept[f"motion {f.name}"][k]) for f in fields(Motion)})
                 for k in range(count)
             ]
-            own = [one.name for one in fields(LoadPath) if one.name != "motions"]
-            values = {name: _plain(kept[name]) for name in own}
-        return LoadPath(motions=tuple(motions), **values)
+            told: list[dict[str, Any]] = json.loads(str(kept["events"]))
+            values = {name: _plain(kept[name]) for name in KEPT}
+        events = tuple(Event(**{key: _listed(v) for key, v in one.items()}) for one in told)
+        return LoadedPath(motions=tuple(motions), events=events, **values)
 
-    def write(self, number: int, path: LoadPath) -> None:
+    def write(self, number: int, path: LoadedPath) -> None:
         """Keep a finished direction; the file appears when it is whole."""
         with errors_of(self.out):
             self.folder.mkdir(parents=True, exist_ok=True)
-            arrays = {
-                one.name: getattr(path, one.name)
-                for one in fields(LoadPath)
-                if one.name != "motions"
-            }
+            arrays = {name: getattr(path, name) for name in KEPT}
+            arrays["events"] = json.dumps([asdict(event) for event in path.events])
             arrays["motions"] = len(path.motions)
             for one in fields(Motion):
                 arrays[f"motion {one.name}"] = [getattr(m, one.name) for m in path.motions]
@@ -329,6 +334,11 @@ class _Parts:
     def remove(self) -> None:
         """Remove the folder: the results are written."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _listed(value: Any) -> Any:
+    """Return a list as the tuple that it was."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _plain(value: Any) -> Any:
@@ -345,7 +355,8 @@ def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
     """One row a direction: loads, spreads, strain, snaps, mode; w2 of the rate problem beside."""
     rows = []
     for path in found.paths:
-        mode, taken = path.mode, [float(np.linalg.norm(one.strain)) for one in path.snaps]
+        mode, rested = path.mode, [one for one in path.motions if one.status == "at rest"]
+        taken = [float(np.linalg.norm(one.strain)) for one in rested]
         row = {
             "status": path.status,
             "first_large_load": path.first_large_load,
@@ -409,8 +420,8 @@ def loading_table(found: Sustained) -> pd.DataFrame:
     tables = [
         pd.DataFrame(
             {
-                "theta_deg": np.full(len(path.load), angle),
-                "load": path.load,
+                "theta_deg": np.full(len(path), angle),
+                "load": path.parameter,
                 "at_rest": path.resting,
                 **_components("H", path.H),
                 **_components("P", path.P),

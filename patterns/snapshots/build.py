@@ -97,6 +97,10 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     else:
         walls, wall_count = _walls_of_table(frame.walls, bodies), len(frame.walls)
     notes = list(frame.notes)
+    no_pull = parameters.adhesion is None and not table.has("adhesion")
+    if parameters.law in COHESIVE and no_pull:
+        received, expected = "none", f"the largest pull of a contact under --law {parameters.law}"
+        raise InputError("adhesion", received, expected, "Give --adhesion, or such a column.")
     if parameters.law is None:
         parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
     if parameters.law is None and table.has("kn", "ks") and force is not None:
@@ -115,7 +119,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
     if hertz and (lacks or parameters.young is not None):
         lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
-    if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
+    if parameters.law in COHESIVE and no_pull:
         lacks.append("adhesion")
     law, regime = None, None
     if force is None:

@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 
 from loops import ContactLaw, GrainGraph, HertzMindlin
 from loops.arrays import Floats
-from loops.boundary import PlaneContacts, plane_contacts
+from loops.boundary import UPRIGHT, PlaneContacts, plane_contacts
 from loops.shown import Shown
 from patterns.snapshots.checks import SLIDING_SHARE
-
-# Walls of an upright box lean by less than this sine, and are flat within this share of a side.
-UPRIGHT = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,15 +10,15 @@ from stability.packing.loop_quantities import LoopRates as LoopRates
 from stability.packing.loop_quantities import indicators as indicators
 from stability.packing.loop_quantities import loop_changes as loop_changes
 from stability.packing.loop_quantities import loop_rates as loop_rates
+from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
 from stability.packing.response import packing_response as packing_response
 from stability.packing.state import PackingState as PackingState
-from stability.packing.sustain import LoadPath as LoadPath
-from stability.packing.sustain import Motion as Motion
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain
 
-__getattr__ = old_names(__name__, dict.fromkeys(("PackingPath", "Replay"), "stability.path.Path"))
+OLD = dict.fromkeys(("LoadPath", "PackingPath", "Replay"), "stability.path.Path")
+__getattr__ = old_names(__name__, OLD)

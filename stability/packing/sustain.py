@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Flags, Floats, Integers
-from loops.boundary import Boundary
+from loops.arrays import Floats
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
@@ -31,18 +29,16 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.loop_quantities import loop_sums
+from stability.packing.motion import Motion, MotionStatus
 from stability.packing.pairs import Pairs, at_limit, require_movable
-from stability.packing.past import Passed
+from stability.packing.past import Passed, Standing
 from stability.packing.path import PackingPathSolver, Stop, halved
 from stability.packing.probe import probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
+from stability.packing.strain_increment import MixedControl
+from stability.path import LARGE_MOTION, Event, Path, PathStatus
 from stability.programmes import Stage
-
-LoadStatus = Literal["held", "large motion, at rest again", "large motion, no rest", "unfinished"]
-MotionStatus = Literal["at rest", "no rest"]
-# Statuses of paths that end with a large motion.
-LARGE_MOTION: tuple[LoadStatus, ...] = ("large motion, at rest again", "large motion, no rest")
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
 # the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).
@@ -84,8 +80,6 @@ MANY = 1_000_000
 MICRO_STRAIN = 1e-5
 # Strain of a motion up to which its displacements are the mode.
 MODE_STRAIN = 2e-5
-# Grains that move by this share of the largest displacement take part in a mode.
-TAKES_PART = 0.1
 # Contacts with less than this share of the mean normal force do not count as opened or closed.
 CARRIES = 0.01
 # Default of the largest load, over the mean stress.
@@ -95,140 +89,6 @@ LARGE = 3e-4
 # Numberings of grains and contacts, and damping, of the runs that tell the spread.
 NUMBERINGS = (1, 2)
 LESS_DAMPING = 1.0 / 3.0
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Motion(Shown):
-    """A motion from an equilibrium that was lost, under a constant load.
-
-    Attributes
-    ----------
-    status : {'at rest', 'no rest'}
-        'at rest': the packing found another equilibrium under the same load. 'no rest': it strained
-        by more than 0.02, or still moved after 60,000 steps.
-    lost, load : float
-        Stress along the direction, less that of the start, where the equilibrium was lost, and the
-        load under which it moved: a two-hundredth more.
-    cause : str
-        Why the equilibrium was lost.
-    contact : int
-        Contact without agreeing regimes; -1 where the control met its limit.
-    strain : (4,) array
-        Displacement gradient of the cell in the motion, 11, 12, 21, 22.
-    released : float
-        Energy that damping took, and that the motion still had (force times length).
-    kinetic : float
-        Largest kinetic energy at a look at the motion.
-    steps : int
-        Steps of the motion.
-    displacement : (G, 2) array
-        Of the grains beyond the affine motion until the strain was 2e-5, or until rest: the mode.
-    opened, closed, slid : int
-        Contacts that opened or closed in the mode, and that slide at its end and did not before.
-    loop_work : (L,) array
-        Area times additive work `w` of each loop in the mode (force times length).
-    """
-
-    status: MotionStatus
-    lost: float
-    load: float
-    cause: str
-    contact: int
-    strain: Floats
-    released: float
-    kinetic: float
-    steps: int
-    displacement: Floats
-    opened: int
-    closed: int
-    slid: int
-    loop_work: Floats
-
-    @property
-    def grains(self) -> Integers:
-        """Grains that move by at least a tenth of the largest displacement."""
-        size = np.linalg.norm(self.displacement, axis=1)
-        return np.flatnonzero(size >= TAKES_PART * size.max())
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LoadPath(Shown):
-    """A packing under growing load along one direction of stress.
-
-    Attributes
-    ----------
-    direction : (m,) array
-        Unit direction of `P'`.
-    status : str
-        'held': no large motion up to the largest load; 'large motion, at rest again' and 'large
-        motion, no rest': how the first large motion ended; 'unfinished': given up before, see
-        `message`.
-    message : str
-        The status in words.
-    first_event : float
-        Load at which the first contact changed its regime; nan if none did.
-    limit, limit_spread : float
-        Stress along the direction, less that of the start, of the last state before the equilibrium
-        was first lost by a motion of 1e-5 or more; and how much it changed as the interval was
-        halved over the second half of the path and by other numberings, over itself. nan if it
-        never was. Errors of the first half of the path are not in it (docs/sustaining.md).
-    first_instability : float
-        The same of a motion of any strain: often of a few grains alone.
-    first_large_load, first_large_strain, first_large_spread : float
-        Load and strain of the first large motion (of all motions over the last 5 % of the load),
-        nan if there was none; largest change of the load by other numberings and by a third of the
-        damping, over itself: nan if it was not asked for. A run without a large motion counts with
-        the largest load.
-    motions : tuple of Motion
-        Motions past lost equilibria, in their order; the large one is the last.
-    load : (R,) array
-        Loads of the rows: the start, the end of each interval and of each motion.
-    resting : (R,) array of bool
-        Whether the packing is in equilibrium there: not at the end of a motion without rest.
-    H, P : (R, 4) array
-        Displacement gradient and nominal stress.
-    work : (R, 4) array
-        As `Path.work`.
-    energy : (R,) array
-        Energy of the springs.
-    """
-
-    direction: Floats
-    status: LoadStatus
-    message: str
-    first_event: float
-    limit: float
-    limit_spread: float
-    first_instability: float
-    first_large_load: float
-    first_large_strain: float
-    first_large_spread: float
-    motions: tuple[Motion, ...]
-    load: Floats
-    resting: Flags
-    H: Floats
-    P: Floats
-    work: Floats
-    energy: Floats
-
-    @property
-    def snaps(self) -> tuple[Motion, ...]:
-        """Motions that came to rest."""
-        return tuple(motion for motion in self.motions if motion.status == "at rest")
-
-    @property
-    def mode(self) -> Motion | None:
-        """The large motion, else the motion of largest strain; None without any."""
-        if self.status in LARGE_MOTION:
-            return self.motions[-1]
-        return max(self.motions, key=lambda one: float(np.linalg.norm(one.strain)), default=None)
-
-    @property
-    def balance_error(self) -> float:
-        """Largest error of the energy balance over the largest work."""
-        work, *spent = self.work.T
-        error = work - sum(spent) - (self.energy - self.energy[0])
-        return float(np.abs(error).max() / max(np.abs(work).max(), 1e-300))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -243,8 +103,8 @@ class Sustained(Shown):
         Unit directions of `P'`.
     largest : float
         Load up to which each was followed (force per length).
-    paths : tuple of LoadPath
-        One a direction.
+    paths : tuple of Path
+        One a direction, without states.
     stress : (2, 2) array
         Stress of the start.
     """
@@ -252,7 +112,7 @@ class Sustained(Shown):
     subspace: Subspace
     directions: Floats
     largest: float
-    paths: tuple[LoadPath, ...]
+    paths: tuple[Path, ...]
     stress: Floats
 
     @property
@@ -279,7 +139,7 @@ class Sustained(Shown):
 
 
 # A function that loads directions, and returns their paths in order.
-Follow = Callable[[Floats, "Loading"], Sequence[LoadPath]]
+Follow = Callable[[Floats, "Loading"], Sequence[Path]]
 
 
 class Loading(NamedTuple):
@@ -387,31 +247,24 @@ def sustain(
     loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
     if follow is None:
         found = scene.faces if faces is None else faces
-        paths: Sequence[LoadPath] = [
-            load_path(graph, checked, direction, loading, found, boundary) for direction in unit
+        paths: Sequence[Path] = [
+            load_path(Scene(graph, checked, boundary), direction, loading, found)
+            for direction in unit
         ]
     else:
         paths = follow(unit, loading)
     return Sustained(subspace, unit, largest, tuple(paths), start.stress)
 
 
-def load_path(
-    graph: GrainGraph,
-    law: ContactLaw,
-    direction: Floats,
-    loading: Loading,
-    faces: Faces,
-    boundary: Boundary | None = None,
-) -> LoadPath:
-    """One direction of `sustain`, with its spread."""
-    path = _loaded(graph, law, direction, loading, faces, boundary)
+def load_path(scene: Scene, direction: Floats, loading: Loading, faces: Faces | None) -> Path:
+    """Return the path along one direction of `sustain`, with its spread."""
+    path = _loaded(scene, direction, loading, faces)
     if not (loading.spread and path.status in LARGE_MOTION):
         return path
     less = loading._replace(damping=loading.damping * LESS_DAMPING)
-    others = [_loaded(graph, law, direction, less, faces, boundary)]
+    others = [_loaded(scene, direction, less, faces)]
     for seed in NUMBERINGS:
-        again = renumbered(graph, law, boundary, seed)
-        others.append(_loaded(*again[:2], direction, loading, None, again[2]))
+        others.append(_loaded(renumbered(scene, seed), direction, loading, None))
     limits = [abs(other.limit / path.limit - 1.0) for other in others[1:]]
     loads = [other.first_large_load for other in others]
     reached = np.where(np.isnan(loads), loading.largest, loads)
@@ -422,10 +275,9 @@ def load_path(
     )
 
 
-def renumbered(
-    graph: GrainGraph, law: ContactLaw, boundary: Boundary | None, seed: int
-) -> tuple[GrainGraph, ContactLaw, Boundary | None]:
-    """The packing with its grains and contacts in another order."""
+def renumbered(scene: Scene, seed: int) -> Scene:
+    """Return the packing with its grains and contacts in another order."""
+    graph, boundary = scene.graph, scene.boundary
     rng = np.random.default_rng(seed)
     grains, rows = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
     place = np.empty_like(grains)
@@ -441,28 +293,23 @@ def renumbered(
         shear_force=graph.shear_force[rows],
         rolling_moment=None if moment is None else moment[rows],
     )
-    if boundary is not None and boundary.walls is not None:
+    if boundary.walls is not None:
         walls = replace(boundary.walls, grain=place[boundary.walls.grain])
         boundary = replace(boundary, walls=walls)
-    return other, law.take(rows), boundary
+    return Scene(other, scene.law.take(rows), boundary)
 
 
-def _loaded(
-    graph: GrainGraph,
-    law: ContactLaw,
-    direction: Floats,
-    loading: Loading,
-    faces: Faces | None,
-    boundary: Boundary | None,
-) -> LoadPath:
-    """One direction, loaded until its first large motion; modes of the loops of these faces."""
+def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | None) -> Path:
+    """Load one direction until its first large motion; modes of the loops of these faces."""
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    solver = PackingPathSolver(graph, law, [stage], loading.interval, "stop", boundary)
+    packing = scene.graph, scene.law, [stage]
+    way = ConstantLoad(loading.damping)
+    solver = PackingPathSolver(*packing, loading.interval, "stop", scene.boundary)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
-    limit = spread = math.nan
-    status: LoadStatus = "held"
-    moving, push = None, PUSH
+    limit = spread = strain = math.nan
+    status: PathStatus = "held"
+    push = PUSH
     while solver.targets:
         stop = _to_loss(solver, stage, loading.interval)
         if stop is None:
@@ -477,22 +324,21 @@ def _loaded(
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
             break
-        contact = solver.events[-1].contacts[0] if stop[0] == "instabilities" else -1
+        event = Event("control_limit", solver.parameter)
+        if stop[0] == "instabilities":
+            event = solver.events[-1]
         rise = max(push * solver.parameter, LEAST_PUSH * solver.first_stress)
         load = min(solver.parameter + rise, stage.target)
-        moving = _DeadLoad(solver, stage, load, graph.contact_count, loading.damping)
-        ended = moving.hold()
-        motion = moving.told(ended, lost, load, faces)
-        motions.append(replace(motion, cause=stop[1], contact=contact))
+        passed = way(solver.here(), event, solver.control_to(stage, load))
+        motion = way.told(lost, load, scene.graph.contact_count, faces)
+        motions.append(replace(motion, cause=stop[1], contact=(*event.contacts, -1)[0]))
         if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:
             limit, spread = lost, change
         strain = float(np.linalg.norm(motion.strain))
-        solver.take_motion(
-            Passed("replayed", moving.moving.state(), moving.moving.pairs, moving.work()), load
-        )
+        solver.take_motion(passed, load)
         # Halves before the loss give no history of the path behind the motion.
         solver.size = loading.interval
-        if ended == "no rest":
+        if motion.status == "no rest":
             large = strain >= loading.large
             status = "large motion, no rest" if large else "unfinished"
             message = f"{stop[1]}; no rest at constant load, strain {strain:.2g}"
@@ -509,28 +355,18 @@ def _loaded(
         message = "no large motion up to the largest load"
     elif status == "large motion, at rest again":
         message = motions[-1].cause
-    last = motions[-1] if status in LARGE_MOTION else None
-    path = solver.path("finished", message)
+    path = solver.path(status, message)
     resting = np.ones(len(path), dtype=bool)
     resting[-1] = not motions or motions[-1].status == "at rest"
-    return LoadPath(
+    return replace(
+        path,
         direction=direction,
-        status=status,
-        message=message,
-        first_event=min((event.parameter for event in solver.events), default=math.nan),
         limit=limit,
         limit_spread=spread,
-        first_instability=motions[0].lost if motions else math.nan,
-        first_large_load=math.nan if last is None else last.load,
-        first_large_strain=math.nan if last is None else strain,
-        first_large_spread=math.nan,
+        first_large_strain=strain if status in LARGE_MOTION else math.nan,
         motions=tuple(motions),
-        load=path.parameter,
         resting=resting,
-        H=path.H,
-        P=path.P,
-        work=path.work,
-        energy=path.energy,
+        states=(),
     )
 
 
@@ -581,22 +417,31 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop |
     return None
 
 
-class _DeadLoad:
-    """A packing that moves under a load which is raised within some steps and then constant."""
+class ConstantLoad:
+    """Way past a lost equilibrium: the load is raised within some steps, then constant.
 
-    def __init__(
-        self, solver: PackingPathSolver, stage: Stage, load: float, count: int, damping: float
-    ) -> None:
-        state, pairs, self.load = solver.state, solver.pairs, -solver.balance
+    A function as those of `stability.packing.past`, which keeps the last motion to tell of it.
+    """
+
+    def __init__(self, damping: float) -> None:
+        self.damping = damping
+
+    def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
+        """Move until rest, or until the sample flows."""
+        self.begin(here, control)
+        self.status = self.hold()
+        return Passed("replayed", self.moving.state(), self.moving.pairs, self.work())
+
+    def begin(self, here: Standing, control: MixedControl) -> None:
+        """Set the packing in motion."""
+        state, pairs, self.load = here.state, here.pairs, here.load
         self.masses, self.inertias = masses_of(state.radii[: state.count])
-        control = solver.control_to(stage, load)
         servo = servo_of(state, pairs, self.masses)
         servo = steered(servo, state, pairs, *control)
-        self.dt = step_of(self.masses, self.inertias, pairs, state, solver.by_radii, STRIDE)
+        self.dt = step_of(self.masses, self.inertias, pairs, state, here.by_radii, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
-        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, solver.by_radii)
+        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, here.by_radii)
         self.moving.load(self.load)
-        self.count, self.damping = count, damping
         # Strain rate of an inertial number of one.
         self.pace = math.sqrt(state.pressure / self.masses.mean())
         self.start, self.pairs = state, pairs
@@ -630,9 +475,9 @@ class _DeadLoad:
         """Work since the start, as `Path.work`."""
         return work_of(self.moving, self.moving.state(), self.load, self.energy)
 
-    def told(self, status: MotionStatus, lost: float, load: float, faces: Faces | None) -> Motion:
-        """The motion so far; without faces no work of loops."""
-        moving, count, state, pairs = self.moving, self.count, self.start, self.pairs
+    def told(self, lost: float, load: float, count: int, faces: Faces | None) -> Motion:
+        """Return the motion; of the first `count` contacts' loops, without faces of none."""
+        moving, state, pairs = self.moving, self.start, self.pairs
         end = moving.state()
         back = np.linalg.inv(state.cell)
         then, listed = (end, moving.pairs) if self.mode is None else self.mode
@@ -645,7 +490,7 @@ class _DeadLoad:
         slides, old = at_limit(listed, then), len(pairs)
         slides[:old] &= ~at_limit(pairs, state)
         return Motion(
-            status=status,
+            status=self.status,
             lost=lost,
             load=load,
             cause="",

@@ -234,7 +234,7 @@ def _rows(
     """One row per finding, and the errors of the files that could not be read."""
     from loops import find_crossings
     from patterns.snapshots.findings import Finding
-    from patterns.snapshots.stiffness_checks import check_kt
+    from patterns.snapshots.slip_check import check_kt
 
     if options["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from studies.output import UNITS
 from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamond
@@ -20,6 +21,29 @@ from studies.paths.polygon import (
 from studies.study import study
 
 
+class _Answer(NamedTuple):
+    """Tables and summary of a study, and what draws its figures from the summary."""
+
+    tables: dict[str, Any]
+    summary: dict[str, Any]
+    figures: Callable[[dict[str, Any]], Any]
+
+
+Options = DiamondOptions | PolygonOptions | ComparisonOptions
+
+
+def _run(
+    name: str, options: Options, out: Path, answer: Callable[[], _Answer], force: bool, csv: bool
+) -> dict[str, Any]:
+    """Answer a study of paths and write what it has found; return the summary."""
+    about = options.described(), UNITS["paths"]
+    with study(name, out, *about, force=force, csv=csv) as results:
+        found = answer()
+        summary = results.write_results(found.tables, found.summary)
+        results.save_figures(found.figures(summary))
+    return summary
+
+
 def run_diamond(
     options: DiamondOptions, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
@@ -28,39 +52,43 @@ def run_diamond(
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
     `contacts_A`; with contacts added, `added_contact`.
     """
-    made = ("diamond", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
+
+    def answer() -> _Answer:
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
         tables, summary = diamond_tables(found, ignored), diamond_summary(found)
         figures = diamond_figures(found, ignored, tables["path_dependence"])
-        summary = results.write_results(tables, summary)
-        results.save_figures(figures)
-    return summary
+        return _Answer(tables, summary, lambda _: figures)
+
+    return _run("diamond", options, out, answer, force, csv)
 
 
 def run_polygon(
     options: PolygonOptions, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
-    made = ("polygon", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
+
+    def answer() -> _Answer:
         found = follow_polygon(options)
-        summary = results.write_results({"path": polygon_table(found)}, polygon_summary(found))
-        critical = summary["critical_strain"]["diagonal"]
-        results.save_figures(polygon_figures(found, polygon_diagrams(found, critical)))
-    return summary
+
+        def figures(summary: dict[str, Any]) -> Any:
+            critical = summary["critical_strain"]["diagonal"]
+            return polygon_figures(found, polygon_diagrams(found, critical))
+
+        return _Answer({"path": polygon_table(found)}, polygon_summary(found), figures)
+
+    return _run("polygon", options, out, answer, force, csv)
 
 
 def run_comparison(
     options: ComparisonOptions, out: Path, *, force: bool = False, csv: bool = False
 ) -> dict[str, Any]:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
-    made = ("polygon --compare", out, options.described(), UNITS["paths"])
-    with study(*made, force=force, csv=csv) as results:
+
+    def answer() -> _Answer:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
-        summary = results.write_results(tables, compared.summary())
-        results.save_figures(comparison_figures(compared))
-    return summary
+        return _Answer(tables, compared.summary(), lambda _: comparison_figures(compared))
+
+    return _run("polygon --compare", options, out, answer, force, csv)

@@ -17,7 +17,6 @@ from loops import (
     contact_state,
 )
 from loops.packing import loops_in_place
-from patterns import Snapshot, WallContacts
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.probe import probe_edge, probe_to
@@ -25,8 +24,8 @@ from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_boundary, sample_edge
 from tests.docs.pages import page
-from tests.packings import LAW, jammed
-from tests.stability.packing.walled_packings import jammed_in_box
+from tests.packings import LAW
+from tests.stability.packing.walled_packings import small_sample
 
 BAND = 1 - 1e-6
 
@@ -82,21 +81,12 @@ def fitted(law, graph):
 
 def sample(boundary, law):
     """A small snapshot that ends so, at rest under the law."""
-    walls = None
-    if boundary == "cell":
-        graph = jammed(24, 3)
-    else:
-        graph, planes, force = jammed_in_box(24, 1)
-        if boundary == "walls":
-            walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt)
+    one = small_sample(boundary, law)
+    graph = one.graph
     law = fitted(law, graph)
     N = np.maximum(np.asarray(law.normal_force(contact_state(graph))), 1e-12)
     T = np.clip(graph.shear_force, -0.4 * N, 0.4 * N)
-    graph = graph.replace(normal_force=N, shear_force=T)
-    regime = np.ones(graph.contact_count, dtype=np.int8)
-    ids = np.arange(graph.grain_count)
-    rows = 0 if walls is None else len(walls.grain)
-    return Snapshot(graph, law, regime, ids, rows, (), walls, rotation=0.0 * ids)
+    return replace(one, graph=graph.replace(normal_force=N, shear_force=T), law=law)
 
 
 def in_place(one):

@@ -11,10 +11,10 @@ import pytest
 
 from loops import CohesiveFrictional, GrainGraph, LinearFrictional, Regime
 from patterns import Snapshot
-from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
-from patterns.snapshots.stiffness_checks import check_kt
+from patterns.snapshots import checked, checks, findings, missing, slip_check, stiffness_checks
+from patterns.snapshots.slip_check import check_kt
 
-MODULES = (checks, checked, findings, missing, stiffness_checks)
+MODULES = (checks, checked, findings, missing, slip_check, stiffness_checks)
 
 OVERLAP = 1e-3
 
@@ -495,11 +495,11 @@ def test_kt_is_found_without_rotations(factor, monkeypatch):
     found = check_kt(*pair)
     assert found.number == pytest.approx(factor, rel=1e-3)
     assert found.severity == ("ok" if factor == 1 else "doubt")
-    monkeypatch.setattr(stiffness_checks, "REWEIGHTED", 1)
+    monkeypatch.setattr(slip_check, "REWEIGHTED", 1)
     assert check_kt(*pair).number != pytest.approx(factor, rel=1e-3)
     monkeypatch.undo()
     # Part of the contacts of a large packing do as well.
-    monkeypatch.setattr(stiffness_checks, "FITTED", 200)
+    monkeypatch.setattr(slip_check, "FITTED", 200)
     assert check_kt(*pair).number == pytest.approx(factor, rel=1e-2)
 
 

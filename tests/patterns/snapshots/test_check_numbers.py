@@ -21,7 +21,7 @@ from loops import (
 )
 from patterns import Snapshot
 from patterns.snapshots import checked, checks, findings, missing, stiffness_checks
-from patterns.snapshots.stiffness_checks import check_kt
+from patterns.snapshots.slip_check import check_kt
 from tests.patterns.snapshots import test_check_limits as limits
 
 COUNT = 60

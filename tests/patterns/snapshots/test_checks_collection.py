@@ -16,7 +16,7 @@ import pytest
 
 from loops import InputError
 from patterns import read_frames, read_snapshot, snapshot_from_tables
-from patterns.snapshots.stiffness_checks import check_kt
+from patterns.snapshots.slip_check import check_kt
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.snapshots.test_checks import (
     CASES,

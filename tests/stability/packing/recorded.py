@@ -52,6 +52,10 @@ OF_PATHS = (
     "status message events parameter stage H P states work energy imbalance intervals limit "
     "limit_spread"
 ).split()
+OF_LOADS = (
+    "direction status message first_event limit limit_spread first_instability first_large_load "
+    "first_large_strain first_large_spread motions resting H P work energy"
+).split()
 OF_REPLAYS = "state velocity spin steps time_step duration states".split()
 OF_EVENTS = "kind parameter stage index contacts subspace H P".split()
 PURE = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
@@ -76,6 +80,9 @@ def plain(value):
             "planes": plain(None if walls is None else replace(walls, force=None)),
             "plane_force": plain(np.zeros((0, 2)) if walls is None else walls.force),
         }
+    if isinstance(value, AnyPath) and len(value.direction):
+        told = {name: plain(getattr(value, name)) for name in OF_LOADS}
+        return told | {"load": plain(value.parameter)}
     if isinstance(value, AnyPath):
         return {
             name: plain(getattr(value, name)) for name in (OF_REPLAYS if value.steps else OF_PATHS)

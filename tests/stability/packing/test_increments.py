@@ -34,8 +34,8 @@ from stability.packing.sustain import (
     MOST_CUTS,
     PUSH_STEPS,
     STRIDE,
+    ConstantLoad,
     _along,
-    _DeadLoad,
     _to_loss,
 )
 from stability.path import Event
@@ -222,7 +222,13 @@ def moved(share):
     """A packing at the start of its motion under a share of the largest load."""
     graph = jammed(12, 1)
     solver, stage = load_solver(graph)
-    return _DeadLoad(solver, stage, share * stage.target, graph.contact_count, 0.3), solver, stage
+    return begun(solver, stage, share), solver, stage
+
+
+def begun(solver, stage, share):
+    moving = ConstantLoad(0.3)
+    moving.begin(solver.here(), solver.control_to(stage, share * stage.target))
+    return moving
 
 
 def test_a_packing_at_rest_is_asked_once_its_load_is_on():
@@ -285,9 +291,9 @@ def test_what_is_told_of_a_motion():
         return ran
 
     moving.moving.run = look
-    status = moving.hold()
+    moving.status = moving.hold()
     end, faces = moving.moving.state(), find_faces(jammed(12, 1))
-    told = moving.told(status, 1.0, 2.0, faces)
+    told = moving.told(1.0, 2.0, jammed(12, 1).contact_count, faces)
     assert told.kinetic == pytest.approx(max(looks), rel=1e-12)
     assert told.steps == LOOK * len(looks) and (told.lost, told.load) == (1.0, 2.0)
     grown = end.cell @ np.linalg.inv(start.cell) - np.eye(2)
@@ -307,7 +313,7 @@ def test_a_motion_starts_in_balance_under_its_load():
     graph = graph.replace(shear_force=0.9 * graph.shear_force)
     solver, stage = load_solver(graph)
     assert np.abs(solver.state.resultants).max() > 1e-2 * solver.state.mean_force
-    moving = _DeadLoad(solver, stage, 0.4 * stage.target, graph.contact_count, 0.3)
+    moving = begun(solver, stage, 0.4)
     assert np.abs(moving.moving.motion.resultant).max() < 1e-12 * solver.state.mean_force
     servo = moving.moving.servo
     rise = stage.programme.rate * 0.4 * stage.target

@@ -9,13 +9,14 @@ import sys
 import numpy as np
 import pytest
 
-from loops import find_faces
+from loops import Scene, find_faces
 from stability import Programme, Stage
 from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.state import start_state
-from stability.packing.sustain import MANY, Loading, _DeadLoad, load_path, renumbered
+from stability.packing.sustain import MANY, ConstantLoad, Loading, load_path, renumbered
+from stability.path import Event
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import LARGE, bracket, yade_rest
 
@@ -38,12 +39,13 @@ def limit(degrees, interval=5e-6, seed=None):
     """Where the sample's equilibrium is first lost."""
     graph, law, levels = yade_rest("slow")
     if seed is not None:
-        graph, law, _ = renumbered(graph, law, None, seed)
+        again = renumbered(Scene(graph, law), seed)
+        graph, law = again.graph, again.law
     largest = 1.2 * bracket(levels[degrees])[1]
     loading = Loading("diagonal", largest, interval, LARGE, 30, False)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sustain_module, "MOST_STEPS", STEPS)
-        found = load_path(graph, law, towards(degrees), loading, None)
+        found = load_path(Scene(graph, law), towards(degrees), loading, None)
     # The bottleneck after a fold is slow: given up after so few steps, its strain is small yet.
     assert found.motions[-1].status == "no rest"
     return found.motions[-1].lost
@@ -91,7 +93,7 @@ def test_numbers_of_the_method_move_no_limit(name, factor, monkeypatch):
 def loaded(degrees):
     graph, law, levels = yade_rest("slow")
     loading = Loading("diagonal", 1.2 * bracket(levels[degrees])[1], 5e-6, LARGE, 30, False)
-    return load_path(graph, law, towards(degrees), loading, find_faces(graph))
+    return load_path(Scene(graph, law), towards(degrees), loading, find_faces(graph))
 
 
 # Numberings and dampings part by so much where a small motion comes before.
@@ -120,12 +122,14 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
         solver = PackingPathSolver(graph, law, [stage], 5e-6, "stop", None)
         solver.start_stage(0, stage, 1)
-        moving = _DeadLoad(solver, stage, load, graph.contact_count, 0.3)
-        status = moving.hold()
-        told = moving.told(status, 0.0, load, None)
+        moving = ConstantLoad(0.3)
+        moving(solver.here(), Event("control_limit", 0.0), solver.control_to(stage, load))
+        told, status = moving.told(0.0, load, graph.contact_count, None), moving.status
         strains.append(np.linalg.norm(told.strain))
         assert status == "at rest" or load > motion.lost
-    before = np.linalg.norm(loaded(degrees).H[loaded(degrees).load <= motion.lost], axis=1).max()
+    before = np.linalg.norm(
+        loaded(degrees).H[loaded(degrees).parameter <= motion.lost], axis=1
+    ).max()
     assert strains[0] < 1.1 * before and strains[1] > before + LARGE
 
 
@@ -164,10 +168,11 @@ def driven_both_ways(graph, law, direction, largest, intervals):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sustain_module, "MOST_STEPS", STEPS)
         loading = Loading("diagonal", largest, intervals[0], LARGE, 30, False)
-        motion = load_path(graph, law, direction, loading, None).motions[-1]
+        motion = load_path(Scene(graph, law), direction, loading, None).motions[-1]
     mode = motion.strain[[0, 3]] / np.linalg.norm(motion.strain)
     peaks = []
-    for packing, its_law in ((graph, law), renumbered(graph, law, None, 1)[:2]):
+    again = renumbered(Scene(graph, law), 1)
+    for packing, its_law in ((graph, law), (again.graph, again.law)):
         for interval in intervals:
             how = packing, its_law, direction, motion.lost, mode, interval
             peaks.append(peak_driven_by_strain(*how) / motion.lost)

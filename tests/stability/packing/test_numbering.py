@@ -6,7 +6,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from loops import GrainGraph
+from loops import GrainGraph, Scene
 from stability.packing import path as path_module
 from stability.packing import sustain
 from stability.packing.state import start_state
@@ -66,7 +66,7 @@ def differences(graph, seed, angle, monkeypatch):
     other, grains = turned(graph, seed)
     direction = np.array([np.cos(angle), np.sin(angle)])
     paths = [
-        load_path(packing, LAW, towards, loading, None)
+        load_path(Scene(packing, LAW), towards, loading, None)
         for packing, towards in ((graph, direction), (other, direction[::-1]))
     ]
     one, two = paths

@@ -113,7 +113,7 @@ def test_a_slow_replay_moves_under_the_load_of_the_large_motion(which):
     for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
         strain.append(strain_of(replay(Scene(graph, LAW), stage, duration=2e5).state, graph))
-    before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
+    before = np.linalg.norm(path.H, axis=1)[path.parameter <= path.motions[-1].lost].max()
     more = max(LARGE, 0.5 * min(before, np.linalg.norm(path.mode.strain)))
     assert strain[0] < 1.05 * before and strain[1] > before + more
 
@@ -137,9 +137,9 @@ def test_a_small_motion_is_gone_through():
     for motion in path.motions:
         assert 1.005 * motion.lost < 1.00001 * motion.load < 1.041 * motion.lost
         assert motion.released > 0 and motion.kinetic > 0
-    assert (np.diff(path.load) >= 0).all() and path.load[-1] == large.load
+    assert (np.diff(path.parameter) >= 0).all() and path.parameter[-1] == large.load
     np.testing.assert_allclose(
-        path.P[:, [0, 3]] - path.P[0, [0, 3]], path.load[:, None] * path.direction, atol=3e-7
+        path.P[:, [0, 3]] - path.P[0, [0, 3]], path.parameter[:, None] * path.direction, atol=3e-7
     )
     np.testing.assert_allclose(path.H[:, [1, 2]], 0.0, atol=1e-9)
 
@@ -147,18 +147,18 @@ def test_a_small_motion_is_gone_through():
 def test_the_limit_is_a_stress_of_the_last_state_in_equilibrium():
     """Of the row before the first motion, not the load of the programme."""
     path = loaded(*SNAPS, interval=1e-3)
-    row = int(np.flatnonzero(path.load == path.motions[0].load)[0]) - 1
+    row = int(np.flatnonzero(path.parameter == path.motions[0].load)[0]) - 1
     rise = path.P[row, [0, 3]] - path.P[0, [0, 3]]
     assert path.limit == pytest.approx(rise @ path.direction, rel=1e-12)
-    assert path.limit != path.load[row]
+    assert path.limit != path.parameter[row]
 
 
 def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():
     """The stress of the rows is `P0 + load direction`; long intervals leave an error before."""
     path = loaded(24, 3, 6, interval=1e-3)
     snap = path.motions[0]
-    row = int(np.flatnonzero(path.load == snap.load)[0])
-    error = path.P[:, [0, 3]] - path.P[0, [0, 3]] - path.load[:, None] * path.direction
+    row = int(np.flatnonzero(path.parameter == snap.load)[0])
+    error = path.P[:, [0, 3]] - path.P[0, [0, 3]] - path.parameter[:, None] * path.direction
     before, after = np.abs(error[[row - 1, row]]).max(axis=1) / (snap.load - snap.lost)
     # The error after it is what counts as rest: 1e-7 of the forces, 1e-5 of the rise.
     assert before > 1e-2 and after < 1e-4
@@ -171,8 +171,8 @@ def test_the_stress_keeps_to_the_load(interval):
     assert path.resting[:-1].all()
     assert path.resting[-1] == (path.status != "large motion, no rest")
     rows = np.flatnonzero(path.resting)[1:]
-    error = (path.P[rows][:, [0, 3]] - path.P[0, [0, 3]]) @ path.direction - path.load[rows]
-    assert np.abs(error / path.load[rows]).max() < 5e-3
+    error = (path.P[rows][:, [0, 3]] - path.P[0, [0, 3]]) @ path.direction - path.parameter[rows]
+    assert np.abs(error / path.parameter[rows]).max() < 5e-3
 
 
 def test_without_motions_a_direction_is_unfinished():
@@ -283,7 +283,7 @@ def test_a_slow_replay_between_walls_moves_under_the_load_of_the_large_motion(wh
         stage = Stage(proportional_stress(*path.direction), "parameter", load)
         end = replay(scene, stage, duration=2e4).state
         strain.append(np.linalg.norm(end.strain))
-    before = np.linalg.norm(path.H, axis=1)[path.load <= path.motions[-1].lost].max()
+    before = np.linalg.norm(path.H, axis=1)[path.parameter <= path.motions[-1].lost].max()
     assert strain[0] < 1.05 * before and strain[1] > before + max(LARGE, 0.5 * before)
 
 
@@ -326,7 +326,7 @@ def test_large_motions_lie_between_the_loads_that_yade_held_and_moved_under(stat
     work = np.abs(path.work[:, 0]).max()
     assert path.balance_error * work < 1e-10 * work + 2 * rounding
     if np.isinf(moved):
-        assert path.status == "held" and path.load[-1] == pytest.approx(largest, rel=1e-6)
+        assert path.status == "held" and path.parameter[-1] == pytest.approx(largest, rel=1e-6)
         return
     assert path.status.startswith("large") and path.limit_spread < 2e-3
     assert (1 - WITHIN) * held <= path.first_large_load <= (1 + WITHIN) * moved

@@ -7,8 +7,9 @@ import numpy as np
 
 from loops import GrainGraph, LinearFrictional, Scene
 from loops.boundary import Boundary, PlaneContacts
+from patterns import Snapshot, WallContacts
 from stability.packing import replay
-from tests.packings import BRANCH, LAW
+from tests.packings import BRANCH, LAW, jammed
 
 # As in `tests.packings`: told here, for a replay turns on rounding.
 STORED = Path(__file__).with_suffix(".npz")
@@ -38,6 +39,21 @@ def jammed_in_box(grains, seed, law=LAW, wall=SMOOTH):
         graph = GrainGraph(**{name: stored[f"{key} {name}"] for name in NAMES})
         planes = PlaneContacts(*(stored[f"{key} wall {name}"] for name in WALLS))
         return graph, planes, stored[f"{key} wall force"]
+
+
+def small_sample(ends, law):
+    """A snapshot of 24 grains that ends at a 'cell', at 'walls' or at an 'outline'."""
+    walls = None
+    if ends == "cell":
+        graph = jammed(24, 3)
+    else:
+        graph, planes, force = jammed_in_box(24, 1)
+        if ends == "walls":
+            walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt)
+    regime = np.ones(graph.contact_count, dtype=np.int8)
+    ids = np.arange(graph.grain_count)
+    rows = 0 if walls is None else len(walls.grain)
+    return Snapshot(graph, law, regime, ids, rows, (), walls, rotation=0.0 * ids)
 
 
 def split(state, wall):

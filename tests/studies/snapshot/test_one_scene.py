@@ -5,31 +5,18 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from patterns import WallContacts
 from studies.snapshot import run_snapshot
 from tests.docs.pages import page
-from tests.packings import jammed
-from tests.stability.packing.walled_packings import jammed_in_box
+from tests.stability.packing.walled_packings import small_sample
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
 
 
 def written(ends, folder):
     """Return the path of a small sample that ends so."""
-    walls = None
-    if ends == "cell":
-        graph = jammed(24, 3)
-    else:
-        graph, planes, force = jammed_in_box(24, 1)
-        if ends == "walls":
-            walls = WallContacts(planes.grain, force, -planes.branch, planes.kn, planes.kt)
-    regime = np.ones(graph.contact_count, dtype=np.int8)
-    ids = np.arange(graph.grain_count)
-    rows = 0 if walls is None else len(walls.grain)
-    path = folder / "grains_small.csv"
-    one = gl.Snapshot(graph, LAW, regime, ids, rows, (), walls, rotation=0.0 * ids)
+    path, one = folder / "grains_small.csv", small_sample(ends, LAW)
     gl.write_snapshot(path, one)
-    return path, graph.cell
+    return path, one.graph.cell
 
 
 @pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
