@@ -23,9 +23,10 @@ FATES = ("kept", "once", "grain", "several")
 LEVEL = 0.95
 # Times of the slowest event after which a distribution is steady.
 STEADY_TIMES = 1e4
-# Orders below the first share of the loops are empty; `steady` gives no answer if the rates empty
-# orders that held more than the second.
-EMPTY, DRAINED = 1e-3, 0.05
+# Orders below this share of the loops are empty.
+EMPTY = 1e-3
+# `steady` gives no answer if the rates empty orders that held more than this share.
+DRAINED = 0.05
 
 
 class OrderEvents(NamedTuple):

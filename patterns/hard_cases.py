@@ -55,7 +55,10 @@ class HardCase:
     place: Callable[[float], float] | None = None
 
 
-KAPPA, MU = 0.3, 0.5
+# kt/kn of the cases.
+KAPPA = 0.3
+# Friction of the cases.
+MU = 0.5
 CASE_LAW = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
 RADII = (0.5, 0.6, 0.45, 0.55, 0.5, 0.4)
 SPOKES = 24

@@ -57,17 +57,22 @@ TOUCHING = 1e-7
 # Over the largest entry of Q: parts zeros that fall together by far more than SAME_ANGLE, or some
 # stay tied and the exchange by pivots leads in circles.
 TIE_BREAK = 1e-8
-# Of a load that is raised: pivots below this share of their column soften, slopes below this share
-# of the largest are zero, and contacts change regime at most so many times.
-SOFT, SLOPE, CHANGES = 1e-9, 1e-14, 12
+# Of a load that is raised: pivots below this share of their column soften.
+SOFT = 1e-9
+# Slopes below this share of the largest are zero then.
+SLOPE = 1e-14
+# Times that a contact changes its regime then, at most.
+CHANGES = 12
 # Exchanges after which the transform is made anew from `M`.
 REFRESH = 64
 # A variable whose largest value over the circle is below this share of the largest is zero.
 ZERO_ROW = 1e-12
 # Determinant over the product of the rows' sizes below which a matrix is taken as singular.
 SINGULAR = 1e-13
-# Share of the unit matrix by which a scaled matrix is definite; steps of the search for a scaling.
-MARGIN, BARRIER_STEPS = 1e-9, 60
+# Share of the unit matrix by which a scaled matrix is definite.
+MARGIN = 1e-9
+# Steps of the search for a scaling.
+BARRIER_STEPS = 60
 # Slip over the largest entry of q that stands for any amount.
 LARGE = 1e3
 

@@ -49,8 +49,10 @@ class Choice(Shown):
     side: float = 0.0
 
 
-OPEN, ELASTIC = Choice(Regime.OPEN), Choice(Regime.ELASTIC)
-LEFT, RIGHT = Choice(Regime.SLIDING, 1.0), Choice(Regime.SLIDING, -1.0)
+OPEN = Choice(Regime.OPEN)
+ELASTIC = Choice(Regime.ELASTIC)
+LEFT = Choice(Regime.SLIDING, 1.0)
+RIGHT = Choice(Regime.SLIDING, -1.0)
 # Options of a contact inside its cone where all contacts are tried: only sticking can agree.
 INSIDE = (ELASTIC, LEFT, RIGHT)
 

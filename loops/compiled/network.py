@@ -19,8 +19,10 @@ Short = NDArray[np.int32]
 BITS = 11  # bins along each axis: 2^11, their codes sorted in two passes of 2^11 counters
 BINS = 2**BITS
 SPLITTER = 2.0**27 + 1.0
-# For factors between these sizes, a product and its rounding error are in the range of doubles.
-TINY, HUGE = 1e-250, 1e150
+# For factors from this size on, a product and its rounding error are in the range of doubles.
+TINY = 1e-250
+# And up to this one.
+HUGE = 1e150
 UNDECIDED = 2
 COUNTING_SORT_MAX = 16  # grains with more contacts have them sorted by merging
 CLOSE = (

@@ -22,9 +22,11 @@ from loops.arrays import Flags, Floats, Integers
 from loops.graph import contact_state
 from loops.system import System, in_freedoms, stiffness_matrix
 
-# Ratios of spins, multiplied around a ring of gears, miss 1 by its mismatch. From NEARLY on the
-# ring locks as any other; below UNKNOWN the mismatch may be rounding.
-NEARLY, UNKNOWN = 1e-3, 64 * float(np.finfo(np.float64).eps)
+# Ratios of spins, multiplied around a ring of gears, miss 1 by its mismatch: from here on the ring
+# locks as any other.
+NEARLY = 1e-3
+# Below this the mismatch may be rounding.
+UNKNOWN = 64 * float(np.finfo(np.float64).eps)
 # Rounding of a spin's share in a slip over its size: of its arm and of two products.
 SLIP = 2 * float(np.finfo(np.float64).eps)
 # Mismatch below which rounding of `K`, over its square, hides what resists the gears.

@@ -34,17 +34,22 @@ from loops.system import (
     packing_system,
 )
 
-# Number of random vectors by which norms are estimated, for all loops at once, and the factor by
-# which an estimate may be too small: chi-squared, one in a thousand is below half.
-SKETCH, SKETCHED = 16, 2.0
+# Number of random vectors by which norms are estimated, for all loops at once.
+SKETCH = 16
+# Factor by which such an estimate may be too small: chi-squared, one in a thousand is below half.
+SKETCHED = 2.0
 # Bound on the rounding of the sweep down, over its standard deviation (largest seen: 5.2).
 SWEPT = 8.0
 # Loops whose sweep errs by more than solves would are solved again, those that err most first, as
-# long as right-hand sides times unknowns are fewer (one or two seconds); AT_ONCE loops at a time.
-AGAIN, AT_ONCE = 5e7, 16
+# long as right-hand sides times unknowns are fewer (one or two seconds).
+AGAIN = 5e7
+# Loops that are solved again at a time.
+AT_ONCE = 16
 # Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
-# softer than EPS shows, down to SOFTEST.
-LARGEST_RESIDUAL, SOFTEST = 0.1, 1e-16
+# softer than EPS shows.
+LARGEST_RESIDUAL = 0.1
+# Eigenvalue of the softest mode there may be then, over the largest.
+SOFTEST = 1e-16
 
 
 @dataclass(frozen=True, eq=False)
@@ -427,11 +432,16 @@ Method = Literal["auto", "whole", "blocks"]
 METHODS = get_args(Method)
 # Largest number of grains that `auto` inverts as a whole, for the sake of memory.
 WHOLE = 400_000
-BLOCK, BUFFER = 100.0, 8.0
+# Default side of a block, in mean diameters.
+BLOCK = 100.0
+# Default width of the moving grains around it; `_truncation` states the error of what is held.
+BUFFER = 8.0
 # Held grains change a loop's operator in proportion to rho^-DECAY, rho the distance to the nearest.
-# The factor depends on the packing: CHECKED loops, evenly spread, are solved in the whole packing,
-# and MARGIN times the largest factor found is stated.
-DECAY, CHECKED, MARGIN = 1.9, 300, 1.5
+DECAY = 1.9
+# The factor depends on the packing: so many loops, evenly spread, are solved in the whole packing.
+CHECKED = 300
+# What is stated over the largest factor found there.
+MARGIN = 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)

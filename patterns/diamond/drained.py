@@ -44,13 +44,15 @@ _ITERATIONS = 100
 # Error before the last step of Newton's method, which squares it.
 _CLOSE = 1e-8
 _EPS = float(np.finfo(np.float64).eps)
-# Angles at which K22 is sampled, and bisections of its zero.
-_SAMPLES, _BISECTIONS = 256, 60
+# Angles at which K22 is sampled.
+_SAMPLES = 256
+# Bisections of its zero: more than a number has bits.
+_BISECTIONS = 60
 _SMALLEST_KAPPA = 3.0
 # Eight nodes on a panel of 0.5: error 12.6^-16 = 3e-18 of the integrand; sin^kappa needs panels
 # below 2/kappa.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES = 0.5 * (np.polynomial.legendre.leggauss(8)[0] + 1.0)
+_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(8)[1]
 _PANEL = 0.5
 
 

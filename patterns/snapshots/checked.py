@@ -27,8 +27,10 @@ READ_LAWS = LinearFrictional | CohesiveFrictional | HertzMindlin
 LOADED = 0.1
 # Fewer contacts or grains than these are not judged together.
 FEWEST = 20
-# Multiples of the rounding of coordinates: for directions and radii, all overlaps, one overlap.
-ROUNDINGS, OVERLAP_ROUNDINGS = 5.0, 2.0
+# Multiple of the rounding of coordinates that directions and radii may be off by.
+ROUNDINGS = 5.0
+# The same of all overlaps together.
+OVERLAP_ROUNDINGS = 2.0
 # N over kn times the overlap where kn is the tangent of Hertz's law.
 HERTZ = 2.0 / 3.0
 # Least spread of the logarithm of overlaps that tells an exponent.

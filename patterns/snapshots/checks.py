@@ -24,8 +24,15 @@ from patterns.snapshots.stiffness_checks import (
     stiffness,
 )
 
-# Centres' distance over the sum of radii (median): clean 0.99 to 1; soft grains 0.9; diameters 0.5.
-DIAMETERS, SOFT, APART, FAR = (0.25, 0.6), 0.85, 1.02, 1.5
+# Centres' distance over the sum of radii (median), clean 0.99 to 1: diameters in place of radii
+# give 0.5.
+DIAMETERS = (0.25, 0.6)
+# Soft grains have 0.9.
+SOFT = 0.85
+# From here on grains that carry load are apart.
+APART = 1.02
+# From here on the tables are of different snapshots, or units.
+FAR = 1.5
 
 
 def distances(state: Checked) -> Finding:
@@ -241,8 +248,10 @@ def _turned(state: Checked, rest: Floats, least: float) -> Flags:
 
 # Angles of friction in degrees; tangents are smaller.
 DEGREES = (5.0, 90.0)
-# Contacts beyond Coulomb's limit, and their share: clean none; a flow 0.9 %.
-BEYOND, BEYOND_SHARE = 1.01, 0.02
+# |T| over Coulomb's limit of a contact that is beyond it.
+BEYOND = 1.01
+# Share of such contacts: clean none; a flow 0.9 %.
+BEYOND_SHARE = 0.02
 
 
 def friction(state: Checked) -> Finding | None:
@@ -274,12 +283,16 @@ def friction(state: Checked) -> Finding | None:
     )
 
 
-# Contacts at one ratio |T|/N, to this share of it, slide; at rest at most 2 of 7,000 agree so far.
-ONE_RATIO, AT_ONE_RATIO = 1e-6, 5
+# Contacts at one ratio |T|/N, to this share of it, slide.
+ONE_RATIO = 1e-6
+# Contacts that make it one: at rest at most 2 of 7,000 agree so far.
+AT_ONE_RATIO = 5
 # The same of a large packing, where ratios agree by chance.
 AT_ONE_RATIO_SHARE = 1e-3
-# |T| / (mu N) of a sliding contact, and the share of them below: clean 1 to 1e-6 and none.
-AT_LIMIT, FEW_BELOW = (0.95, 1.05), 0.05
+# |T| / (mu N) of a sliding contact: clean 1 to 1e-6.
+AT_LIMIT = (0.95, 1.05)
+# Share of flagged contacts below: clean none.
+FEW_BELOW = 0.05
 
 
 def one_ratio(state: Checked) -> Finding | None:

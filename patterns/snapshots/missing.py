@@ -130,9 +130,11 @@ def _with_images(x: Floats, cell: Floats, reach: float) -> tuple[Floats, Integer
 PUSHED = 0.3
 # Cosine between that resultant and a contact which stands against it.
 AGAINST = 0.7
-# Share of such grains that nothing stands against, all of them outward, and their least number:
-# without the walls of the file 0.84 and more, in a flow 0.2.
-BARE_SHARE, FEWEST_BARE = 0.7, 5
+# Share of such grains that nothing stands against, all of them outward: without the walls of the
+# file 0.84 and more, in a flow 0.2.
+BARE_SHARE = 0.7
+# Fewer such grains tell nothing.
+FEWEST_BARE = 5
 
 
 def walls(state: Checked) -> Finding | None:

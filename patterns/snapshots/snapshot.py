@@ -39,8 +39,10 @@ from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
 # Options that give the law of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson", "adhesion")
-# Most pairs of crossing branches that are looked for, and that an error names.
-MOST_CROSSINGS, NAMED_CROSSINGS = 1_000_000, 3
+# Most pairs of crossing branches that are looked for.
+MOST_CROSSINGS = 1_000_000
+# Pairs of them that an error names.
+NAMED_CROSSINGS = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -92,9 +92,10 @@ def needed_stiffness(state: Checked) -> Finding | None:
 # Overlaps off by a share of the larger one and of the typical one: clean 1e-3 at rest, most of it
 # the damping of LAMMPS; what most contacts are off by is told from them besides.
 ODD_SHARE = 0.01
-# Multiples of that noise, for the contacts of one grain, which agree, and for a single contact:
-# where a sample moves, the damping of a contact is up to 30 times that of most.
-OF_GRAIN, OF_CONTACT = 5.0, 50.0
+# Multiple of that noise for the contacts of one grain, which agree.
+OF_GRAIN = 5.0
+# For a single contact: where a sample moves, its damping is up to 30 times that of most.
+OF_CONTACT = 50.0
 # Share of the contacts of a grain whose overlaps need one change of its radius.
 AGREEING_CONTACTS = 0.8
 

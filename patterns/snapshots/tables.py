@@ -296,8 +296,10 @@ ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
 TABLE_ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
 SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
-# Squares of numbers beyond HUGE overflow; a float64 rounds whole numbers beyond WHOLE.
-HUGE, WHOLE = 1e150, 2.0**53
+# Squares of larger numbers overflow.
+HUGE = 1e150
+# A float64 rounds larger whole numbers.
+WHOLE = 2.0**53
 
 
 class Table:

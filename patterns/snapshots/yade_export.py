@@ -23,7 +23,9 @@ GRAINS = ("id", "type", "x", "y", "z", "radius", "mass", "vx", "vy", "omega_z")
 CONTACTS = ("id1", "id2", "cell_dx", "cell_dy", "branch_x", "branch_y", "nx", "ny")
 FORCES = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu")
 BONDS = ("adhesion", "cohesion")
-SPHERE, WALL = 0, 1
+# Kinds of bodies in the column `type`.
+SPHERE = 0
+WALL = 1
 
 
 def export_tables(folder: str, number: int | None = None) -> str:

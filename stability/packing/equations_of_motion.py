@@ -42,9 +42,10 @@ if TYPE_CHECKING:
 
 # Pairs closer than this share of the mean diameter are listed.
 LISTED_GAP = 0.02
-# Time step over the smallest sqrt(m/kn), as Yade's samples were made, and its largest share of the
-# stable one at the start.
-TIME_STEP, STABLE = 0.3, 0.8
+# Time step over the smallest sqrt(m/kn), as Yade's samples were made.
+TIME_STEP = 0.3
+# Its largest share of the stable one at the start.
+STABLE = 0.8
 # Lag of a servo, over `sqrt(m/kn)` of the means; an affine strain needs no waves.
 LAG = 5.0
 # Steps in a row in each of which the pairs had to be listed anew.
@@ -58,8 +59,10 @@ REST_FORCE = 1e-6
 REST_FORCE_LOADED = 1e-7
 # Strain rate of a packing at rest after an instability, over the rate of the motion through it.
 REST_STRAIN = 1e-2
-# Steps between checks of the rest, and the largest number of checks.
-CHECK_STEPS, MAX_CHECKS = 1000, 200
+# Steps between checks of the rest.
+CHECK_STEPS = 1000
+# The largest number of checks.
+MAX_CHECKS = 200
 
 
 @of_scene()

@@ -43,7 +43,9 @@ CHATTER = 12
 # Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
 GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 # Columns of `Path.work`.
-SLIP, INCREMENT, RELEASED = 1, 2, 3
+SLIP = 1
+INCREMENT = 2
+RELEASED = 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
 # Grains that move by more than this share of the largest displacement are in an unstable mode.
