@@ -15,13 +15,9 @@ from loops.errors import check_choice
 from loops.scene import Scene, Subject, of_scene
 from stability.complementarity import STARTS
 from stability.follow import closure_of
-from stability.packing.response import (
-    YIELD_BAND,
-    HeldAndDriven,
-    PackingResponse,
-    component_control,
-    packing_rates,
-)
+from stability.packing.controls import HeldAndDriven, component_control
+from stability.packing.response import PackingResponse, packing_rates
+from stability.packing.yielding import YIELD_BAND
 from stability.paths.of_graph import rates_of_loop
 from stability.paths.regimes import EdgeTrial, Held
 from stability.paths.supported import SupportedRates, supported_rates

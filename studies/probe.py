@@ -23,7 +23,7 @@ from stability.packing.hold import HoldControl
 from stability.packing.increment import CANDIDATES
 from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
-from stability.packing.response import checked_band
+from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import UNITS, definitions, readable
 from studies.reading import read_planar, reading

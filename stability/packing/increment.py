@@ -25,18 +25,15 @@ from loops.laws.frictional import Regime, edge_rates
 from loops.packing import balancing_forces, relative_motion
 from loops.scene import Scene, of_scene
 from stability.complementarity import RaisedLoad, positive_definite, raise_load
+from stability.packing.controls import HeldAndDriven, component_control
 from stability.packing.response import (
     CONDENSED,
     TRUSTED,
-    HeldAndDriven,
     PackingRates,
     PackingResponse,
     ResponseStatus,
-    YieldResponse,
-    checked_band,
-    component_control,
-    yield_response,
 )
+from stability.packing.yielding import YieldResponse, checked_band, yield_response
 
 # Share of its strength from which a contact is a candidate for sliding.
 CANDIDATES = 0.7

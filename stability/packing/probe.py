@@ -21,6 +21,7 @@ from loops.shown import Shown
 from stability.complementarity import STARTS, TURN
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
+from stability.packing.controls import HeldAndDriven
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes, loop_sums
@@ -35,14 +36,9 @@ from stability.packing.regime_regions import (
     Subspace,
     cones,
 )
-from stability.packing.response import (
-    HeldAndDriven,
-    PackingRates,
-    PackingResponse,
-    YieldResponse,
-    yield_response,
-)
+from stability.packing.response import PackingRates, PackingResponse
 from stability.packing.state import start_state
+from stability.packing.yielding import YieldResponse, yield_response
 from stability.path import Path
 from stability.programmes import NOTHING, Programme, Stage
 from stability.spectra import subspace_basis

@@ -20,6 +20,7 @@ from stability.complementarity import (
     trace_branch,
 )
 from stability.directional.branches import plane_directions, works
+from stability.packing.controls import HeldAndDriven, controlled_strain
 from stability.packing.response import (
     CRITICAL,
     HELD_STUCK,
@@ -28,13 +29,11 @@ from stability.packing.response import (
     STARTED,
     TRUSTED,
     WHOLE_CIRCLE,
-    HeldAndDriven,
     PackingRates,
     PackingResponse,
     Solved,
-    complementary_rates,
-    controlled_strain,
 )
+from stability.packing.yielding import complementary_rates
 from stability.second_order_work import plane_cone
 from stability.spectra import subspace_basis
 

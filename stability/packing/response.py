@@ -8,7 +8,7 @@ negative and one is zero. From the relative motion `r` they are `w_c - z_c = g_c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -16,26 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import contact_regime, contact_tangent
-from loops.boundary import Boundary, boundary_of, former_boundary, plane_stiffness
-from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state
-from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
+from loops.boundary import Boundary, boundary_of, former_boundary
+from loops.graph import GrainGraph, branch_vectors
+from loops.laws.frictional import ContactLaw, Regime
 from loops.lazy import warn_of_old_name
-from loops.packing import (
-    REFINEMENTS,
-    Changed,
-    Factor,
-    System,
-    balancing_forces,
-    factorised,
-    in_freedoms,
-    packing_stress,
-    packing_stress_rate,
-    packing_system,
-    relative_motion,
-    stiffness_matrix,
-)
+from loops.packing import REFINEMENTS, System, balancing_forces, packing_stress
 from loops.scene import Scene
 from loops.shown import Shown
 from loops.stress_strain import cauchy_rate
@@ -51,7 +36,25 @@ from stability.complementarity import (
     solve_complementarity,
     solve_from,
 )
-from stability.packing.pairs import AT_YIELD
+from stability.packing.controls import (
+    Control,
+    component_control,
+    control_of,
+    controlled,
+    controlled_strain,
+)
+from stability.packing.yielding import (
+    YIELD_BAND,
+    LinearAnswer,
+    YieldResponse,
+    complementary_rates,
+    condensed,
+    linear_answer,
+    slip_motion,
+    stiffness_of,
+    updated_factor,
+    yield_response,
+)
 from stability.programmes import Programme
 
 ResponseStatus = Literal[
@@ -66,10 +69,6 @@ ResponseStatus = Literal[
     "given",
 ]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several", "family")
-
-# Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
-YIELD_BAND = 0.99
-
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
 MECHANISM = "mechanism"
 # Proof: each strain direction has one solution, and the image of them all closed.
@@ -80,12 +79,8 @@ SCALED = "scaled definite"
 CRITICAL = "one critical contact"
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
-
 # In place of a proof: regimes that were told, not searched.
 GIVEN = "given"
-
-# H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
-UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
 # Forces left out of balance beyond this share: a mechanism that no regime stops.
 TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
@@ -100,257 +95,6 @@ RINGS = 3
 ROUNDS = 14
 # Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
-# Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
-ROUNDED = 1e-13
-
-
-@dataclass(frozen=True, eq=False)
-class YieldResponse:
-    """Contacts at yield, the candidates for sliding; in `system` they stick.
-
-    `rows` (m,) are their rows among the system's contacts, `gauge` (m, 4) the vectors `g`,
-    `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
-    they slide, `distance` (m,) what `|T|` lacks to the strength. `of_two` (m,) marks candidates
-    on a grain with two contacts. Both carry the same force, so their ratio `T/N` is one of the
-    geometry and hardly changes: those that the yield band alone would make candidates,
-    `settled` in number, are inside the cone and stick.
-    """
-
-    system: System
-    rows: Integers
-    gauge: Floats
-    push: Floats
-    sliding: Floats
-    distance: Floats
-    of_two: Flags
-    settled: int
-
-
-@dataclass(frozen=True, eq=False)
-class LinearAnswer:
-    """Response of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22.
-
-    `loads` (size, 4) are the forces of the affine motion, `unbalanced` what no motion
-    balances.
-    """
-
-    factor: Factor | Changed
-    loads: Floats
-    unbalanced: Floats
-    motion: Floats
-    relative: Floats
-    forces: Floats
-    stress: Floats
-
-
-def yield_response(
-    graph: GrainGraph,
-    law: ContactLaw,
-    *,
-    yield_band: float,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
-) -> YieldResponse:
-    """Find the contacts within the yield band, and those that `regime` marks as sliding."""
-    require_law(law)
-    checked_band(yield_band)
-    state = contact_state(graph)
-    given = contact_regime(state, law, regime)
-    regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
-    near = [_near_yield(law, state, regimes, yield_band)]
-    base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
-    boundary = boundary_of(graph) if boundary is None else boundary
-    planes = boundary.walls
-    if planes is not None:
-        walls = planes.law(law), planes.state(graph.radii)
-        near.append(_near_yield(*walls, planes.regime, yield_band))
-        may_slide = near[1].may_slide & (planes.kt > 0)
-        near[1] = near[1]._replace(may_slide=may_slide)
-        slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
-        planes = replace(planes, sliding=slides)
-        boundary = replace(boundary, walls=planes)
-    system = packing_system(graph, law, regime=base, boundary=boundary)
-    grains, picked = [graph.contacts], [system.contacts]
-    if planes is not None:
-        grains.append(planes.grain[:, None])
-        picked.append(np.flatnonzero(system.carrying.grains[planes.grain]))
-    degree = np.bincount(
-        np.concatenate([g[c].ravel() for g, c in zip(grains, picked, strict=True)]),
-        minlength=graph.grain_count,
-    )
-    rows, of_two, settled, first = [], [], 0, 0
-    for k, (one, g, c) in enumerate(zip(near, grains, picked, strict=True)):
-        two = (degree[g] == 2).any(axis=1)
-        inside = one.may_slide & two & ~one.full
-        settled += int(np.count_nonzero(inside[c]))
-        own = np.flatnonzero((one.may_slide & ~inside)[c])
-        rows.append(first + own)
-        near[k], first = one.take(c[own]), first + len(c)
-        of_two.append(two[c[own]])
-    scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
-    gauge, push, sliding, distance = (
-        np.concatenate(parts) for parts in zip(*(one.slips() for one in near), strict=True)
-    )
-    if planes is not None:
-        sliding[len(rows[0]) :] = plane_stiffness(
-            replace(planes, sliding=np.ones(len(planes.grain), dtype=bool)), graph.radii, law
-        )[near[1].number]
-    return YieldResponse(
-        system,
-        np.concatenate(rows),
-        gauge * scale,
-        push * scale,
-        scale[:, None] * sliding * scale,
-        distance,
-        np.concatenate(of_two),
-        settled,
-    )
-
-
-class _NearYield(NamedTuple):
-    """Contacts of one kind, (C,) each: which may slide, which stand at their strength in full."""
-
-    law: ContactLaw
-    state: ContactState
-    regimes: Regimes
-    may_slide: Flags
-    full: Flags
-    number: Integers
-
-    def take(self, c: Integers) -> _NearYield:
-        """Return the picked contacts."""
-        at = self.state
-        forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
-        state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
-        flags = self.regimes[c], self.may_slide[c], self.full[c]
-        return _NearYield(self.law.take(c), state, *flags, self.number[c])
-
-    def slips(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
-        law, state = self.law, self.state
-        sign = np.sign(state.shear_force)[:, None]
-        stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
-        change = (
-            law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, self.regimes)[:, 1]
-        )
-        g, b_i, b_j = law.shear_kinematics(state)
-        normal = np.hstack([state.n, np.zeros_like(state.n)])
-        shear = np.column_stack([g[:, None] * state.t, -b_i, -b_j])
-        push = np.column_stack([state.t, -state.arm_i, -state.arm_j])
-        distance = np.maximum(law.strength(state) - np.abs(state.shear_force), 0.0)
-        return (
-            sign * (change[:, :1] * normal + change[:, 1:] * shear),
-            sign * push,
-            contact_tangent(state, law, self.regimes),
-            np.where(np.isfinite(distance), distance, 0.0),
-        )
-
-
-def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: float) -> _NearYield:
-    """Return contacts that may slide: from a share of their strength on, or said to slide."""
-    near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
-    regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
-    # Without a shear force there is no side to slide to: frictionless contacts always slide.
-    may_slide = (state.shear_force != 0) & (regimes == Regime.SLIDING)
-    full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
-    return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
-
-
-def checked_band(share: float, name: str = "yield_band", usual: float = YIELD_BAND) -> float:
-    """Check the share of its strength from which a contact may slide."""
-    if not 0.0 < share <= 1.0:
-        remedy = f"Leave it out: {usual:g} is what was compared with simulations."
-        raise InputError(name, f"{share:g}", "a share in (0, 1]", remedy)
-    return float(share)
-
-
-def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
-    """Return the blocks (E, 4, 4) with the active candidates sliding."""
-    blocks = yielding.system.stiffness.copy()
-    blocks[yielding.rows[active]] = yielding.sliding[active]
-    return blocks
-
-
-def linear_answer(
-    yielding: YieldResponse, active: Flags, factor: Factor | Changed | None = None
-) -> LinearAnswer:
-    """Solve for the four unit strains with the active candidates sliding."""
-    system, blocks = yielding.system, stiffness_of(yielding, active)
-    factor = factor or factorised(system, blocks)
-    affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
-    loads = balancing_forces(system, blocks @ affine)
-    motion = factor.solve(loads)
-    relative = relative_motion(system, motion, UNIT_STRAINS)
-    forces = -blocks @ relative
-    stress = packing_stress_rate(system, forces).reshape(4, 4)
-    return LinearAnswer(
-        factor, loads, loads - factor.matrix @ motion, motion, relative, forces, stress
-    )
-
-
-def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refine: int = REFINEMENTS
-) -> tuple[Floats, Floats]:
-    """Return the motion per unit of slip `z` of each chosen candidate (size, k).
-
-    Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
-    """
-    loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads, refine=refine)
-    left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
-    return motion, left / np.linalg.norm(loads, axis=0)
-
-
-def updated_factor(
-    yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats
-) -> Changed:
-    """Return factors with active candidates sliding, as an update of those with all sticking."""
-    gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
-    matrix = stiffness_matrix(yielding.system, stiffness_of(yielding, active))
-    assert isinstance(elastic.factor, Factor)
-    return elastic.factor.changed(matrix, -slips[:, active], gauge)
-
-
-def condensed(
-    yielding: YieldResponse, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
-) -> tuple[Floats, Floats]:
-    """Return matrix (k, k) and stress (4, k) of the chosen candidates' complementary variables.
-
-    The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either reduces
-    `s T'`. The matrix gives the other one of each pair.
-    """
-    system, rows = yielding.system, yielding.rows[chosen]
-    side = np.where(active[chosen], -1.0, 1.0)[:, None]
-    matrix = np.eye(len(chosen)) + side * (
-        in_freedoms(system, rows, yielding.gauge[chosen]) @ motion
-    )
-    blocks = stiffness_of(yielding, active)
-    lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
-    stress = balancing_forces(system, lines.reshape(len(blocks), 4, 4)).T @ motion
-    own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
-    return matrix, (stress - own) / system.volume
-
-
-def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:
-    """Return `w` of sticking and `z` of sliding candidates under motions `r`: (m,) or (m, k)."""
-    side = np.where(active, -1.0, 1.0).reshape(-1, *[1] * (relative.ndim - 2))
-    return side * np.einsum("ci,ci...->c...", yielding.gauge, relative[yielding.rows])
-
-
-def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats) -> Floats:
-    """Return changes of force (C, 2) under those of branches and angles, which decide on slip."""
-    system = yielding.system
-    kept = system.contacts
-    turns = spin[system.graph.contacts[kept]] * system.length
-    relative = np.zeros((len(system.branches), 4))
-    relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
-    rates = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative)
-    slip = np.maximum(-(yielding.distance + rates), 0.0)
-    out = np.zeros_like(branch_rate)
-    forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
-    forces[yielding.rows] -= yielding.push * slip[:, None]
-    out[kept] = forces[: len(kept), :2]
-    return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -448,26 +192,6 @@ class PackingResponse(Shown):
             f"packing response: {self.status}, residual {self.residual:.1e}, {self.sliding} of "
             f"{self.candidates} contacts at yield slide"
         )
-
-
-class HeldAndDriven(NamedTuple):
-    """`held @ H' = strain`, `driven @ P' = stress`; all rows are orthonormal, in 11, 12, 21, 22."""
-
-    held: Floats
-    strain: Floats
-    driven: Floats
-    stress: Floats
-
-
-class Mixed(NamedTuple):
-    """`stress @ P' + strain @ H' = rate`, rows of either or of both."""
-
-    stress: Floats
-    strain: Floats
-    rate: Floats
-
-
-Control = HeldAndDriven | Mixed
 
 
 class Solved(NamedTuple):
@@ -714,31 +438,6 @@ def regimes_by_parts(
     return best, linear_answer(yielding, best), False
 
 
-def controlled(
-    yielding: YieldResponse,
-    active: Flags,
-    answer: LinearAnswer,
-    chosen: Integers,
-    pair: tuple[Floats, Floats],
-    control: Control,
-) -> tuple[Floats, Floats]:
-    """Return `q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
-    unit = complementary_rates(yielding, active, answer.relative)[chosen]
-    matrix, stress = pair
-    if isinstance(control, Mixed):
-        A = control.stress @ answer.stress + control.strain
-        solved = np.linalg.solve(A, np.column_stack([control.rate, -control.stress @ stress]))
-        q, driven = unit @ solved[:, 0], unit @ solved[:, 1:]
-        M = matrix + driven
-        return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
-    held, B = control.held.T @ control.strain, control.driven
-    imposed = control.stress - B @ answer.stress @ held
-    solved = np.linalg.solve(B @ answer.stress @ B.T, np.column_stack([imposed, -B @ stress]))
-    q, driven = unit @ (held + B.T @ solved[:, 0]), unit @ B.T @ solved[:, 1:]
-    M = matrix + driven
-    return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
-
-
 def packing_rates(
     scene: Scene,
     control: Control | Programme,
@@ -782,52 +481,6 @@ def packing_response(
     control = component_control(strain_rate, stress_rate)
     scene = Scene(given, law, boundary_of(given) if around is None else around)
     return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
-
-
-def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDriven:
-    """Return the control of components of `H'` where they are numbers, else of `P'`."""
-    H = np.asarray(strain, dtype=float)
-    P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
-    driven = np.isnan(H)
-    if H.shape != (2, 2) or np.isinf(H).any():
-        expected = "(2, 2) finite numbers, or nan for stress control"
-        remedy = "Give a number for each component that is prescribed, nan for the others."
-        raise InputError("strain_rate", f"{H.tolist()}", expected, remedy)
-    if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
-        expected = "finite numbers of shape (2, 2) where the strain is nan"
-        remedy = "Give zero to hold the stress."
-        raise InputError("stress_rate", f"{P.tolist()}", expected, remedy)
-    rows = np.eye(4)
-    return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
-
-
-def control_of(programme: Programme, stress: Floats) -> Control:
-    """Return the control of a programme in a first state; rows of strain or of stress apart."""
-    stress, strain, rate = programme.equations(np.zeros(4), stress.ravel())
-    driven, held = stress.any(axis=1), strain.any(axis=1)
-    if (driven & held).any():
-        return Mixed(stress, strain, rate)
-    return HeldAndDriven(
-        *_orthonormal(strain[held], rate[held]), *_orthonormal(stress[driven], rate[driven])
-    )
-
-
-def _orthonormal(rows: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return equations `rows @ a = values` with orthonormal rows; as they are if they are so."""
-    if np.array_equal(rows @ rows.T, np.eye(len(rows))):
-        return rows, values
-    Q, R = np.linalg.qr(rows.T)
-    return np.ascontiguousarray(Q.T), np.linalg.solve(R.T, values)
-
-
-def controlled_strain(answer: LinearAnswer, control: Control) -> Floats:
-    """Return the strain rate (4,), its driven part as the stress asks for."""
-    if isinstance(control, Mixed):
-        A = control.stress @ answer.stress + control.strain
-        return np.asarray(np.linalg.solve(A, control.rate))
-    held, B = control.held.T @ control.strain, control.driven
-    imposed = control.stress - B @ answer.stress @ held
-    return np.asarray(held + B.T @ np.linalg.solve(B @ answer.stress @ B.T, imposed))
 
 
 def _status(found: Complementarity, proof: str, residual: float) -> ResponseStatus:

@@ -23,7 +23,7 @@ from loops.arrays import Floats
 from stability import follow
 from stability.packing import PackingIncrements, PackingRates
 from stability.packing.probe import control_along_direction, stage_along
-from stability.packing.response import yield_response
+from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
 from studies.examples.probing import STRESS, convected, state
 from studies.style import BLUE, GREEN, TWO_COLUMNS, VERMILION, new_figure, styled

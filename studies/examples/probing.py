@@ -18,7 +18,7 @@ from loops import Regime, contact_state, love_weber_stress
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import PackingRates, probe
-from stability.packing.response import yield_response
+from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 

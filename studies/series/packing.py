@@ -38,8 +38,8 @@ from stability.packing.equations_of_motion import duration_of, masses_of, step_o
 from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.pairs import contact_pairs, require_movable
-from stability.packing.response import forces_of_motion
 from stability.packing.state import PackingState, start_state
+from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from stability.verdict import loop_spectra
 from studies.output import Columns

@@ -21,7 +21,8 @@ from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
 from stability.packing.increment import CANDIDATES
-from stability.packing.response import SOLVED, checked_band
+from stability.packing.response import SOLVED
+from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading

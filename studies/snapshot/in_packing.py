@@ -20,7 +20,7 @@ from studies.snapshot.table import EIGENVALUES
 if TYPE_CHECKING:
     from loops.packing import LoopsInPlace, Method
     from stability.packing.hold import HeldPacking, HoldControl
-    from stability.packing.response import YieldResponse
+    from stability.packing.yielding import YieldResponse
 
 PLACE = "packing"
 # Unbalanced force over the mean contact force: above the first a note says so, above the second
@@ -49,7 +49,7 @@ def sample_edge(
 
     Plates strain about the point `fixed`, by default the lower left corner.
     """
-    from stability.packing.response import yield_response
+    from stability.packing.yielding import yield_response
 
     scene = snapshot.scene
     boundary = scene.boundary

@@ -18,8 +18,8 @@ from stability.packing.equations_of_motion import Moving, masses_of, servo_of, s
 from stability.packing.hold import hold
 from stability.packing.pairs import contact_pairs
 from stability.packing.probe import probe_edge
-from stability.packing.response import yield_response
 from stability.packing.state import start_state
+from stability.packing.yielding import yield_response
 from studies.probe import probe
 from studies.snapshot.in_packing import held_snapshot
 

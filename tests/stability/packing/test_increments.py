@@ -16,7 +16,7 @@ from stability.packing.equations_of_motion import Snap, masses_of
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.regime_factor import ELASTIC, SLIDING
-from stability.packing.response import PackingRates, forces_of_motion, yield_response
+from stability.packing.response import PackingRates
 from stability.packing.state import start_state
 from stability.packing.strain_increment import (
     InstabilityError,
@@ -38,6 +38,7 @@ from stability.packing.sustain import (
     _along,
     _to_loss,
 )
+from stability.packing.yielding import forces_of_motion, yield_response
 from stability.path import Event
 from stability.programmes import Programme
 from tests.packings import LAW, jammed, packing, strained

@@ -11,13 +11,8 @@ from stability.complementarity import principal_transform, scaled_definite, trac
 from stability.packing import regime_regions
 from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
-from stability.packing.response import (
-    PackingRates,
-    condensed,
-    linear_answer,
-    slip_motion,
-    yield_response,
-)
+from stability.packing.response import PackingRates
+from stability.packing.yielding import condensed, linear_answer, slip_motion, yield_response
 from tests.packings import LAW, packing
 
 

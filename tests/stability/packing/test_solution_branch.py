@@ -34,9 +34,8 @@ from stability.packing.response import (
     SOLVED,
     WHOLE_CIRCLE,
     PackingRates,
-    linear_answer,
-    yield_response,
 )
+from stability.packing.yielding import linear_answer, yield_response
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import held_probes, small_packings

@@ -10,7 +10,8 @@ from loops.system import carrying_grains
 from patterns.synthetic import synthetic_network
 from stability import complementarity, rates_at
 from stability.packing import probe, response
-from stability.packing.response import PackingRates, yield_response
+from stability.packing.response import PackingRates
+from stability.packing.yielding import yield_response
 from tests.oracles.regimes import solutions
 
 STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]
