@@ -368,13 +368,13 @@ class Path(Shown):
         Packings: loading parameter at which the path met its limit, by the smallest interval, and
         its change as the interval was halved, over itself: infinite where it has not converged to
         1 %. nan of paths that end otherwise than by 'control_limit' or a first instability.
-    stress_spread : float
-        Packings, where it was asked for: largest difference of the stress, over its largest change,
-        to the same path with the other choice past instabilities; 0 where none was met, else nan.
         Under a growing load: stress along the direction, less that of the start, of the last state
         before the equilibrium was first lost by a motion of 1e-5 or more; and how much it changed
         as the interval was halved over the second half of the path and by other numberings, over
         itself. nan if it never was. Errors of the first half are not in it (docs/sustaining.md).
+    stress_spread : float
+        Packings, where it was asked for: largest difference of the stress, over its largest change,
+        to the same path with the other choice past instabilities; 0 where none was met, else nan.
     direction : (m,) array
         Growing load: unit direction of `P'`; the parameter is the load along it.
     motions : tuple of Motion

@@ -137,7 +137,7 @@ DONE = {
     "`--hold`": at_rest,
     '`evolve`, `follow(closure="packing")`': packing_path,
     "`replay`": motion,
-    "`sustain`": lambda one: gl.sustain(one, 2, largest=1e-3).paths[0].load,
+    "`sustain`": lambda one: gl.sustain(one, 2, largest=1e-3).paths[0].parameter,
     "`series --in-packing`": predicted,
     "`series --in-packing events`": lambda one: predicted(one, by_events=True),
 }

@@ -178,7 +178,7 @@ def test_the_stress_keeps_to_the_load(interval):
 def test_without_motions_a_direction_is_unfinished():
     path, found = loaded(*SNAPS), loaded(*SNAPS, most_snaps=0)
     assert found.status == "unfinished" and "more than 0 motions" in found.message
-    assert found.motions == () and found.load[-1] == pytest.approx(path.limit, rel=1e-6)
+    assert found.motions == () and found.parameter[-1] == pytest.approx(path.limit, rel=1e-6)
     assert np.isnan(found.limit) and np.isnan(found.first_large_load) and found.mode is None
 
 
