@@ -52,15 +52,8 @@ from patterns.diamond.strain_lines import (
     yield_position,
 )
 from patterns.polygons import opposite_gap
-from stability.paths.fan import (
-    LIMITS,
-    Control,
-    Fan,
-    FanLimits,
-    LoopStates,
-    first_limits,
-    followed_limits,
-)
+from stability.paths.fan import Control, Fan, LoopStates
+from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
 from stability.paths.model import path_model
 from studies.output import UNITS, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside

@@ -27,7 +27,8 @@ from patterns.snapshots.frame import (
     with_aliases,
 )
 from patterns.snapshots.geometry import as_cell
-from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
+from patterns.snapshots.lammps import is_lammps, lammps_frames
+from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import given_table, head_of, require_file

@@ -1,11 +1,10 @@
-"""Dumps of LAMMPS and of LIGGGHTS: atoms by `dump custom`, their contacts by `dump local`."""
+"""Dumps of LAMMPS: atoms by `dump custom`, their contacts by `dump local`."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,12 +21,9 @@ from patterns.snapshots.dump_files import (
     Map,
     Space,
     Wall,
-    contact_names,
     find_ids,
-    first_frame,
     frame_of_pairs,
     frames_of_dumps,
-    gaps,
     given_columns,
     is_dump,
     normals,
@@ -37,7 +33,7 @@ from patterns.snapshots.dump_files import (
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
-from patterns.snapshots.tables import Table, beside, head_of, listed
+from patterns.snapshots.tables import Table, listed
 
 # Plain names of the columns of contacts of LAMMPS, and their contents.
 CONTACT_NAMES = {
@@ -194,7 +190,6 @@ class ColumnSearch:
 
 MOST_COLUMNS = 100  # largest number of columns among which vectors are searched
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
-NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
 
 
 def is_lammps(path: Path, head: bytes) -> bool:
@@ -366,257 +361,3 @@ def read_walls(
     if not notes:
         return (), ()
     return tuple(walls), (f"walls recognised: {', '.join(notes)}",)
-
-
-# Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
-COARSE = 9
-CELL_STEPS = 5  # steps of Newton's method for the cell; two are enough
-# Overlaps must fit the cell to this share of its size, better than the header.
-FIT = 1e-7
-PRECISE = 1e-6  # tolerance of overlaps, which are small: other columns may be nearly the same
-# Columns of `pair/gran/local` have no names but a fixed order, whatever the order of the keywords:
-# pos (6), vel (6), id (3: two ids and the periodic flag), force (3), force_normal (3),
-# force_tangential (3), torque (3), torque_normal (3), torque_tangential (3), history (as the
-# model), contactArea, delta, heatFlux, contactPoint (3), ms_id (2); a group left out leaves no gap.
-# So the ids come first, or after 6 or 12 columns, and the forces follow them.
-LIGGGHTS_NAMES = ("id1", "id2", "fx", "fy", "fnx", "fny", "ftx", "fty", "delta")
-FORCE_PARTS = ("fnx", "fny", "ftx", "fty")  # parts of the force on atom 1; fx, fy is the total
-
-
-def is_liggghts(path: Path, head: bytes) -> bool:
-    """Whether the dump of contacts has the numbered columns of one compute, as LIGGGHTS writes."""
-    if not is_dump(head):
-        return False
-    contacts = beside(path, *contact_names(path))
-    if contacts is None:
-        return False
-    try:
-        names = first_frame(contacts, head_of(contacts)).names
-    except InputError:
-        return False
-    numbered = {f"[{k + 1}]" for k in range(len(names))}
-    stems = {name.rpartition("[")[0] for name in names}
-    return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
-
-
-def liggghts_frames(source: Source) -> Frames:
-    """Frames of a dump of atoms with all columns of `compute pair/gran/local` (docs/lammps.md).
-
-    The columns of the forces are recognised by their directions, or given by a map of
-    `LIGGGHTS_NAMES`. Headers have six digits: the cell is found from the overlaps of the contacts
-    that cross its border.
-    """
-    check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
-
-    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
-        atoms = read_atoms(own, source.columns)
-        space, said = space_of(own.box, atoms, source.cell)
-        contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
-        found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
-        said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
-        box = own.box
-        if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
-            space, note = finer_cell(atoms, space, contacts)
-            said = (*said, note)
-        pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
-        if not all(space.periodic):
-            said = (*said, NO_WALLS)
-        forces = Forces(None if contacts.force is None else -contacts.force)
-        return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
-
-    return frames_of_dumps(source, read)
-
-
-def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:
-    """The edges of a rectangular cell from the overlaps across its border.
-
-    Centres of a contact with images are `r1 + r2 - delta` apart: least squares for the lengths of
-    the edges, by Newton's method from those of the header.
-    """
-    coarse = "cell from a header of six digits: branches across its border are as coarse"
-    across = np.flatnonzero(contacts.pairs.images.any(axis=1))
-    cell = space.cell
-    if cell is None or contacts.overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
-        return space, f"{coarse}; give --cell or dump delta"
-    pairs: GrainPairs = contacts.pairs.take(across)
-    length = (atoms.radii[pairs.i] + atoms.radii[pairs.j]) - contacts.overlap[across]
-    raw = atoms.x[pairs.j] - atoms.x[pairs.i]
-    edges = np.diag(cell).copy()
-    # An edge that no contact crosses stays as it is.
-    crossed = pairs.images.any(axis=0)
-    for _ in range(CELL_STEPS):
-        d = raw + pairs.images * edges
-        distance = np.hypot(*d.T)
-        slope = (normals(d) * pairs.images)[:, crossed]
-        edges[crossed] += np.linalg.lstsq(slope, length - distance, rcond=None)[0]
-    misfit = np.abs(np.hypot(*(raw + pairs.images * edges).T) - length).max()
-    change = np.abs(edges / np.diag(cell) - 1).max()
-    if misfit > FIT * edges.max() or change > 1e-5:
-        return space, f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"
-    return Space(np.diag(edges), space.periodic), (
-        f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
-        f"which it fits to {misfit:.1g}: the header has six digits"
-    )
-
-
-class Contacts(NamedTuple):
-    """Columns by plain names, pairs, total force on atom 1 (C, 2) and overlaps (C,) or None."""
-
-    columns: Map
-    pairs: GrainPairs
-    force: Floats | None
-    overlap: Floats | None
-
-
-def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Contacts:
-    """Recognise ids, forces and overlaps among the columns of `pair/gran/local`."""
-    columns = given_columns(table, given, LIGGGHTS_NAMES)
-    # The flag of the periodic border follows the ids.
-    places = [names for at in (0, 6, 12) if len(names := table.names[at : at + 3]) == 3]
-    choices = [(a, b) for a, b, flag in places if np.isin(table.column(flag), (0, 1)).all()]
-    if "id1" in columns and "id2" in columns:
-        choices = [(columns["id1"], columns["id2"])]
-    expected = (
-        "ids in column 1, 7 or 13, the order of pair/gran/local: pos, vel, id, force, ... with "
-        "'id' among them"
-    )
-    ids = find_ids(table, atoms, space, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
-    pairs = pairs_of(atoms, space, *ids)
-    first = table.names.index(columns["id1"])
-    # Positions of both grains stand first, if velocities don't: these are the atoms' to rounding.
-    ends = ((0, pairs.i), (3, pairs.j)) if first >= 6 else ()
-    for at, index in ends:
-        x = table.columns(*table.names[at : at + 2])
-        gap = x - atoms.x[index]
-        gap -= space.shift(space.images(gap))
-        off = np.hypot(*gap.T) / atoms.radii[index]
-        near = np.quantile(off, 0.5) <= 1
-        if off.max() > TOLERANCE and (first == 12 or near):
-            row = int(np.argmax(off))
-            raise InputError(
-                f"{table.path}, row {row}",
-                f"position {x[row].tolist()}",
-                f"{atoms.x[index[row]].tolist()} of grain {atoms.ids[index[row]]} among the atoms",
-                "Take both dumps from one step of one run.",
-            )
-    force = _force(table, pairs, columns, first + 3)
-    return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
-
-
-def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats | None:
-    """Total force on atom 1, None if there is none."""
-    if "fx" not in columns and "fnx" not in columns:
-        _find_force(table, pairs, columns, first)
-    if NONE in (columns.get("fx"), columns.get("fnx")):
-        return None
-    for group in (("fx", "fy"), FORCE_PARTS):
-        found = [name for name in group if name in columns]
-        if found and len(found) < len(group):
-            where = f"--columns for the force of {table.path}"
-            raise InputError(where, ", ".join(found), ", ".join(group), "Give the others as well.")
-    if "fnx" in columns:
-        normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
-        for names, vector, wanted in (
-            (FORCE_PARTS[:2], normal, "along"),
-            (FORCE_PARTS[2:], shear, "across"),
-        ):
-            kind = _kind(pairs, vector)
-            if kind not in (wanted, "zero"):
-                raise InputError(
-                    f"columns {named(columns, names)} of {table.path}",
-                    f"vectors {kind} to the branches of the grains",
-                    f"vectors {wanted} them",
-                    AS_WRITTEN,
-                )
-        force = normal + shear
-    else:
-        force = table.columns(columns["fx"], columns["fy"])
-    if np.sum(force * pairs.d) > 0:
-        raise InputError(
-            f"columns {named(columns, columns)} of {table.path}",
-            "forces that pull the grains together",
-            "forces on the first atom that push it away from the second",
-            "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
-        )
-    return force
-
-
-def _find_force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> None:
-    """Add the columns of the force to the map, recognised by their directions."""
-    names = table.names
-    groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
-    vectors = [table.columns(*group) for group in groups]
-    if vectors and vectors[0].any() and not _small(table.column(names[first + 2]), vectors[0]):
-        raise InputError(
-            f"column {names[first + 2]} of {table.path}",
-            "a force out of the plane",
-            f"zero, after x and y of the force in {' '.join(groups[0])}",
-            "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",
-        )
-    kinds = [_kind(pairs, vector) for vector in vectors]
-    if kinds[:1] == ["oblique"]:
-        columns |= {"fx": groups[0][0], "fy": groups[0][1]}
-        if kinds[1:] == ["along", "across"]:
-            off = np.hypot(*(vectors[0] - vectors[1] - vectors[2]).T)
-            limit = TOLERANCE * float(np.abs(vectors[0]).max())
-            if off.max() > limit >= np.median(off):
-                every = " ".join(" ".join(group) for group in groups)
-                raise InputError(
-                    f"columns {every} of {table.path}, row {np.argmax(off)}",
-                    "a force that is not the sum of its normal and tangential part",
-                    "the sum, as in the other rows",
-                    "Columns of the dump disagree: dump again.",
-                )
-            if off.max() <= limit:
-                columns |= dict(zip(FORCE_PARTS, groups[1] + groups[2], strict=True))
-    elif sorted(kinds[:2]) == ["across", "along"]:
-        groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
-        columns |= dict(zip(FORCE_PARTS, groups[0] + groups[1], strict=True))
-    elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
-        columns |= {"fx": groups[0][0], "fy": groups[0][1]}
-    elif kinds[:1] == ["along"]:
-        raise InputError(
-            f"columns {' '.join(groups[0])} of {table.path}",
-            "vectors along the branches: the whole force between frictionless grains, or its "
-            "normal part",
-            "the total force",
-            f"Say which: --columns fx={groups[0][0]},fy={groups[0][1]}, or fx=none.",
-        )
-    else:
-        columns["fx"] = NONE
-
-
-def _kind(pairs: GrainPairs, vector: Floats) -> str:
-    """Direction of vectors against the branches: along, across, oblique or zero."""
-    along, across = shares(vector, normals(pairs.d))
-    if along == across == 0:
-        return "zero"
-    return "along" if across <= TOLERANCE else "across" if along <= TOLERANCE else "oblique"
-
-
-def _small(vector: Floats, scale: Floats) -> bool:
-    return bool(np.abs(vector).max() <= TOLERANCE * np.abs(scale).max())
-
-
-def _overlap(
-    table: Table, atoms: Atoms, pairs: GrainPairs, columns: Map, first: int
-) -> Floats | None:
-    """Overlaps of the contacts; their column is recognised by contacts that cross no border."""
-    if columns.get("delta") == NONE:
-        return None
-    inside = ~pairs.images.any(axis=1)
-    expected = -gaps(atoms, pairs)[inside]
-    scale = atoms.radii.min()
-    for name in [columns["delta"]] if "delta" in columns else table.names[first:]:
-        values = table.column(name)
-        if len(expected) and np.abs(values[inside] - expected).max() <= PRECISE * scale:
-            columns["delta"] = name
-            return values
-    if "delta" in columns:
-        raise InputError(
-            f"column delta={columns['delta']} of {table.path}",
-            "other values than the overlaps of the grains",
-            "the sums of the radii less the distances",
-            "Correct the name, or delta=none.",
-        )
-    return None

@@ -10,14 +10,10 @@ from loops.arrays import Flags, Floats, Integers
 from stability.complementarity import (
     ENUMERATED,
     NAMED_STARTS,
-    TURN,
-    SolutionBranch,
     known_solutions,
     positive_definite,
     scaled_definite,
-    solutions_over_slip,
     solve_from,
-    trace_branch,
 )
 from stability.directional.branches import plane_directions, works
 from stability.packing.controls import HeldAndDriven, controlled_strain
@@ -35,6 +31,7 @@ from stability.packing.response import (
 )
 from stability.packing.yielding import complementary_rates
 from stability.second_order_work import plane_cone
+from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch
 from stability.spectra import subspace_basis
 
 Driven = Literal["strain", "stress"]

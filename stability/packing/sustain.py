@@ -16,6 +16,7 @@ from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
+from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     Moving,
@@ -33,7 +34,7 @@ from stability.packing.motion import Motion, MotionStatus
 from stability.packing.pairs import Pairs, at_limit, require_movable
 from stability.packing.past import Passed, Standing
 from stability.packing.path import PackingPathSolver, Stop, halved
-from stability.packing.probe import probe_directions, stage_along
+from stability.packing.probe import probe_directions
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
 from stability.packing.strain_increment import MixedControl

@@ -22,7 +22,7 @@ from loops import love_weber_stress
 from loops.arrays import Floats
 from stability import follow
 from stability.packing import PackingIncrements, PackingRates
-from stability.packing.probe import control_along_direction, stage_along
+from stability.packing.amplitudes import control_along_direction, stage_along
 from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
 from studies.examples.probing import STRESS, convected, state

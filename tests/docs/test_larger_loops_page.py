@@ -12,7 +12,8 @@ from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene, cont
 from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths.fan import Fan, LoopStates, first_limits
+from stability.paths.fan import Fan, LoopStates
+from stability.paths.fan_limits import first_limits
 from stability.paths.model import path_model
 from studies.domain import loop_limits, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold

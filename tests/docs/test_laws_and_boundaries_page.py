@@ -19,7 +19,8 @@ from loops import (
 from loops.packing import loops_in_place
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.probe import probe_edge, probe_to
+from stability.packing.amplitudes import probe_to
+from stability.packing.probe import probe_edge
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_boundary, sample_edge

@@ -23,7 +23,7 @@ from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import is_liggghts
+from patterns.snapshots.liggghts import is_liggghts
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = [

@@ -8,7 +8,8 @@ from patterns import sample_path
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import is_lammps, is_liggghts, lammps_frames, liggghts_frames
+from patterns.snapshots.lammps import is_lammps, lammps_frames
+from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
 

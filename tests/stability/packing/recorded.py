@@ -31,8 +31,8 @@ from stability.packing import (
     strain_increment,
     sustain,
 )
+from stability.packing.amplitudes import probe_to
 from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
-from stability.packing.probe import probe_to
 from stability.packing.state import PackingState, start_state
 from stability.path import Event, describe
 from stability.path import Path as AnyPath
@@ -339,8 +339,8 @@ def rests():
 
 CONTROLS = (
     ([[1.0, 0.2], [0.0, -0.6]], None),
-    ([[1.0, 0.0], [0.0, np.nan]], [[0.0, 0.0], [0.0, 0.3]]),
-    ([[np.nan, 0.0], [0.0, np.nan]], [[1.0, 0.0], [0.0, -0.5]]),
+    ([[1.0, 0.0], [0.0, np.nan]], [[np.nan, np.nan], [np.nan, 0.3]]),
+    ([[np.nan, 0.0], [0.0, np.nan]], [[1.0, np.nan], [np.nan, -0.5]]),
 )
 
 

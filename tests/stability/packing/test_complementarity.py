@@ -11,11 +11,11 @@ from stability.complementarity import (
     nearest_regimes,
     positive_definite,
     scaled_definite,
-    solutions_over_slip,
     solve_complementarity,
     solve_from,
     violation,
 )
+from stability.solution_branch import solutions_over_slip
 
 
 def random_problem(m, seed):

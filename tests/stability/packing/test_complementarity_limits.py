@@ -15,8 +15,8 @@ from stability.complementarity import (
     principal_transform,
     solve_complementarity,
     solve_from,
-    trace_branch,
 )
+from stability.solution_branch import trace_branch
 from tests.stability.packing.test_complementarity import random_problem
 
 UNITS = [1.0, 2.0**20, 2.0**-20]

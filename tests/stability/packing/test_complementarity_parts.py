@@ -7,15 +7,12 @@ import pytest
 
 from stability import complementarity
 from stability.complementarity import (
-    TURN,
-    SolutionBranch,
     feasible_for_all,
     scaled_definite,
-    solutions_over_slip,
     solve_complementarity,
     solve_from,
-    trace_branch,
 )
+from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch
 
 UNITS = [2.0**20, 2.0**-20, 2.0**44, 2.0**-44]
 

@@ -12,9 +12,9 @@ from loops import LinearFrictional, RollingResistance, Scene, find_faces
 from stability import Stage, follow
 from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
+from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import Snap, masses_of
 from stability.packing.path import PackingPathSolver
-from stability.packing.probe import stage_along
 from stability.packing.regime_factor import ELASTIC, SLIDING
 from stability.packing.response import PackingRates
 from stability.packing.state import start_state

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
-from stability.complementarity import principal_transform, scaled_definite, trace_branch
+from stability.complementarity import principal_transform, scaled_definite
 from stability.packing import regime_regions
 from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
 from stability.packing.yielding import condensed, linear_answer, slip_motion, yield_response
+from stability.solution_branch import trace_branch
 from tests.packings import LAW, packing
 
 

@@ -9,8 +9,8 @@ import pytest
 from loops import InputError, LinearFrictional, Scene, find_faces
 from stability import follow
 from stability.packing import probe
+from stability.packing.amplitudes import probe_to
 from stability.packing.path import follow_packing
-from stability.packing.probe import probe_to
 from stability.programmes import Programme, Stage
 from tests.packings import LAW, jammed
 

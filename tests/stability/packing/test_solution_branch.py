@@ -15,17 +15,15 @@ from patterns.snapshots import sample_path
 from stability import follow
 from stability.complementarity import (
     STARTS,
-    TURN,
     Complementarity,
-    SolutionBranch,
     basic_values,
     positive_definite,
     solve_complementarity,
     solve_from,
-    trace_branch,
 )
 from stability.packing import probe
-from stability.packing.probe import probe_edge, stage_along
+from stability.packing.amplitudes import stage_along
+from stability.packing.probe import probe_edge
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,
@@ -36,6 +34,7 @@ from stability.packing.response import (
     PackingRates,
 )
 from stability.packing.yielding import linear_answer, yield_response
+from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import held_probes, small_packings

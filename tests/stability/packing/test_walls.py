@@ -17,7 +17,7 @@ from loops import (
 from loops.packing import PlaneContacts
 from stability import Programme, Stage, follow, programmes, rates_at
 from stability.packing import hold, probe, replay
-from stability.packing.probe import probe_to
+from stability.packing.amplitudes import probe_to
 from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, mirrored

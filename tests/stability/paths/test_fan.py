@@ -9,12 +9,11 @@ import pytest
 from loops import GrainGraph, LinearFrictional, Regime, contact_state
 from loops.symmetry import loop_symmetry
 from patterns import random_loop, regular_polygon
-from stability.paths.fan import (
+from stability.paths.fan import Fan, LoopStates
+from stability.paths.fan_limits import (
     LIMITS,
     MAX_STEP,
-    Fan,
     FanLimits,
-    LoopStates,
     _pending,
     _set_balance,
     _to_event,

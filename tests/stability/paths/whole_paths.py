@@ -26,7 +26,8 @@ from loops import (
 from patterns import diamond, regular_polygon, synthetic_network
 from stability import Stage, follow, programmes, rates_at
 from stability.path import describe
-from stability.paths.fan import LIMITS, Fan, LoopStates, first_limits, followed_limits
+from stability.paths.fan import Fan, LoopStates
+from stability.paths.fan_limits import LIMITS, first_limits, followed_limits
 from stability.paths.model import path_model
 
 WORDS, NUMBERS = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".npz"))

@@ -15,16 +15,13 @@ from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from patterns.polygons import opposite_gap
 from stability import Stage, follow, restrict, symmetric_part
-from stability.paths.fan import (
+from stability.paths.fan import RTOL, Fan, LoopStates, stability_measures
+from stability.paths.fan_limits import (
     CONTROLS,
-    RTOL,
     SPECTRAL,
     STRESS_REACH,
-    Fan,
-    LoopStates,
     first_limits,
     first_sign_change,
-    stability_measures,
 )
 from stability.paths.model import path_model
 from studies.cli import main

@@ -25,7 +25,7 @@ from stability import branch_fraction
 from stability.packing import probe as rates
 from stability.packing import replay as replayed
 from stability.packing import sustain
-from stability.packing.probe import probe_to
+from stability.packing.amplitudes import probe_to
 from studies import domain as domains
 from studies.paths.options import PolygonOptions
 from studies.series.evolution import fate_columns, track_loops
