@@ -419,7 +419,7 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop |
 
 
 class ConstantLoad:
-    """Way past a lost equilibrium: the load is raised within some steps, then constant.
+    """A motion past a lost equilibrium: the load is raised within some steps, then constant.
 
     A function as those of `stability.packing.past`, which keeps the last motion to tell of it.
     """
