@@ -68,7 +68,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     slip = moved - np.einsum("ck,ck->c", arms, spins[pairs])
     if not slip.any():
         return None
-    factor = float(median((needed / slip)[slip != 0]))
+    factor = median((needed / slip)[slip != 0])
     wrong = np.count_nonzero(np.abs(needed - factor * slip) > KT * np.abs(factor * slip))
     agreeing = max(1 - wrong / spare, 0.0)
     if agreeing < AGREEING:
@@ -77,7 +77,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
     return Finding("kt", factor, says).doubt(
         f": kt is too {'small' if factor > 1 else 'large'}",
-        f"The forces need kt = {factor * float(median(kt)):.4g}.",
+        f"The forces need kt = {factor * median(kt):.4g}.",
         abs(factor - 1) > KT,
     )
 
