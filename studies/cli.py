@@ -23,6 +23,7 @@ from studies.commands.loops import (
     domain_command,
     polygon_command,
 )
+from studies.commands.material import material_command
 from studies.commands.packing import evolve_command, probe_command, sustain_command
 from studies.commands.snapshot import check_command, series_command, snapshot_command
 
@@ -63,6 +64,7 @@ COMMANDS: dict[str, Callable[..., Answer]] = {
     "diamond": diamond_command,
     "polygon": polygon_command,
     "domain": domain_command,
+    "material": material_command,
     "bench": bench_command,
 }
 for place, (name, command) in enumerate(COMMANDS.items()):

@@ -60,7 +60,7 @@ Columns = dict[str, NDArray[Any]]
 # Commands whose columns are described; tables of other commands share names, not meanings.
 DESCRIBED_COMMANDS = (
     *("snapshot", "series", "probe", "sustain", "evolve"),
-    *("diamond", "polygon", "domain"),
+    *("diamond", "polygon", "domain", "material"),
 )
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from loops.arrays import Floats
 from loops.errors import InputError, whole_number
 from loops.shown import Shown
+from stability.material.blocks import MaterialState
 from stability.material.loop_material import LoopMaterial, MaterialResponse
-from stability.programmes import Stage
+from stability.programmes import Programme, Stage
 
 MarchStatus = Literal["finished", "control limit", "loops lost"]
 # Newton steps after which a programme has no solution at the end of a step.
@@ -115,8 +116,10 @@ def march(
         span = (stage.target - stage.value(H, P, 0.0)) / rate / steps
         # Spheres that barely touch have no stiffness for the first step to start from.
         speed = np.zeros(4) if np.any(response.tangent) else FIRST * np.eye(2).ravel()
-        for _ in range(steps):
-            found, status = _step(material, stage, state, H, P, H + speed, span)
+        begin, rates = stage.programme.values(H, P), stage.programme.rate
+        for k in range(1, steps + 1):
+            wanted = begin + rates * (k * span)
+            found, status = _step(material, stage.programme, state, wanted, H + speed)
             if found is None:
                 break
             before = H, P
@@ -138,12 +141,11 @@ def _row(number: int, H: Floats, response: MaterialResponse, work: float) -> tup
 
 
 def _step(
-    material: LoopMaterial, stage: Stage, state: Any, H: Floats, P: Floats, guess: Floats,
-    span: float,
+    material: LoopMaterial, programme: Programme, state: MaterialState, wanted: Floats,
+    guess: Floats,
 ) -> tuple[tuple[MaterialResponse, Floats] | None, MarchStatus]:  # fmt: skip
-    """Return the response and the strain at which what the programme controls has gone on."""
-    programme, end = stage.programme, guess
-    wanted = programme.values(H, P) + programme.rate * span
+    """Return the response and the strain at which what the programme controls is as wanted."""
+    end = guess
     for _ in range(MOST_STEPS):
         try:
             response = material.update(np.eye(2)[None] - end.reshape(1, 2, 2), state)
@@ -152,7 +154,7 @@ def _step(
         A, stressed = response.tangent.reshape(4, 4), response.stress.reshape(4)
         stress, strain, _ = programme.equations(end, stressed)
         residual = programme.values(end, stressed) - wanted
-        scale = np.abs(stress).sum(axis=1) * max(np.abs(A).max(), np.abs(P).max())
+        scale = np.abs(stress).sum(axis=1) * max(np.abs(A).max(), np.abs(stressed).max())
         scale += np.abs(strain).sum(axis=1)
         if (np.abs(residual) <= MET * scale).all():
             return (response, end), "finished"

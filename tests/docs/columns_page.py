@@ -7,7 +7,10 @@ from studies.output import definitions, words
 # Keys of the summary of a command, by their parts.
 KEYS = {
     "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing"),
-    **{name: (name,) for name in ("series", "probe", "sustain", "evolve", "diamond", "polygon")},
+    **{
+        name: (name,)
+        for name in ("series", "probe", "sustain", "evolve", "diamond", "polygon", "material")
+    },
 }
 
 

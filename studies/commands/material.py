@@ -1,0 +1,129 @@
+"""`grainloops material`: averaged loops as a material."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from loops.errors import InputError
+from studies.commands import (
+    Answer,
+    NoFigures,
+    OneReading,
+    Writing,
+    answer,
+    clock,
+    numbers,
+    out_or,
+)
+
+
+def material_command(
+    snapshot: Annotated[
+        Path | None, Parameter(help="Snapshot whose loops are averaged, with its law and forces.")
+    ] = None,
+    *,
+    order: Annotated[
+        int | None, Parameter(help="Number of grains of a regular loop. Default: 6.")
+    ] = None,
+    alpha0: Annotated[
+        float | None, Parameter(help="Of a hexagon: angle of its inclined branches (degrees).")
+    ] = None,
+    orientations: Annotated[
+        int | None,
+        Parameter(help="Copies of the loop, turned evenly over half a turn. Default: 36."),
+    ] = None,
+    kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn. Default: 0.5.")] = None,
+    phi: Annotated[
+        float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 30.")
+    ] = None,
+    confine: Annotated[
+        float | None,
+        Parameter(help="Isotropic stress over kn before the programme. Default: 0.01."),
+    ] = None,
+    orders: Annotated[
+        str | None,
+        Parameter(metavar="N1,N2,...", help="Of a snapshot: orders of the loops. Default: all."),
+    ] = None,
+    count: Annotated[
+        int | None, Parameter(help="Of a snapshot: at most so many loops, evenly spaced.")
+    ] = None,
+    closure: Annotated[
+        str,
+        Parameter(
+            help="How the strain drives a loop: affine, traction, or cell, the H-model's own."
+        ),
+    ] = "traction",
+    programme: Annotated[
+        str,
+        Parameter(
+            help="Loading programme: drained, cauchy-drained, biaxial, isotropic, "
+            "isotropic-stress, oedometric, undrained."
+        ),
+    ] = "drained",
+    end: Annotated[
+        float | None,
+        Parameter(
+            help="Strain E1 (of isotropic-stress: stress) of the programme. Default: 0.1; of a "
+            "snapshot 1e-3."
+        ),
+    ] = None,
+    steps: Annotated[int, Parameter(help="Steps of the programme.")] = 200,
+    no_figures: NoFigures = False,
+    writing: Writing | None = None,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Average loops as a material, and march the mean through a programme.
+
+    Copies of one loop (--order) in all directions, or the loops of a snapshot; beside them the
+    first loop alone.
+    """
+    writing, reading = writing or Writing(), reading or OneReading()
+    of_loop = {"order": order, "alpha0_deg": alpha0, "orientations": orientations,
+               "kappa": kappa, "phi_deg": phi, "confine": confine}  # fmt: skip
+    asked: dict[str, Any] = {name: value for name, value in of_loop.items() if value is not None}
+    read = [one.name for one in fields(reading) if getattr(reading, one.name) != one.default]
+    if snapshot is not None and asked:
+        given = ", ".join(f"--{name.removesuffix('_deg')}" for name in asked)
+        expected = "none of these: loops of a snapshot have their own law and state"
+        raise InputError(given, "given with a snapshot", expected, "Leave them out.")
+    if snapshot is None and (read or orders is not None or count is not None):
+        given = ", ".join(
+            [*(f"--{name.replace('_', '-')}" for name in read),
+             *["--orders"] * (orders is not None), *["--count"] * (count is not None)]
+        )  # fmt: skip
+        raise InputError(given, "given without a snapshot", "a snapshot", "Name its file.")
+    listed = numbers("--orders", orders)
+    if listed is not None:
+        asked["orders"] = tuple(int(n) if n == int(n) else n for n in listed)
+    words: Any = {"closure": closure, "programme": programme, "steps": steps, "count": count}
+    words["end"] = (1e-1 if snapshot is None else 1e-3) if end is None else end
+    out = out_or(writing.out, "material", snapshot)
+    with clock("grainloops material"):
+        from studies.material import MaterialOptions, run_material
+
+        options = MaterialOptions(**asked, **words)
+        how = {} if snapshot is None else reading.how_of(snapshot)
+        summary = run_material(
+            options, out, snapshot=snapshot, figures=not no_figures, **writing.files(), **how
+        )
+    many = ", ".join(f"{count} of order {n}" for n, count in summary["orders"].items())
+    lines = [f"{summary['loops']} loops ({many}), closure {closure}, {programme}, {steps} steps"]
+    for name, said in (("mean", "mean of the loops"), ("single", "first loop alone")):
+        told = summary[name]
+        peak = "no peak"
+        if told["peak_strain"] is not None:
+            peak = f"peak {told['peak_stress_ratio']:.4f} at strain {told['peak_strain']:.4f}"
+        lines.append(
+            f"{said}: {told['status']} at strain {told['end_strain']:.4f}, stress ratio {peak}, "
+            f"W2 < 0 from {_strain(told['w2_negative_strain'])}, "
+            f"cone from {_strain(told['cone_strain'])}, loops lost {told['failed']:.0%}"
+        )
+    return answer(writing.json, out, [*lines, *(f"note: {note}" for note in summary["notes"])])
+
+
+def _strain(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"

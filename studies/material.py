@@ -1,0 +1,312 @@
+"""The study behind `grainloops material`: averaged loops as a material, under a programme."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from loops import GrainGraph, InputError, LinearFrictional
+from loops.errors import number, whole_number
+from patterns import hexagon, regular_polygon
+from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, restrict
+from stability.material import LoopMaterial, MaterialPath, march, oriented
+from stability.material.loop_material import MaterialClosure
+from stability.material.loop_set import LoopSet, loop_set, loops_of
+from studies.output import definitions, readable
+from studies.paths.options import PROGRAMMES, programme_named
+from studies.reading import read_planar, reading
+from studies.study import one_of, study
+from studies.style import BLUE, GREY, VERMILION, new_panels, styled
+
+UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
+# Steps of the isotropic compression before the programme.
+CONFINING_STEPS = 20
+SETS = ("mean", "single")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaterialOptions:
+    """Options of `grainloops material`.
+
+    `order`: Of a regular loop, or 6 with `alpha0_deg`, the angle of the H-model's hexagon;
+    `orientations`: Copies turned evenly over half a turn; `kappa`, `phi_deg`, `confine`: Stiffness
+    ratio, friction angle, isotropic stress over kn before the programme. Of a snapshot: loops of
+    some `orders`, at most `count`, from the stress that they have.
+    """
+
+    order: int = 6
+    alpha0_deg: float | None = None
+    orientations: int = 36
+    kappa: float = 0.5
+    phi_deg: float = 30.0
+    confine: float = 1e-2
+    closure: MaterialClosure = "traction"
+    programme: str = "drained"
+    end: float = 0.1
+    steps: int = 200
+    orders: tuple[int, ...] | None = None
+    count: int | None = None
+
+    def __post_init__(self) -> None:
+        whole_number("--order", self.order, 3)
+        whole_number("--orientations", self.orientations, 1)
+        whole_number("--steps", self.steps, 1)
+        number("--kappa", self.kappa, 0.0)
+        number("--confine", self.confine, 0.0, open_low=True)
+        number("--end", self.end, 0.0, open_low=True)
+        one_of("--closure", self.closure, get_args(MaterialClosure))
+        one_of("--programme", self.programme, tuple(PROGRAMMES))
+        number("--phi", self.phi_deg, 0.0)
+        if not self.phi_deg <= 90.0:
+            expected = "degrees from 0 to 90 (nothing slides)"
+            raise InputError("--phi", f"{self.phi_deg:g}", expected, "Correct it.")
+        if self.alpha0_deg is not None and self.order != 6:
+            received = f"given with --order {self.order}"
+            raise InputError("--alpha0", received, "a hexagon", "Leave one of them out.")
+
+    @property
+    def loop(self) -> GrainGraph:
+        """Return the loop that is turned."""
+        if self.alpha0_deg is not None:
+            return hexagon(np.radians(self.alpha0_deg))
+        return regular_polygon(self.order)
+
+    @property
+    def law(self) -> LinearFrictional:
+        """Return its law, `kn = 1`."""
+        phi = np.radians(self.phi_deg)
+        return LinearFrictional(1.0, self.kappa, np.tan(phi) if self.phi_deg < 90.0 else np.inf)
+
+
+def run_material(
+    options: MaterialOptions,
+    out: Path,
+    *,
+    snapshot: Path | None = None,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    **how: Any,
+) -> dict[str, Any]:
+    """March averaged loops and a single one, write the tables, figures and a report.
+
+    Without a `snapshot` copies of one loop, else the loops of a packing; `how` are options of
+    `read_planar`. Tables `path` (both sets) and `loops` (what was averaged).
+    """
+    source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
+    with study("material", out, source | asdict(options), UNITS, force=force, csv=csv) as results:
+        loops, law, notes = _loops(options, snapshot, how)
+        alone = _one(loops)
+        paths = {
+            name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
+            for name, each in zip(SETS, (loops, alone), strict=True)
+        }
+        table = pd.concat([path_table(name, path) for name, path in paths.items()])
+        summary = results.write_results(
+            {"path": table, "loops": loop_columns(loops)},
+            material_summary(options, loops, table, paths) | {"notes": notes},
+        )
+        if figures:
+            pictures = results.save_figures(material_figures(table))
+            name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
+            results.write_report(f"Loops of {name} as a material", summary, pictures, [])
+    return summary
+
+
+def _loops(
+    options: MaterialOptions, snapshot: Path | None, how: dict[str, Any]
+) -> tuple[LoopSet, Any, list[str]]:
+    """Return the loops, their law (None: their own) and what has to be said of them."""
+    if snapshot is None:
+        return oriented(options.loop, options.orientations), options.law, []
+    read = read_planar(snapshot, **how)
+    loops = loops_of(read, orders=options.orders, count=options.count)
+    half = "each contact counts half in each of its two loops"
+    return loops, None, [*read.notes, f"loops as they stand in the packing; {half}"]
+
+
+def _one(loops: LoopSet) -> LoopSet:
+    """Return the first loop of a set as a set of its own."""
+    end = int(loops.offsets[1])
+    first = GrainGraph(
+        x=loops.x[:end],
+        radii=loops.radii[:end],
+        contacts=np.column_stack([np.arange(end), np.roll(np.arange(end), -1)]),
+        normal_force=loops.normal_force[:end],
+        shear_force=loops.shear_force[:end],
+    )
+    single = loop_set(first)
+    return LoopSet(
+        single.offsets, single.x, single.radii, single.normal_force, single.shear_force,
+        single.weights, loops.contacts[:end], loops.share, loops.law,
+    )  # fmt: skip
+
+
+def _march(options: MaterialOptions, material: LoopMaterial, snapshot: Path | None) -> MaterialPath:
+    """Compress to the confining stress, unless the loops have their own, and go on from there."""
+    programme = programme_named(options.programme)
+    if snapshot is not None:
+        return march(material, _stage(programme, 0.0, options.end), options.steps)
+    confining = Stage(programmes.isotropic_stress(), "P11", options.confine)
+    rest = march(material, confining, CONFINING_STEPS)
+    if rest.status != "finished":
+        return rest
+    start = float(rest.P[-1, 0] if programme.name == "isotropic stress" else rest.H[-1, 0])
+    stages = [confining, _stage(programme, start, options.end)]
+    return march(material, stages, options.steps)
+
+
+def _stage(programme: Programme, start: float, end: float) -> Stage:
+    """Return the stage that drives H11 (or P11 of an isotropic stress) by `end`."""
+    quantity = "P11" if programme.name == "isotropic stress" else "H11"
+    return Stage(programme, quantity, start + end)
+
+
+def path_table(name: str, path: MaterialPath) -> pd.DataFrame:
+    """Return the rows of a path: strain, stress, tangent, work, cone and regimes."""
+    K = restrict(path.A, "diagonal")
+    cone = plane_cone(K)
+    H, P = path.H.reshape(-1, 2, 2), path.P
+    area = np.linalg.det(np.eye(2) - H)
+    last = path.stage == path.stage.max()
+    begin = int(np.flatnonzero(last)[0])
+    values = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, 1, 2)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(P[:, 3] != 0.0, P[:, 0] / P[:, 3], np.nan)
+    return pd.DataFrame(
+        {
+            "set": name,
+            "stage": np.where(last, "programme", "confinement"),
+            "strain": path.H[:, 0] - path.H[begin, 0],
+            **{f"H{c}": path.H[:, k] for k, c in enumerate(COMPONENTS)},
+            **{f"P{c}": P[:, k] for k, c in enumerate(COMPONENTS)},
+            "stress_ratio": ratio,
+            "volume_change": area / area[begin] - 1.0,
+            "w2": path.work,
+            "lambda_min": values[:, 0],
+            "cone_status": cone.status,
+            "cone_opening_deg": np.degrees(cone.opening),
+            "cone_axis_deg": np.degrees(cone.axis),
+            "stuck": path.regimes[:, 0],
+            "sliding": path.regimes[:, 1],
+            "open": path.regimes[:, 2],
+            "failed": path.failed,
+            **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
+               for j, b in enumerate(COMPONENTS)},
+        }
+    )  # fmt: skip
+
+
+def loop_columns(loops: LoopSet) -> dict[str, Any]:
+    """Return order, area and weight of what was averaged."""
+    return {
+        "loop": np.arange(len(loops.weights)),
+        "order": loops.orders,
+        "area": loops.areas,
+        "weight": loops.weights / loops.weights.sum(),
+    }
+
+
+def material_summary(
+    options: MaterialOptions, loops: LoopSet, table: pd.DataFrame, paths: dict[str, MaterialPath]
+) -> dict[str, Any]:
+    """Return the summary, of the mean and of the single loop."""
+    return {
+        "loops": len(loops.weights),
+        "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
+        "closure": options.closure,
+        "programme": options.programme,
+        "steps": options.steps,
+        **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
+        "definitions": definitions("material"),
+    }
+
+
+def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
+    """Return the end of a path, its peak and where its work and its cone first turn."""
+    run = rows[rows["stage"] == "programme"]
+    ratio = run["stress_ratio"].to_numpy()
+    told: dict[str, Any] = {
+        "status": path.status,
+        "end_strain": float(run["strain"].iloc[-1]),
+        "end_stress_ratio": _known(ratio[-1]),
+        "peak_stress_ratio": None,
+        "peak_strain": None,
+        "failed": float(run["failed"].max()),
+    }
+    if np.isfinite(ratio).any():
+        peak = int(np.nanargmax(ratio))
+        # A ratio that is largest at the end has no peak.
+        if peak < len(run) - 1:
+            told["peak_stress_ratio"] = float(ratio[peak])
+            told["peak_strain"] = float(run["strain"].iloc[peak])
+    negative, open_cone = run["w2"] < 0.0, run["cone_status"] == "open"
+    for key, rows_there in (("w2_negative_strain", negative), ("cone_strain", open_cone)):
+        told[key] = float(run["strain"][rows_there].iloc[0]) if rows_there.any() else None
+    return told
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def material_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
+    """Yield the figure of the path: stress ratio, volume change, work, cone."""
+    yield "material", draw_material(table)
+
+
+@styled()
+def draw_material(table: pd.DataFrame) -> Figure:
+    """Draw stress ratio, volume change, second-order work and cone over the strain."""
+    figure, panels = new_panels(2, 2, 4.6)
+    looks: tuple[tuple[str, str, str, Any], ...] = (
+        ("mean", "mean of the loops", BLUE, {}),
+        ("single", "first loop alone", VERMILION, {"linestyle": "--", "linewidth": 1.0}),
+    )
+    quantities = (
+        ("stress_ratio", "stress ratio $P_{11}/P_{22}$ (–)"),
+        ("volume_change", "change of the area (%)"),
+        ("w2", "normalised second-order work $w_2$ (–)"),
+    )
+    axes = panels.ravel()
+    for name, label, colour, line in looks:
+        run = table[(table["set"] == name) & (table["stage"] == "programme")]
+        strain = 100.0 * run["strain"]
+        for ax, (column, _) in zip(axes, quantities, strict=False):
+            scale = 100.0 if column == "volume_change" else 1.0
+            ax.plot(strain, scale * run[column], color=colour, label=label, **line)
+        ratio = run["stress_ratio"].to_numpy()
+        if np.isfinite(ratio).any() and np.nanargmax(ratio) < len(run) - 1:
+            peak = int(np.nanargmax(ratio))
+            axes[0].plot(strain.iloc[peak], ratio[peak], "o", color=colour, markerfacecolor="white")
+        _draw_cone(axes[3], run, colour, label)
+    for ax, (_, label) in zip(axes, quantities, strict=False):
+        ax.set_ylabel(label)
+    for ax in axes[1:3]:
+        ax.axhline(0.0, color=GREY, linewidth=0.6)
+    axes[3].set_ylabel("strain directions, $W_2 < 0$ (degrees)")
+    axes[3].set_ylim(0.0, 180.0)
+    axes[3].set_yticks(range(0, 181, 45))
+    for ax in axes:
+        ax.set_xlabel("axial strain since confinement (%)")
+        ax.set_xlim(left=0.0)
+    axes[0].legend(loc="best")
+    return figure
+
+
+def _draw_cone(ax: Any, run: pd.DataFrame, colour: str, label: str) -> None:
+    """Draw a cone of unstable directions of (11, 22) as a band around its axis."""
+    cone = run[run["cone_status"] == "open"]
+    if cone.empty:
+        return
+    strain = 100.0 * cone["strain"].to_numpy()
+    middle, half = cone["cone_axis_deg"].to_numpy(), 0.5 * cone["cone_opening_deg"].to_numpy()
+    for turn in (-180.0, 0.0, 180.0):
+        ax.fill_between(strain, middle - half + turn, middle + half + turn, color=colour, alpha=0.3,
+                        linewidth=0, label=label if turn == 0.0 else None)  # fmt: skip

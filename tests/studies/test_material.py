@@ -1,0 +1,108 @@
+"""`grainloops material`: its files, its numbers, and what it refuses."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+
+from loops import LinearFrictional
+from patterns import regular_polygon, sample_path
+from stability import Stage, programmes
+from stability.material import LoopMaterial, march, oriented
+from studies.cli import main
+from studies.material import MaterialOptions, run_material
+from studies.output import field_metadata
+
+
+def run(monkeypatch, *arguments):
+    """Exit status of the command."""
+    monkeypatch.setattr("sys.argv", ["grainloops", *map(str, arguments)])
+    try:
+        main()
+    except SystemExit as stopped:
+        return stopped.code or 0
+    return 0
+
+
+@pytest.fixture(scope="module")
+def hexagons(tmp_path_factory):
+    out = tmp_path_factory.mktemp("material") / "out"
+    options = MaterialOptions(end=0.07, steps=140)
+    return run_material(options, out), out
+
+
+def test_the_command_has_the_numbers_of_the_call(hexagons):
+    summary, out = hexagons
+    mean = summary["mean"]
+    assert abs(mean["peak_stress_ratio"] - 4.649) < 1e-3 and round(mean["peak_strain"], 9) == 0.061
+    assert round(mean["w2_negative_strain"], 9) == 0.0615
+    assert mean["cone_strain"] <= mean["w2_negative_strain"]
+    # The single hexagon peaks where its four inclined contacts yield.
+    assert summary["single"]["peak_strain"] < 0.025
+    table = pd.read_parquet(out / "path.parquet")
+    rows = table[(table["set"] == "mean") & (table["stage"] == "programme")]
+    law = LinearFrictional(1.0, 0.5, np.tan(np.radians(30)))
+    material = LoopMaterial(oriented(regular_polygon(6), 36), None, law)
+    confining = Stage(programmes.isotropic_stress(), "P11", 1e-2)
+    start = march(material, confining, 20).H[-1, 0]
+    path = march(material, [confining, Stage("drained_biaxial", "H11", start + 0.07)], 140)
+    assert np.array_equal(rows["P11"], path.P[path.stage == 1, 0])
+    assert np.allclose(rows["P22"], 1e-2, rtol=0, atol=1e-12)
+
+
+def test_files_hold_units_meanings_and_provenance(hexagons):
+    summary, out = hexagons
+    names = {path.name for path in out.iterdir()}
+    assert {"path.parquet", "loops.parquet", "material.png", "material.svg", "report.html"} < names
+    for name in ("path", "loops"):
+        for field in pyarrow.parquet.read_schema(out / f"{name}.parquet"):
+            said = {key: field.metadata.get(key) for key in (b"unit", b"meaning")}
+            assert said == field_metadata(f"material/{name}", field.name), field.name
+    kept = json.loads((out / "summary.json").read_text())
+    assert kept["provenance"]["configuration"]["orientations"] == 36
+    assert kept["mean"] == summary["mean"]
+    told = set(", ".join(kept["definitions"]).split(", "))
+    assert set(kept["mean"]) <= told
+
+
+def test_loops_of_a_snapshot_and_the_printed_lines(tmp_path, capsys, monkeypatch):
+    given = [str(sample_path()), "--orders", "3,4", "--count", "20", "--closure", "affine"]
+    out = ["--out", str(tmp_path / "out"), "--no-figures", "--steps", "5"]
+    assert run(monkeypatch, "material", *given, *out) == 0
+    said = capsys.readouterr().out
+    assert "20 loops (" in said and "of order 3" in said and "half in each" in said
+    loops = pd.read_parquet(tmp_path / "out" / "loops.parquet")
+    assert set(loops["order"]) == {3, 4} and abs(loops["weight"].sum() - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"order": 2}, "--order"),
+        ({"phi_deg": 91.0}, "--phi"),
+        ({"alpha0_deg": 45.0, "order": 5}, "hexagon"),
+        ({"closure": "reuss"}, "--closure"),
+        ({"programme": "triaxial"}, "--programme"),
+        ({"end": 0.0}, "--end"),
+        ({"confine": -1.0}, "--confine"),
+    ],
+)
+def test_options_that_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        MaterialOptions(**options)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["--orders", "4"], "--orders: got given without a snapshot"),
+        (["file.csv", "--order", "4"], "--order: got given with a snapshot"),
+        (["--order", "5", "--closure", "cell"], "expected hexagons"),
+    ],
+)
+def test_arguments_that_are_refused(tmp_path, arguments, words, capsys, monkeypatch):
+    out = tmp_path / "out"
+    assert run(monkeypatch, "material", *arguments, "--out", out) == 2
+    assert words in capsys.readouterr().err and not out.exists()
