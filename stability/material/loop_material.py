@@ -63,7 +63,7 @@ class LoopMaterial(Shown):
     With `F = R U` the grains turn with `R`, spins blocked in the frame of `U`. Contacts go from
     their branch `d_n` to `d` on a straight line, where the law is integrated: the normal force is
     that of the geometry, the shear force `T_n - kt (d_n x d) Int ds/|d_n + s (d - d_n)|`, cut to
-    the strength. Theory, equations (12.1) to (12.9).
+    the strength. Theory, equations (12.1), (12.2), (12.9).
 
     - affine: `d = U d0`; exact for any length of step while no contact sticks again, opens or
       turns back within it;
