@@ -391,6 +391,9 @@ class Path(Shown):
         Replays: velocities beyond the affine motion, and spins, half a step before the end.
     steps, time_step : int, float
         Replays: steps made and their length, in the unit of time of the masses.
+    law_asked : str
+        Replays: 'kernel' of a known law, 'compiled' of one's own, or 'numpy', in every step, with
+        the reason where numba cannot compile it.
     """
 
     status: PathStatus
@@ -433,6 +436,7 @@ class Path(Shown):
     spin: Floats = field(default_factory=_none)
     steps: int = 0
     time_step: float = math.nan
+    law_asked: str = ""
 
     def __len__(self) -> int:
         return len(self.parameter)

@@ -1,21 +1,28 @@
-"""The equations of motion of a DEM code: springs, Hertz-Mindlin or given forces, friction, damping.
+"""The equations of motion of a DEM code: springs that a law gives, friction, damping.
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
-cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. All kernels
-that a kernel calls stand in this file.
+cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. Pairs are
+taken by blocks: placed, filled in by the law (`loops.compiled.laws`), their forces added up. All
+kernels that a kernel calls stand in this file, but for the law, which comes as a pointer.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats
 from loops.compiled import kernel
+
+# Overlap over the sum of the radii that pairs apart are handed to the law at: nothing reads it.
+APART = 1e-4
+# Pairs in a block: what is known of them stays in the processor's first cache of 32 kB.
+BLOCK = 256
 
 
 class MovingDiscs(NamedTuple):
@@ -27,10 +34,14 @@ class MovingDiscs(NamedTuple):
     spin: Floats  # (G,)
     cell: Floats  # (2, 2)
     shear: Floats  # (P,) `T`
-    # (P,) what `kt` is multiplied with, zero where open: root of the overlap under Hertz's law, the
-    # tangent of a law of one's own
-    root: Floats
-    rolled: Floats  # (P,) moment of the rolling spring on the second grain; (0,) without any
+    kt: Floats  # (P,) shear stiffness, zero where open
+    overlap: Floats  # (P,)
+    before: Floats  # (P,) a step ago
+    # Of a block: from the first centre to the second, or to the wall's point, and the length; and
+    # `N`, `kt`, the strength, and `T` before the shear of the step, as the law gives them.
+    place: Floats  # (BLOCK, 3)
+    answer: Floats  # (BLOCK, 4)
+    rolled: Floats  # (P,) moment of the rolling spring on the second grain
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
     gradient: Floats  # (2, 2) `L`
@@ -50,23 +61,19 @@ class Discs(NamedTuple):
     """
 
     radii: Floats
+    widest: float  # largest diameter
     walls: Floats  # (W, 2) normals, which stay
     lightness: Floats  # one over masses
     slenderness: Floats  # one over moments of inertia
     pairs: NDArray[np.uint32]  # (P, 2) unsigned: no index counts from the end
     images: Floats  # (P, 2)
     wraps: Flags  # (P,) whether an image isn't zero, or the second one is a wall
-    kn: Floats  # under Hertz's law over the root of the overlap, as `kt`
-    kt: Floats
-    mu: Floats
-    hertz: bool
-    by_displacement: bool  # `T` is `kt` times a displacement: it goes with `kt`
-    # (P, 6) at these positions `N`, tangent, strength, and `-dT` by `d(l)`, then `N` and the gap
-    # where it opens; (0, 6) of known laws
-    own: Floats
-    # (P,), or (0,) without rolling springs: stiffness, and `|M|` at the limit over `N - N at touch`
-    k_r: Floats
-    rolling_reach: Floats
+    spans: Floats  # (2, P) radii of the pairs
+    reach: Floats  # (P,) gap across which a closed pair holds: a bond
+    constants: Floats  # (n, P) of the law
+    k_r: Floats  # (P,) of rolling springs, zero where there is none
+    rolling_reach: Floats  # (P,) `|M|` at the limit over `N - at_touch`
+    at_touch: Floats  # (P,) `N` where the pair opens
 
 
 class Servo(NamedTuple):
@@ -94,6 +101,7 @@ class Servo(NamedTuple):
 
 @kernel
 def run(
+    law: Callable[..., Any],
     motion: MovingDiscs,
     discs: Discs,
     servo: Servo,
@@ -106,12 +114,13 @@ def run(
 ) -> int:
     """Make some steps, fewer where grains have come `reach` closer; the number of steps made.
 
-    `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`.
+    `cundall` is the share by which every resultant is damped, `viscous` the drag over `m c`. The
+    number is negative where a bond has parted in the last step.
     """
-    widest = 2.0 * discs.radii.max()
     for step in range(steps):
         motion.closer[0] += dt * (2.0 * move(motion, discs, dt, cundall, viscous))
-        finish(motion, discs, servo, dt, by_radii, widest)
+        if finish(law, motion, discs, servo, dt, by_radii):
+            return -(step + 1)
         if motion.closer[0] > reach:
             return step + 1
     return steps
@@ -119,24 +128,30 @@ def run(
 
 @kernel
 def finish(
-    motion: MovingDiscs, discs: Discs, servo: Servo, dt: float, by_radii: bool, widest: float
-) -> None:
+    law: Callable[..., Any],
+    motion: MovingDiscs,
+    discs: Discs,
+    servo: Servo,
+    dt: float,
+    by_radii: bool,
+) -> bool:
     """Forces where a step has moved the grains, work of the cell, and its gradient of the next.
 
-    `widest` is the largest diameter.
+    Whether a bond has parted.
     """
     stretch = work = 0.0
     for k in range(4):
         part = motion.gradient[k // 2, k % 2]
         stretch += abs(part)
         work -= part * motion.moment[k]
-    motion.closer[0] += dt * stretch * widest
-    update_forces(motion, discs, dt, by_radii, servo.on)
+    motion.closer[0] += dt * stretch * discs.widest
+    parted = update_forces(law, motion, discs, dt, by_radii, servo.on)
     for k in range(4):
         work -= motion.gradient[k // 2, k % 2] * motion.moment[k]
     motion.work[0] += 0.5 * dt * work
     if servo.on:
         _steer(motion, servo, dt)
+    return parted
 
 
 @kernel
@@ -174,14 +189,54 @@ def move(motion: MovingDiscs, discs: Discs, dt: float, cundall: float, viscous: 
 
 
 @kernel
+def place(motion: MovingDiscs, discs: Discs, first: int, last: int) -> bool:
+    """Update branches and overlaps of a block of pairs; whether one has parted across a gap."""
+    x, parted = motion.x, False
+    h00, h01, h10, h11 = motion.cell[0, 0], motion.cell[0, 1], motion.cell[1, 0], motion.cell[1, 1]
+    first_wall = len(x) - len(discs.walls)
+    for p in range(first, last):
+        i, j = discs.pairs[p, 0], discs.pairs[p, 1]
+        d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        if discs.wraps[p]:
+            m0, m1 = discs.images[p, 0], discs.images[p, 1]
+            d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
+        motion.place[p - first, 0], motion.place[p - first, 1] = d0, d1
+        if j >= first_wall:
+            n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
+            away = n0 * d0 + n1 * d1
+            d0, d1 = away * n0, away * n1
+        length, touching = math.sqrt(d0 * d0 + d1 * d1), discs.radii[i] + discs.radii[j]
+        motion.place[p - first, 2] = length
+        motion.before[p] = motion.overlap[p]
+        closed = length < touching + discs.reach[p]
+        motion.overlap[p] = touching - length if closed else APART * touching
+        parted |= not closed and discs.reach[p] > 0.0
+    return parted
+
+
+@kernel
+def place_all(motion: MovingDiscs, discs: Discs) -> None:
+    """Update the overlaps of all pairs."""
+    count = len(discs.pairs)
+    for first in range(0, count, BLOCK):
+        place(motion, discs, first, min(first + BLOCK, count))
+
+
+@kernel
 def update_forces(
-    motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool
-) -> None:
+    law: Callable[..., Any],
+    motion: MovingDiscs,
+    discs: Discs,
+    dt: float,
+    by_radii: bool,
+    summed: bool,
+) -> bool:
     """Update shear forces over a step of `dt`, and the resultants on all grains.
 
     If `summed`, moments and works as well: mean forces times increments, closed to `dt` squared.
+    Whether a bond has parted.
     """
-    x, v, w, resultant = motion.x, motion.speed, motion.spin, motion.resultant
+    v, w, resultant, answer = motion.speed, motion.spin, motion.resultant, motion.answer
     L00, L01, L10, L11 = motion.gradient.flat
     h00, h01, h10, h11 = motion.cell.flat
     # Periodic images of a grain are faster by this, times the image.
@@ -189,69 +244,55 @@ def update_forces(
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
     s00 = s01 = s10 = s11 = 0.0
     slipped = beyond = 0.0
-    first_wall = len(x) - len(discs.walls)
-    own = len(discs.own) > 0
-    varies = discs.hertz or own
-    rolls = len(discs.k_r) > 0
+    first_wall = len(motion.x) - len(discs.walls)
     resultant[:] = motion.load
-    for p in range(len(discs.pairs)):
+    count, parted, block = len(discs.pairs), False, 0
+    for p in range(count):
+        if p % BLOCK == 0:
+            block, last = p, min(p + BLOCK, count)
+            parted |= place(motion, discs, p, last)
+            law(
+                discs.constants, discs.spans, motion.overlap, motion.before, motion.shear,
+                p, last, answer,
+            )  # fmt: skip
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
-        e0, e1 = d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
-        v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
-        if discs.wraps[p]:
-            m0, m1 = discs.images[p, 0], discs.images[p, 1]
-            d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
-            v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
-            e0, e1 = d0, d1
-            if j >= first_wall:
-                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
-                away = n0 * d0 + n1 * d1
-                d0, d1 = away * n0, away * n1
         radius_i, radius_j = discs.radii[i], discs.radii[j]
-        touching = radius_i + radius_j
-        square = d0 * d0 + d1 * d1
-        parting = touching + discs.own[p, 5] if own else touching
-        if square >= parting * parting:
+        touching, length = radius_i + radius_j, motion.place[p - block, 2]
+        if length >= touching + discs.reach[p]:
             if motion.shear[p] != 0.0:
-                kt = discs.kt[p] * motion.root[p] if varies else discs.kt[p]
-                if summed and kt > 0.0:
-                    slipped += 0.5 * motion.shear[p] ** 2 / kt
+                if summed and motion.kt[p] > 0.0:
+                    slipped += 0.5 * motion.shear[p] ** 2 / motion.kt[p]
                 motion.shear[p] = 0.0
-            motion.root[p] = 0.0
-            if rolls and motion.rolled[p] != 0.0:
+            motion.kt[p] = 0.0
+            if motion.rolled[p] != 0.0:
                 if summed:
                     slipped += 0.5 * motion.rolled[p] ** 2 / discs.k_r[p]
                 motion.rolled[p] = 0.0
             continue
-        length = math.sqrt(square)
+        e0, e1 = d0, d1 = motion.place[p - block, 0], motion.place[p - block, 1]
+        v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
+        if discs.wraps[p]:
+            m0, m1 = discs.images[p, 0], discs.images[p, 1]
+            v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
+            if j >= first_wall:
+                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
+                away = n0 * d0 + n1 * d1
+                d0, d1 = away * n0, away * n1
         over = 1.0 / length
         n0, n1 = d0 * over, d1 * over
         arm_i = 0.5 * (length + radius_i - radius_j)
         arm_j = length - arm_i
-        normal, kt = discs.kn[p] * (touching - length), discs.kt[p]
         across = n0 * v1 - n1 * v0
         if by_radii:
             slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
         else:
             slip = across - arm_i * w[i] - arm_j * w[j]
-        most = discs.mu[p] * normal
-        first = before = motion.shear[p]
-        if varies:
-            root, was = math.sqrt(parting - length), motion.root[p]
-            if own:
-                normal, root, most = discs.own[p, 0], discs.own[p, 1], discs.own[p, 2]
-            else:
-                normal *= root
-                most *= root
-            motion.root[p] = root
-            kt *= root
-            if before != 0.0 and kt > 0.0:
-                stored = before * before / was
-                if own:
-                    before -= discs.own[p, 3] * (n0 * v0 + n1 * v1) * dt
-                if discs.by_displacement:
-                    before *= root / was
-                beyond += 0.5 * (stored - before * before / root) / discs.kt[p]
+        row = p - block
+        normal, kt, most, before = answer[row, 0], answer[row, 1], answer[row, 2], answer[row, 3]
+        first, was = motion.shear[p], motion.kt[p]
+        if summed and first != 0.0 and kt > 0.0 and (kt != was or before != first):
+            beyond += 0.5 * (first * first / was - before * before / kt)
+        motion.kt[p] = kt
         stuck = before - kt * slip * dt
         shear = min(max(stuck, -most), most)
         motion.shear[p] = shear
@@ -262,10 +303,10 @@ def update_forces(
         resultant[i, 0] -= f0
         resultant[i, 1] -= f1
         resultant[i, 2] -= arm_i * shear
-        if rolls and discs.k_r[p] > 0.0:
+        if discs.k_r[p] > 0.0:
             rolled = motion.rolled[p]
             moment = elastic = rolled - discs.k_r[p] * (w[j] - w[i]) * dt
-            limit = discs.rolling_reach[p] * (normal - discs.own[p, 4] if own else normal)
+            limit = discs.rolling_reach[p] * (normal - discs.at_touch[p])
             if abs(elastic) > limit:
                 moment = math.copysign(limit, elastic)
                 if summed:
@@ -285,8 +326,10 @@ def update_forces(
             if by_radii:
                 beyond += 0.5 * (first + shear) * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
-    motion.work[1] += slipped
-    motion.work[2] += beyond
+    if summed:
+        motion.work[1] += slipped
+        motion.work[2] += beyond
+    return parted
 
 
 @kernel

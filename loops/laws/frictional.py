@@ -149,7 +149,10 @@ class FrictionalLaw(Shown):
     - open: `N = T = 0`.
 
     A law whose strength grows otherwise than as `mu N` overrides `strength` and, if its slope with
-    N is not `mu`, `local_stiffness`.
+    N is not `mu`, `strength_slope`; one whose shear force changes with the overlap, `coupling`. All
+    these are formulae of one contact, elementwise in numpy: where they use nothing but the law's
+    parameters and `overlap`, `touching_length`, `length`, `radii_i`, `radii_j`, `normal_force`,
+    `shear_force` of the state, the equations of motion compile them.
 
     Attributes
     ----------
@@ -160,6 +163,9 @@ class FrictionalLaw(Shown):
         `(r_i + r_j) d(alpha)` (Yade's default).
     keeps_strength : bool
         Whether a path writes `T = s strength` into sliding contacts, or integrates `T'`.
+    compiled : bool or None
+        Whether the equations of motion compile a law of your own (2 to 3 s, once) or ask numpy in
+        every step; by default they compile it where a run has 2,500 steps or more and numba can.
 
     Examples
     --------
@@ -180,6 +186,7 @@ class FrictionalLaw(Shown):
     mu: ArrayLike = np.inf
     shear_increment: ShearIncrement = "branch"
     keeps_strength: bool = True
+    compiled: bool | None = None
 
     def __init__(self, **parameters: ArrayLike) -> None:
         vars(self).update(parameters)
@@ -213,6 +220,14 @@ class FrictionalLaw(Shown):
         finite = np.isfinite(mu)
         return np.where(finite, np.where(finite, mu, 0.0) * state.normal_force, np.inf)
 
+    def strength_slope(self, state: ContactState) -> ArrayLike:
+        """`dS/dN`, broadcastable to (..., C): `mu`."""
+        return self.mu
+
+    def coupling(self, state: ContactState) -> ArrayLike:
+        """`-dT/dun` of a contact that sticks, broadcastable to (..., C): zero."""
+        return 0.0
+
     def normal_energy(self, state: ContactState) -> Floats:
         """`Int N d(overlap)` from the first touch, by Gauss's rule with 16 nodes."""
         touching = state.touching_length
@@ -233,9 +248,12 @@ class FrictionalLaw(Shown):
         return np.ones_like(state.length), state.arm_i, state.arm_j
 
     def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Elastic `diag(kn, kt)`; sliding `[[kn, 0], [s mu kn, 0]]`, `s = sign(T)`; open zero."""
+        """Elastic `[[kn, 0], [coupling, kt]]`; sliding `[[kn, 0], [s S' kn, 0]]`; open zero.
+
+        `s = sign(T)`, and `S'` is the slope of the strength.
+        """
         kn, kt = (np.asarray(k, dtype=float) for k in self.stiffnesses(state))
-        mu = np.asarray(self.mu, dtype=float)
+        mu = np.asarray(self.strength_slope(state), dtype=float)
         shape = np.broadcast(state.length, state.shear_force, regime, kn, kt, mu).shape
         stiffness = np.zeros((*shape, 2, 2))
         stiffness[..., 0, 0] = np.where(regime != Regime.OPEN, kn, 0.0)
@@ -243,6 +261,9 @@ class FrictionalLaw(Shown):
         # A contact that never slides has infinite mu: keep it out of the product.
         friction = np.where((regime == Regime.SLIDING) & np.isfinite(mu), mu, 0.0)
         stiffness[..., 1, 0] = np.sign(state.shear_force) * friction * kn
+        if type(self).coupling is not FrictionalLaw.coupling:
+            sticks = regime == Regime.ELASTIC
+            stiffness[..., 1, 0] += np.where(sticks, self.coupling(state), 0.0)
         return stiffness
 
     def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:

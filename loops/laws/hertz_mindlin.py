@@ -8,12 +8,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Regimes
+from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws.frictional import (
     FrictionalLaw,
-    Regime,
     ShearIncrement,
     friction_and_increment,
     parameter,
@@ -134,14 +133,13 @@ class HertzMindlin(FrictionalLaw):
         kn = self.normal_stiffness(state)
         return kn, self.stiffness_ratio * kn
 
-    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Stiffness of `FrictionalLaw`; by displacement also `T/(2 delta) = T kn/(3 N)`."""
-        stiffness = super().local_stiffness(state, regime)
-        if self.shear_history == "displacement":
-            sticks = (regime == Regime.ELASTIC) & (state.normal_force > 0)
-            share = state.shear_force / (3.0 * np.where(sticks, state.normal_force, 1.0))
-            stiffness[..., 1, 0] += np.where(sticks, share, 0.0) * self.normal_stiffness(state)
-        return stiffness
+    def coupling(self, state: ContactState) -> Floats:
+        """`T/(2 delta) = T kn/(3 N)` of a shear force by displacement, else zero."""
+        if self.shear_history == "force":
+            return np.zeros(())
+        loaded = state.normal_force > 0
+        share = state.shear_force / (3.0 * np.where(loaded, state.normal_force, 1.0))
+        return np.asarray(np.where(loaded, share, 0.0) * self.normal_stiffness(state))
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""

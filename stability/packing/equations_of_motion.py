@@ -15,9 +15,9 @@ from scipy.sparse.linalg import eigsh
 from loops.arrays import Floats
 from loops.errors import InputError, number, whole_number
 from loops.laws import Regime
+from loops.laws.compiled import COMPILED_STEPS
 from loops.scene import Scene, of_scene
 from stability.packing.pairs import (
-    HERTZ,
     Pairs,
     contact_pairs,
     frame_of,
@@ -94,9 +94,9 @@ def replay(
         One state, periodic or between four walls along the axes, with their forces where walls are
         rough. Grains that touch a wall later have its mean stiffness over the radius, or its mean
         stiffness where that varies less. Walls are springs, under `HertzMindlin` of that law with
-        the modulus that their forces tell. The law is linear, Hertz and Mindlin's, or one of your
-        own, which is asked in every step (slower by far); with rolling springs between grains,
-        whose moments start from the graph's.
+        the modulus that their forces tell. The law is linear, Hertz and Mindlin's, cohesive, or one
+        of your own, which is compiled where the replay is long (`FrictionalLaw.compiled`); with
+        rolling springs between grains, whose moments start from the graph's.
     strain : (2, 2) or (K, 2, 2) array, or Stage
         Displacement gradient `H` of the cell, or of the box between walls, at the end, compression
         positive: `h = (1 - H) h0`, reached at a constant velocity gradient. Or `H` at the ends of K
@@ -186,6 +186,7 @@ def replay(
         velocity=0.0 if velocity is None else velocity,
         spin=0.0 if spin is None else spin,
         gradient=gradients.get(0),
+        steps=steps,
     )
     motion = moving.motion
     if balanced:
@@ -215,6 +216,7 @@ def replay(
         spin=spin,
         steps=steps,
         time_step=dt,
+        law_asked=moving.asks,
     )
 
 
@@ -498,6 +500,10 @@ def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
     return np.asarray(C.reshape(4, 4))
 
 
+def _rolling_stiffness(pairs: Pairs) -> Floats:
+    return pairs.rolling.k_r if pairs.rolling else np.zeros(len(pairs))
+
+
 class Moving:
     """A packing in motion; its pairs are listed anew where grains come closer.
 
@@ -517,17 +523,21 @@ class Moving:
         velocity: ArrayLike = 0.0,
         spin: ArrayLike = 0.0,
         gradient: Floats | None = None,
+        steps: int = 0,
     ) -> None:
-        from loops.compiled.motion import MovingDiscs, update_forces
+        from loops.compiled.motion import BLOCK, MovingDiscs, place_all, update_forces
 
         self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
+        # How the law is asked, and the steps until now and those that are known to come.
+        self.asks, self.steps = "", steps
         bodies, grains = len(start.radii), slice(start.count)
         # Nothing accelerates a wall.
         self.lightness = np.zeros(bodies), np.zeros(bodies)
         self.lightness[0][grains], self.lightness[1][grains] = 1.0 / masses, 1.0 / inertias
         velocities, spins = np.zeros((bodies, 2)), np.zeros(bodies)
         velocities[grains], spins[grains] = velocity, spin
+        count = len(pairs)
         self.motion = MovingDiscs(
             x=np.array(start.x),
             velocity=velocities,
@@ -535,12 +545,12 @@ class Moving:
             spin=spins,
             cell=np.array(start.cell),
             shear=np.array(start.shear_force),
-            root=tangents(pairs, overlaps(start, pairs))[1]
-            if pairs.own
-            else np.sqrt(overlaps(start, pairs)),
-            rolled=np.where(pairs.rolling.k_r > 0, start.rolling_moment, 0.0)
-            if pairs.rolling
-            else np.zeros(0),
+            kt=tangents(pairs, overlaps(start, pairs))[1],
+            overlap=np.zeros(count),
+            before=np.zeros(count),
+            place=np.zeros((BLOCK, 3)),
+            answer=np.zeros((BLOCK, 4)),
+            rolled=np.where(_rolling_stiffness(pairs) > 0, start.rolling_moment, 0.0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -550,59 +560,80 @@ class Moving:
             closer=np.zeros(1),
         )
         self._list()
-        self._ask_law()
-        update_forces(self.motion, self.discs, 0.0, by_radii, servo.on)
+        place_all(self.motion, self.discs)
+        self.motion.before[:] = self.motion.overlap
+        self._ask()
+        update_forces(self.law, self.motion, self.discs, 0.0, by_radii, servo.on)
         servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
 
     def _list(self) -> None:
         """List the pairs that are close, and hand them to the kernels."""
-        from loops.compiled.motion import Discs
+        from loops.compiled.motion import APART, Discs
 
         motion = self.motion
         now = replace(self.start, x=motion.x, cell=motion.cell)
-        self.pairs = with_near(self.pairs, now, self.gap)
-        fresh = np.zeros(len(self.pairs) - len(motion.shear))
-        shear, root = (np.append(old, fresh) for old in (motion.shear, motion.root))
-        rolled = np.append(motion.rolled, fresh) if self.pairs.rolling else motion.rolled
-        self.motion = motion._replace(shear=shear, root=root, rolled=rolled)
-        self.listed = replace(now, contacts=self.pairs.grains, images=self.pairs.images)
-        self.motion.closer[:] = 0.0
-        images = self.pairs.images.astype(float)
-        grains = self.pairs.grains.astype(np.uint32)
-        wraps = images.any(axis=1) | (grains[:, 1] >= now.count)
-        radii, walls = np.array(now.radii), np.array(now.walls)
-        pairs = self.pairs
-        kn = HERTZ * pairs.kn if pairs.hertz else pairs.kn
-        kt = np.ones(len(pairs)) if pairs.own else pairs.kt
-        asked = np.empty((len(pairs) if pairs.own else 0, 6))
-        if pairs.own:
-            asked[:, 4], asked[:, 5] = pairs.at_touch, pairs.reach
+        self.pairs = pairs = with_near(self.pairs, now, self.gap)
+        fresh = len(pairs) - len(motion.shear)
+        none = np.zeros(fresh)
+        apart = APART * now.radii[pairs.grains[len(motion.shear) :]].sum(axis=1)
+        self.motion = motion._replace(
+            shear=np.append(motion.shear, none),
+            kt=np.append(motion.kt, none),
+            rolled=np.append(motion.rolled, none),
+            overlap=np.append(motion.overlap, apart),
+            before=np.append(motion.before, apart),
+        )
+        self.listed = replace(now, contacts=pairs.grains, images=pairs.images)
+        motion.closer[:] = 0.0
         self.discs = Discs(
-            radii, walls, *self.lightness, grains, images, wraps, kn, kt, pairs.mu, pairs.hertz,
-            pairs.by_displacement, asked, pairs.rolling.k_r if pairs.rolling else np.zeros(0),
-            rolling_reach(pairs, self.listed) if pairs.rolling else np.zeros(0),
-        )  # fmt: skip
+            radii=np.array(now.radii),
+            widest=2.0 * float(now.radii.max()),
+            walls=np.array(now.walls),
+            lightness=self.lightness[0],
+            slenderness=self.lightness[1],
+            pairs=pairs.grains.astype(np.uint32),
+            images=pairs.images.astype(float),
+            wraps=pairs.images.any(axis=1) | (pairs.grains[:, 1] >= now.count),
+            spans=np.ascontiguousarray(now.radii[pairs.grains].T),
+            reach=np.array(pairs.reach),
+            constants=np.zeros((0, len(pairs))),
+            k_r=_rolling_stiffness(pairs),
+            rolling_reach=rolling_reach(pairs, self.listed),
+            at_touch=np.array(pairs.at_touch),
+        )
+        self._hand_law()
 
-    def _ask_law(self) -> None:
-        """Ask a law of one's own for its forces where the grains are; bonds that part are gone."""
-        if self.pairs.own:
-            x, cell, out, own = self.motion.x, self.motion.cell, self.discs.own, self.pairs.own
-            overlap = overlaps(replace(self.listed, x=x, cell=cell), self.pairs)
-            touch, state = own.contacts(overlap, self.motion.shear)
-            if np.any((own.reach > 0) & ~touch):
-                self.pairs = self.pairs.parted((self.pairs.reach > 0) & (overlap == 0))
-                out[:, 4], out[:, 5] = self.pairs.at_touch, self.pairs.reach
-                assert self.pairs.own is not None
-                own = self.pairs.own
-                overlap = overlaps(replace(self.listed, x=x, cell=cell), self.pairs)
-                touch, state = own.contacts(overlap, self.motion.shear)
-            D = own.stiffness(state, Regime.ELASTIC)
-            # Walls are springs; what stands for pairs that are apart is not read.
-            out[:, 0], out[:, 1] = self.pairs.kn * overlap, self.pairs.kt
-            out[:, 2], out[:, 3] = np.where(overlap > 0, self.pairs.mu, 0.0) * out[:, 0], 0.0
-            most = np.where(np.isfinite(self.pairs.mu[own.rows]), own.law.strength(state), np.inf)
-            parts = (state.normal_force, D[:, 1, 1], most, D[:, 1, 0])
-            out[own.rows, :4] = np.where(touch, parts, 0.0).T
+    def _hand_law(self) -> None:
+        """Hand the law to the kernel, or tell why numpy is asked in its place."""
+        from loops.compiled.laws import Pointer, given
+
+        own = self.pairs.own
+        wanted = own.law.compiled if own else None
+        filling = self.pairs.filling(self.steps >= COMPILED_STEPS if wanted is None else wanted)
+        if not isinstance(filling, str):
+            self.law, constants = filling
+            self.asks = "compiled" if own and self.law.made else "kernel"
+        elif wanted:
+            received, expected = f"compiled=True; {filling}", "methods that numba can compile"
+            raise InputError("law", received, expected, "Leave compiled out.")
+        else:
+            self.asks = filling if filling == "numpy" else f"numpy: {filling}"
+            self.law, constants = Pointer(given), np.zeros((4, len(self.pairs)))
+        self.discs = self.discs._replace(constants=constants)
+
+    def _part(self) -> None:
+        """Take the bonds of pairs that have parted."""
+        now = replace(self.listed, x=self.motion.x, cell=self.motion.cell)
+        self.pairs = self.pairs.parted((self.pairs.reach > 0) & (overlaps(now, self.pairs) == 0))
+        self.discs.reach[:], self.discs.at_touch[:] = self.pairs.reach, self.pairs.at_touch
+        self._hand_law()
+
+    def _ask(self) -> None:
+        """Ask numpy for the forces where the pairs are placed, if the kernel can't ask the law."""
+        motion = self.motion
+        if self.asks.startswith("numpy"):
+            now = motion.overlap, motion.before, motion.shear
+            self.discs.constants[:] = self.pairs.answer(*now)
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (B, 3) on the bodies, from now on."""
@@ -611,27 +642,45 @@ class Moving:
 
     def run(self, steps: int, dt: float, damping: float = 0.3, viscous: float = 0.0) -> bool:
         """Integrate some steps; False where pairs had to be listed in too many steps in a row."""
-        from loops.compiled.motion import finish, move, run
+        from loops.compiled.motion import run
 
         done = singles = 0
+        long = self.steps >= COMPILED_STEPS
+        self.steps += steps
+        if self.asks == "numpy" and not long and self.steps >= COMPILED_STEPS:
+            self._hand_law()
         while done < steps:
             if self.motion.closer[0] > self.gap:
                 self._list()
-            made, widest = 0, 2.0 * float(self.start.radii.max())
-            while self.pairs.own and made < steps - done and self.motion.closer[0] <= self.gap:
-                fastest = move(self.motion, self.discs, dt, damping, viscous)
-                self.motion.closer[0] += dt * 2.0 * fastest
-                self._ask_law()
-                finish(self.motion, self.discs, self.servo, dt, self.by_radii, widest)
-                made += 1
-            if not self.pairs.own:
-                how = (steps - done, dt, damping, viscous, self.by_radii, self.gap)
-                made = run(self.motion, self.discs, self.servo, *how)
-            singles = singles + 1 if made == 1 < steps - done else 0
+            how = (dt, damping, viscous)
+            if self.asks.startswith("numpy"):
+                made = self._asking_step(*how)
+            else:
+                made = run(
+                    self.law, self.motion, self.discs, self.servo, steps - done, *how,
+                    self.by_radii, self.gap,
+                )  # fmt: skip
+            if made < 0:
+                self._part()
+            made = abs(made)
+            singles = singles + 1 if self.motion.closer[0] > self.gap and made == 1 else 0
             if singles > SINGLES:
                 return False
             done += made
         return True
+
+    def _asking_step(self, dt: float, damping: float, viscous: float) -> int:
+        """Make a step as the kernel does, with the law asked in numpy."""
+        from loops.compiled.motion import finish, move, place_all
+
+        motion, discs = self.motion, self.discs
+        motion.closer[0] += dt * (2.0 * move(motion, discs, dt, damping, viscous))
+        before = motion.overlap.copy()
+        place_all(motion, discs)
+        self._ask()
+        motion.overlap[:] = before
+        parted = finish(self.law, motion, discs, self.servo, dt, self.by_radii)
+        return -1 if parted else 1
 
     def state(self) -> PackingState:
         """The current packing; its first pairs are those of the start."""
@@ -645,8 +694,6 @@ class Moving:
             images=self.pairs.images,
             normal_force=np.zeros(len(motion.shear)),
             shear_force=motion.shear.copy(),
-            rolling_moment=motion.rolled.copy()
-            if self.pairs.rolling
-            else np.zeros(len(motion.shear)),
+            rolling_moment=motion.rolled.copy(),
         )
         return with_normal_forces(state, self.pairs)

@@ -14,7 +14,15 @@ from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
-from loops.laws import FrictionalLaw, HertzMindlin, LinearFrictional, Regime, RollingResistance
+from loops.laws import (
+    CohesiveFrictional,
+    FrictionalLaw,
+    HertzMindlin,
+    LinearFrictional,
+    Regime,
+    RollingResistance,
+)
+from loops.laws.compiled import Filling, answer_of, compiled
 from stability.packing.state import PackingState
 
 # A pair at one geometry, as the kernels take it; all lengths but `d` are over the mean radius.
@@ -156,6 +164,38 @@ class Pairs:
             force[self.own.rows] = self.own.parting().normal_force
         return force
 
+    def filling(self, compile_own: bool) -> Filling | str:
+        """Return the law as the kernel of motion calls it; or why numpy is asked in its place."""
+        from loops.compiled import laws as kernels
+
+        constants = np.array([self.kn, self.kt, self.mu])
+        if self.hertz:
+            constants[0] *= HERTZ
+            fill = kernels.hertz_by_displacement if self.by_displacement else kernels.hertz
+            return Filling(kernels.Pointer(fill), constants)
+        if not self.own:
+            return Filling(kernels.Pointer(kernels.linear), constants)
+        law, rows = self.own.law, self.own.rows
+        if type(law) is CohesiveFrictional:
+            constants = np.concatenate([constants, np.zeros((2, len(self)))])
+            attraction = 0.0 if law.bonded else law.adhesion
+            for row, of in enumerate((law.kn, law.kt, law.mu, attraction, law.cohesion)):
+                constants[row, rows] = of
+            return Filling(kernels.Pointer(kernels.cohesive), constants)
+        if not compile_own:
+            return "numpy"
+        constants[:, rows] = 0.0
+        return compiled(law, rows, constants)
+
+    def answer(self, overlap: Floats, before: Floats, T: Floats) -> Floats:
+        """Return (4, P) what the law fills in at overlaps that are positive where pairs touch."""
+        assert self.own is not None
+        out = np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
+        rows = self.own.rows
+        now = (overlap[rows], before[rows], T[rows])
+        out[:, rows] = answer_of(self.own.law, self.own.radii, *now).T
+        return out
+
     @cached_property
     def strength_at_touch(self) -> Floats:
         """(P,) shear force that pairs can carry where they open."""
@@ -250,7 +290,8 @@ def at_limit(pairs: Pairs, state: PackingState, share: float = AT_YIELD) -> Flag
 
 def rolling_reach(pairs: Pairs, state: PackingState) -> Floats:
     """(P,) largest `|M|/(N - at_touch)` of rolling springs, infinite where there is none."""
-    assert pairs.rolling is not None
+    if pairs.rolling is None:
+        return np.full(len(pairs), np.inf)
     R = _effective_radii(state.radii[pairs.grains])
     k_r, mu_r = pairs.rolling
     finite = (k_r > 0) & np.isfinite(mu_r)

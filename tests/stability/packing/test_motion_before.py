@@ -33,18 +33,38 @@ def in_motion(law):
     return Moving(start, pairs, masses, inertias, servo, by_radii, gradient=gradient), dt
 
 
+def steps_of(kernel, moving, steps, dt):
+    """Steps of a kernel, as it takes them; the state that it changes."""
+    how = (steps, dt, 0.3, 0.0, moving.by_radii, np.inf)
+    if kernel is now:
+        return moving.motion, lambda: now.run(
+            moving.law, moving.motion, moving.discs, moving.servo, *how
+        )
+    motion, discs, pairs = moving.motion, moving.discs, moving.pairs
+    then = {name: getattr(motion, name) for name in before.MovingDiscs._fields if name != "root"}
+    root = np.sqrt(np.maximum(motion.overlap, 0.0)) * (motion.kt > 0)
+    state = before.MovingDiscs(**then, root=root)
+    kn, kt, mu = discs.constants
+    shared = {name: getattr(discs, name) for name in before.Discs._fields if hasattr(discs, name)}
+    of_law = {"kn": kn, "kt": kt, "mu": mu, "hertz": pairs.hertz, "own": np.zeros((0, 5))}
+    listed = before.Discs(**shared, **of_law, by_displacement=pairs.by_displacement)
+    return state, lambda: before.run(state, listed, moving.servo, *how)
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_five_hundred_steps_are_those_of_the_kernel_before(name):
     law, share = LAWS[name]
     one, dt = in_motion(law)
     other, _ = in_motion(law)
+    states = []
     for moving, kernel in ((one, now), (other, before)):
-        how = (500, dt, 0.3, 0.0, moving.by_radii, np.inf)
-        assert kernel.run(moving.motion, moving.discs, moving.servo, *how) == 500
+        state, run = steps_of(kernel, moving, 500, dt)
+        assert run() == 500
+        states.append(state)
     first = one.start.shear_force
     assert np.count_nonzero(one.motion.shear[: len(first)] != first) > 20
     for field in ("x", "velocity", "angle", "spin", "cell", "shear", "resultant", "rolled"):
-        a, b = (getattr(moving.motion, field) for moving in (one, other))
+        a, b = (getattr(state, field) for state in states)
         size = np.abs(b).max(initial=0.0)
         np.testing.assert_allclose(a, b, rtol=0, atol=share * size, err_msg=field)
 
@@ -56,9 +76,9 @@ def test_a_step_takes_no_longer_than_that_of_the_kernel_before(name):
     found = []
     for kernel in (now, before) * 40:
         moving, dt = in_motion(LAWS[name][0])
-        how = (dt, 0.3, 0.0, moving.by_radii, np.inf)
-        kernel.run(moving.motion, moving.discs, moving.servo, 1, *how)
+        steps_of(kernel, moving, 1, dt)[1]()
+        run = steps_of(kernel, moving, 1500, dt)[1]
         begin = process_time()
-        kernel.run(moving.motion, moving.discs, moving.servo, 1500, *how)
+        run()
         found.append(process_time() - begin)
     assert min(found[::2]) < 1.1 * min(found[1::2])

@@ -1,0 +1,157 @@
+"""Contact laws as the equations of motion take them: compiled, and called once a step.
+
+A law of one's own is compiled from the methods that its author wrote for numpy, as they stand;
+known laws are kernels that numba keeps (`loops.compiled.laws`).
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loops.arrays import Floats, Integers
+from loops.graph import ContactState
+from loops.laws.frictional import FrictionalLaw
+
+# Steps from which on a law of one's own is compiled: that takes 2 to 3 s, and saves some 0.8 ms a
+# step (4,050 contacts).
+COMPILED_STEPS = 2_500
+# Largest difference of a compiled law from numpy, over the size of each quantity: rounding of a few
+# operations. Beyond it numpy is asked.
+AS_NUMPY = 1e-12
+# Methods that are compiled as they stand.
+METHODS = ("closed_force", "stiffnesses", "strength", "coupling")
+# Methods that the compiled law has no use for; where they are changed numpy is asked.
+DERIVED = ("local_stiffness", "normal_force")
+
+State = namedtuple(
+    "State", "overlap touching_length length radii_i radii_j normal_force shear_force"
+)
+
+
+class Filling(NamedTuple):
+    """A law as a kernel calls it, by a pointer, with its constants by pair (n, P)."""
+
+    pointer: Any
+    constants: Floats
+
+
+def compiled(law: FrictionalLaw, rows: Integers, springs: Floats) -> Filling | str:
+    """Return a law of one's own between the pairs `rows`, compiled; or why numba cannot.
+
+    `springs` (3, P) are `kn`, `kt`, `mu` of the other pairs, walls; zero of the rows.
+    """
+    kind = type(law)
+    changed = [name for name in DERIVED if getattr(kind, name) is not getattr(FrictionalLaw, name)]
+    if changed:
+        return f"it changes {', '.join(changed)}"
+    names = tuple(
+        name
+        for name, value in sorted(vars(law).items())
+        if not isinstance(value, str | bool) and np.ndim(value) <= 1 and _numeric(value)
+    )
+    pointer = _compiled(tuple(getattr(kind, name) for name in METHODS), names)
+    if isinstance(pointer, str):
+        return pointer
+    constants = np.ones((len(names) + 3, springs.shape[1]))
+    for row, name in enumerate(names):
+        constants[row, rows] = vars(law)[name]
+    constants[len(names) :] = springs
+    return Filling(pointer, constants)
+
+
+def _numeric(value: Any) -> bool:
+    return np.asarray(value).dtype.kind in "iuf"
+
+
+def _constant_stiffnesses(law: Any, state: Any) -> Any:
+    """`stiffnesses` of a law with a constant `kt`; the kernel asks for no `kn`."""
+    return 0.0, law.kt
+
+
+def _coulomb(law: Any, state: Any) -> Any:
+    """`mu N`; infinite where nothing slides."""
+    return np.where(np.isfinite(law.mu), law.mu * state.normal_force, np.inf)
+
+
+def _unlimited(law: Any, state: Any) -> Any:
+    """Return the strength of a law without friction of its own: it never slides."""
+    return np.inf
+
+
+def _uncoupled(law: Any, state: Any) -> Any:
+    return 0.0
+
+
+@cache
+def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -> Any:
+    """Return a pointer to the methods of a law, compiled; or why numba cannot."""
+    import numba
+    from numba.core.errors import NumbaError
+
+    from loops.compiled.laws import FILL, Pointer
+
+    force, stiffnesses, strength, coupling = methods
+    if stiffnesses is FrictionalLaw.stiffnesses:
+        stiffnesses = _constant_stiffnesses
+    if strength is FrictionalLaw.strength:
+        strength = _coulomb if "mu" in names else _unlimited
+    if coupling is FrictionalLaw.coupling:
+        coupling = _uncoupled
+    written = (force, stiffnesses, strength, coupling)
+    how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+    parts = {f"method_{k}": numba.njit(**how)(method) for k, method in enumerate(written)}
+    parts |= {"Law": namedtuple("Law", names), "State": State, "where": np.where}
+    rows = "".join(f"constants[{k}, first:last], " for k in range(len(names)))
+    exec(FILLING.format(rows=rows, n=len(names)), parts)
+    try:
+        return Pointer(numba.njit(FILL, **how)(parts["fill"]), made=True)
+    except NumbaError as error:
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        return next((line for line in lines if not line.startswith("Failed in")), lines[0])
+
+
+# Walls beside the law are springs: their constants come after those of the law.
+FILLING = """
+def fill(constants, radii, overlap, before, T, first, last, out):
+    law = Law({rows})
+    now, radii_i, radii_j = overlap[first:last], radii[0, first:last], radii[1, first:last]
+    shear, touching = T[first:last], radii_i + radii_j
+    length = touching - now
+    state = State(now, touching, length, radii_i, radii_j, shear, shear)
+    N = method_0(law, state)
+    state = State(now, touching, length, radii_i, radii_j, N, shear)
+    kn, kt = method_1(law, state)
+    rows = out[: last - first]
+    rows[:, 0] = N
+    rows[:, 1] = kt
+    rows[:, 2] = method_2(law, state)
+    kept = shear - method_3(law, state) * (before[first:last] - now)
+    rows[:, 3] = where(shear != 0.0, kept, shear)
+    for p in range(first, last):
+        kn, kt, mu = constants[{n}, p], constants[{n} + 1, p], constants[{n} + 2, p]
+        if kn > 0.0:
+            normal = kn * overlap[p]
+            out[p - first, 0], out[p - first, 1] = normal, kt
+            out[p - first, 2], out[p - first, 3] = mu * normal, T[p]
+"""
+
+
+def answer_of(
+    law: FrictionalLaw, radii: Floats, overlap: Floats, before: Floats, T: Floats
+) -> Floats:
+    """Return (C, 4) what a compiled law fills in, from numpy."""
+    i, j = radii
+    touching = i + j
+    n = np.tile([1.0, 0.0], (len(i), 1))
+    state = ContactState(touching - overlap, n, n[:, ::-1], 0.0 * T, T, i, j)
+    N = np.asarray(law.closed_force(state), dtype=float)
+    state = ContactState(touching - overlap, n, n[:, ::-1], N, T, i, j)
+    D = law.local_stiffness(state, np.ones(len(T), dtype=np.int8))
+    kept = np.where(T != 0.0, T - D[:, 1, 0] * (before - overlap), T)
+    most = np.where(np.isfinite(law.mu), law.strength(state), np.inf)
+    return np.column_stack([N, D[:, 1, 1], most, kept])

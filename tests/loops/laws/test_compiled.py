@@ -1,0 +1,180 @@
+"""A law compiled as it stands beside numpy: the same numbers, and the reason where it cannot be."""
+
+import numpy as np
+import pytest
+
+from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional, contact_state
+from loops.compiled import laws as kernels
+from loops.graph import GrainGraph
+from loops.laws.compiled import answer_of, compiled
+
+COUNT = 40
+ROWS = np.arange(COUNT)
+DRAW = np.random.default_rng(5)
+RADII = DRAW.uniform(0.5, 2.0, (2, COUNT))
+OVERLAP = DRAW.uniform(1e-6, 0.1, COUNT)
+BEFORE = OVERLAP * DRAW.uniform(0.9, 1.1, COUNT)
+SHEAR = np.where(np.arange(COUNT) % 7 == 0, 0.0, DRAW.uniform(-0.1, 0.1, COUNT))
+MODULI = DRAW.uniform(1.0, 3.0, COUNT)
+
+
+class Springs(FrictionalLaw):
+    """No tangent but `kt`."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap
+
+
+class Adhesive(FrictionalLaw):
+    def closed_force(self, state):
+        return self.kn * state.overlap - self.adhesion
+
+    def strength(self, state):
+        return self.mu * (state.normal_force + self.adhesion)
+
+
+class Spheres(FrictionalLaw):
+    """Hertz and Mindlin's law, whose shear force goes with `kt`."""
+
+    def closed_force(self, state):
+        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length)
+        return 2 / 3 * self.modulus * root * state.overlap * np.sqrt(state.overlap)
+
+    def stiffnesses(self, state):
+        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length * state.overlap)
+        return self.modulus * root, self.ratio * self.modulus * root
+
+    def coupling(self, state):
+        return state.shear_force / (2 * state.overlap)
+
+
+class Stiffening(FrictionalLaw):
+    def closed_force(self, state):
+        return self.k * state.overlap * (1.0 + self.b * state.overlap)
+
+    def strength(self, state):
+        return self.mu * state.normal_force / (1.0 + self.c * state.normal_force)
+
+    def strength_slope(self, state):
+        return self.mu / (1.0 + self.c * state.normal_force) ** 2
+
+
+class Sliding(Springs):
+    """A law that never slides, written with a friction that is infinite at some contacts."""
+
+
+LAWS = [
+    Springs(k=MODULI, kt=0.5, mu=0.5),
+    Springs(k=1.0, kt=0.5),
+    Sliding(k=2.0, kt=MODULI, mu=np.where(MODULI > 2, np.inf, 0.3)),
+    Adhesive(kn=1.5, kt=0.5, mu=0.3, adhesion=0.01 * MODULI),
+    Spheres(modulus=MODULI, ratio=0.8, mu=0.5),
+    Stiffening(k=MODULI, b=2.0, kt=0.7, mu=0.4, c=0.5),
+]
+
+
+def filled(function, constants):
+    out = np.empty((COUNT, 4))
+    for first in (0, 10):
+        part = out[first : first + 30 if first else 10]
+        at = first, first + len(part)
+        function(np.ascontiguousarray(constants), RADII, OVERLAP, BEFORE, SHEAR, *at, part)
+    return out
+
+
+def within_a_rounding(one, other):
+    """Equal to one unit in the last place of each column's size; infinite where the other is."""
+    assert (np.isinf(one) == np.isinf(other)).all()
+    finite = np.isfinite(other)
+    np.testing.assert_array_max_ulp(one[finite], other[finite], maxulp=1)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_a_compiled_law_is_that_of_numpy(law):
+    made = compiled(law, ROWS, np.zeros((3, COUNT)))
+    assert not isinstance(made, str), made
+    other = answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
+    within_a_rounding(filled(made.pointer.function, made.constants), other)
+    assert (other[SHEAR == 0, 3] == 0).all()
+    # Compiled once for all laws of a kind.
+    assert compiled(law.take([1]), ROWS[:1], np.zeros((3, 1))).pointer is made.pointer
+
+
+@pytest.mark.parametrize("kind", ["linear", "attraction", "bond", "force", "displacement"])
+def test_kernels_of_known_laws_are_these_laws(kind):
+    """By displacement `T` goes with `kt`."""
+    mu = np.where(MODULI > 2.5, np.inf, 0.4)
+    if kind == "linear":
+        law = LinearFrictional(MODULI, 0.5, mu)
+        constants, function = [MODULI, 0.5 + 0 * MODULI, mu], kernels.linear
+    elif kind in ("attraction", "bond"):
+        bonded = kind == "bond"
+        law = CohesiveFrictional(MODULI, 0.5, mu, 0.02, bonded=bonded)
+        attraction, cohesion = 0.0 if bonded else 0.02, np.broadcast_to(law.cohesion, COUNT)
+        rows = [MODULI, 0.5 + 0 * MODULI, mu, attraction + 0 * MODULI, cohesion]
+        constants, function = rows, kernels.cohesive
+    else:
+        law = HertzMindlin(MODULI, 0.2, mu, shear_history=kind)
+        root = np.sqrt(RADII[0] * RADII[1] / RADII.sum(axis=0))
+        kn = MODULI / (1 - 0.2**2) * root
+        constants = [2 / 3 * kn, law.stiffness_ratio * kn, mu]
+        function = kernels.hertz if kind == "force" else kernels.hertz_by_displacement
+    found, wanted = filled(function, constants), answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
+    if kind == "displacement":
+        wanted[:, 3] = SHEAR * np.sqrt(OVERLAP / BEFORE)
+    np.testing.assert_allclose(found, wanted, rtol=1e-14 if "Hertz" not in repr(law) else 4e-15)
+    if kind == "linear":
+        assert np.array_equal(found, wanted)
+
+
+class Branching(Springs):
+    """Asks for the truth of an array."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap if self.k > 1 else 0.0 * state.overlap
+
+
+class Changed(Springs):
+    def local_stiffness(self, state, regime):
+        return super().local_stiffness(state, regime)
+
+
+class Framed(Springs):
+    """Asks for more than the overlap and the forces."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap * np.abs(state.n[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("law", "reason"),
+    [(Branching(k=2.0, kt=0.5), "bool"), (Changed(k=2.0, kt=0.5), "it changes local_stiffness"),
+     (Framed(k=2.0, kt=0.5), "n")],
+)  # fmt: skip
+def test_a_law_that_cannot_be_compiled_says_why(law, reason):
+    found = compiled(law, ROWS, np.zeros((3, COUNT)))
+    assert isinstance(found, str) and reason in found and "\n" not in found
+
+
+@pytest.mark.parametrize("law", LAWS[3:], ids=lambda law: type(law).__name__)
+def test_stiffnesses_are_slopes_of_the_formulae(law):
+    """`strength_slope` and `coupling` stand in `local_stiffness`, by their sign and regime."""
+    distance = (RADII.sum(axis=0) - OVERLAP)[:, None] * [1.0, 0.0]
+    pairs = np.arange(2 * COUNT).reshape(-1, 2)
+    x = np.stack([0 * distance, distance], axis=1).reshape(-1, 2)
+    graph = GrainGraph(x=x, radii=RADII.T.ravel(), contacts=pairs, shear_force=SHEAR)
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    state, size = contact_state(graph), 1e-6
+
+    def at(shift):
+        from dataclasses import replace
+
+        moved = replace(state, length=state.length - shift)
+        return replace(moved, normal_force=law.closed_force(moved))
+
+    more, less = at(size), at(-size)
+    slides = law.local_stiffness(state, np.full(COUNT, 2, dtype=np.int8))
+    rise = (law.strength(more) - law.strength(less)) / (2 * size)
+    np.testing.assert_allclose(slides[:, 1, 0], np.sign(SHEAR) * rise, rtol=1e-5, atol=1e-9)
+    sticks = law.local_stiffness(state, np.ones(COUNT, dtype=np.int8))
+    np.testing.assert_allclose(sticks[:, 1, 0], np.broadcast_to(law.coupling(state), COUNT))
