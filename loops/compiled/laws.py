@@ -1,9 +1,8 @@
 """Known contact laws as kernels: what each gives for all pairs at once, and its pointer.
 
-A function here fills the rows of `out`, from its top, with `N`, `kt`, the strength, and the shear
-force that a pair keeps as its overlap changes, for the pairs `first` to `last`. It takes constants
-(n, P), radii (2, P), overlaps (P,) now and a step before, and shear forces (P,). What it gives for
-pairs apart is not read.
+A function here fills `out` (4, P) with `N`, `kt`, the strength, and the shear force that a pair
+keeps as its overlap changes. It takes constants (n, P), radii (2, P), overlaps (P,) now and a step
+before, and shear forces (P,). What it gives for pairs that are apart is not read.
 `loops.laws.compiled` makes the same of a law of one's own.
 """
 
@@ -19,7 +18,7 @@ from loops.arrays import Floats
 from loops.compiled import kernel
 
 LINE, TABLE = (types.Array(types.float64, n, "C") for n in (1, 2))
-FILL = types.void(TABLE, TABLE, LINE, LINE, LINE, types.int64, types.int64, TABLE)
+FILL = types.void(TABLE, TABLE, LINE, LINE, LINE, TABLE)
 
 
 class Pointer(types.WrapperAddressProtocol):
@@ -42,89 +41,54 @@ class Pointer(types.WrapperAddressProtocol):
 
 @kernel
 def linear(
-    constants: Floats,
-    radii: Floats,
-    overlap: Floats,
-    before: Floats,
-    T: Floats,
-    first: int,
-    last: int,
-    out: Floats,
+    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in linear springs of the constants `kn`, `kt`, `mu`."""
-    for p in range(first, last):
+    for p in range(len(overlap)):
         normal = constants[0, p] * overlap[p]
-        out[p - first, 0], out[p - first, 1] = normal, constants[1, p]
-        out[p - first, 2], out[p - first, 3] = constants[2, p] * normal, T[p]
+        out[0, p], out[1, p] = normal, constants[1, p]
+        out[2, p], out[3, p] = constants[2, p] * normal, T[p]
 
 
 @kernel
 def cohesive(
-    constants: Floats,
-    radii: Floats,
-    overlap: Floats,
-    before: Floats,
-    T: Floats,
-    first: int,
-    last: int,
-    out: Floats,
+    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in linear springs of the constants `kn`, `kt`, `mu`, attraction, cohesion."""
-    for p in range(first, last):
+    for p in range(len(overlap)):
         normal, mu = constants[0, p] * overlap[p] - constants[3, p], constants[2, p]
-        out[p - first, 0], out[p - first, 1], out[p - first, 3] = normal, constants[1, p], T[p]
-        out[p - first, 2] = math.inf if math.isinf(mu) else max(mu * normal + constants[4, p], 0.0)
+        out[0, p], out[1, p], out[3, p] = normal, constants[1, p], T[p]
+        out[2, p] = math.inf if math.isinf(mu) else max(mu * normal + constants[4, p], 0.0)
 
 
 @kernel
 def hertz(
-    constants: Floats,
-    radii: Floats,
-    overlap: Floats,
-    before: Floats,
-    T: Floats,
-    first: int,
-    last: int,
-    out: Floats,
+    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in spheres of the constants `kn`, `kt` over the root of the overlap, `mu`."""
-    for p in range(first, last):
+    for p in range(len(overlap)):
         normal, root = constants[0, p] * overlap[p], math.sqrt(overlap[p])
-        out[p - first, 0], out[p - first, 1] = normal * root, constants[1, p] * root
-        out[p - first, 2], out[p - first, 3] = constants[2, p] * normal * root, T[p]
+        out[0, p], out[1, p] = normal * root, constants[1, p] * root
+        out[2, p], out[3, p] = constants[2, p] * normal * root, T[p]
 
 
 @kernel
 def hertz_by_displacement(
-    constants: Floats,
-    radii: Floats,
-    overlap: Floats,
-    before: Floats,
-    T: Floats,
-    first: int,
-    last: int,
-    out: Floats,
+    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in the same, of shear forces that go with `kt`."""
-    for p in range(first, last):
+    for p in range(len(overlap)):
         normal, root = constants[0, p] * overlap[p], math.sqrt(overlap[p])
-        out[p - first, 0], out[p - first, 1] = normal * root, constants[1, p] * root
-        out[p - first, 2] = constants[2, p] * normal * root
-        out[p - first, 3] = T[p] * (root / math.sqrt(before[p]))
+        out[0, p], out[1, p] = normal * root, constants[1, p] * root
+        out[2, p] = constants[2, p] * normal * root
+        out[3, p] = T[p] * (root / math.sqrt(before[p]))
 
 
 @kernel
 def given(
-    constants: Floats,
-    radii: Floats,
-    overlap: Floats,
-    before: Floats,
-    T: Floats,
-    first: int,
-    last: int,
-    out: Floats,
+    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in what numpy was asked for: the constants are the answers (4, P)."""
-    for p in range(first, last):
+    for p in range(len(overlap)):
         for k in range(4):
-            out[p - first, k] = constants[k, p]
+            out[k, p] = constants[k, p]

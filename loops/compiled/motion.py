@@ -2,9 +2,13 @@
 
 A step is Cundall and Strack's as Yade does it: forces at positions, velocities half a step later
 (symplectic), shear forces from the increments of the step. Centres move by `x' = L x + c`, the
-cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. Pairs are
-taken by blocks: placed, filled in by the law (`loops.compiled.laws`), their forces added up. All
+cell by `h' = L h`; inertia belongs to `c` alone. `L` is given, or a servo steers it. A step places
+all pairs, has the law fill in its answers (`loops.compiled.laws`), and adds up the forces. All
 kernels that a kernel calls stand in this file, but for the law, which comes as a pointer.
+
+Matrices are read by index, not unpacked, and the law is called in a kernel of its own: where
+something may raise numba counts references to every array in every call, which takes as long as
+some twenty pairs.
 """
 
 from __future__ import annotations
@@ -21,8 +25,6 @@ from loops.compiled import kernel
 
 # Overlap over the sum of the radii that pairs apart are handed to the law at: nothing reads it.
 APART = 1e-4
-# Pairs in a block: what is known of them stays in the processor's first cache of 32 kB.
-BLOCK = 256
 
 
 class MovingDiscs(NamedTuple):
@@ -37,10 +39,10 @@ class MovingDiscs(NamedTuple):
     kt: Floats  # (P,) shear stiffness, zero where open
     overlap: Floats  # (P,)
     before: Floats  # (P,) a step ago
-    # Of a block: from the first centre to the second, or to the wall's point, and the length; and
-    # `N`, `kt`, the strength, and `T` before the shear of the step, as the law gives them.
-    place: Floats  # (BLOCK, 3)
-    answer: Floats  # (BLOCK, 4)
+    # (3, P) from the first centre to the second, or to the wall's point, and the length, negative
+    # where the pair is apart
+    place: Floats
+    answer: Floats  # (4, P) the law's `N`, `kt`, strength, and `T` before the shear of the step
     rolled: Floats  # (P,) moment of the rolling spring on the second grain
     resultant: Floats  # (G, 3) forces and moments of the state
     speed: Floats  # (G, 2) `L x + c` in the last step
@@ -71,6 +73,7 @@ class Discs(NamedTuple):
     spans: Floats  # (2, P) radii of the pairs
     reach: Floats  # (P,) gap across which a closed pair holds: a bond
     constants: Floats  # (n, P) of the law
+    remembers: bool  # whether the law asks for the overlap before
     k_r: Floats  # (P,) of rolling springs, zero where there is none
     rolling_reach: Floats  # (P,) `|M|` at the limit over `N - at_touch`
     at_touch: Floats  # (P,) `N` where the pair opens
@@ -189,37 +192,49 @@ def move(motion: MovingDiscs, discs: Discs, dt: float, cundall: float, viscous: 
 
 
 @kernel
-def place(motion: MovingDiscs, discs: Discs, first: int, last: int) -> bool:
-    """Update branches and overlaps of a block of pairs; whether one has parted across a gap."""
+def place(motion: MovingDiscs, discs: Discs) -> bool:
+    """Update branches and overlaps of the pairs; whether one has parted across a gap."""
     x, parted = motion.x, False
-    h00, h01, h10, h11 = motion.cell[0, 0], motion.cell[0, 1], motion.cell[1, 0], motion.cell[1, 1]
+    cell = motion.cell
+    h00, h01, h10, h11 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
     first_wall = len(x) - len(discs.walls)
-    for p in range(first, last):
+    for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
         d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
         if discs.wraps[p]:
             m0, m1 = discs.images[p, 0], discs.images[p, 1]
             d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
-        motion.place[p - first, 0], motion.place[p - first, 1] = d0, d1
-        if j >= first_wall:
-            n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
-            away = n0 * d0 + n1 * d1
-            d0, d1 = away * n0, away * n1
+            motion.place[0, p], motion.place[1, p] = d0, d1
+            if j >= first_wall:
+                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
+                away = n0 * d0 + n1 * d1
+                d0, d1 = away * n0, away * n1
+        else:
+            motion.place[0, p], motion.place[1, p] = d0, d1
         length, touching = math.sqrt(d0 * d0 + d1 * d1), discs.radii[i] + discs.radii[j]
-        motion.place[p - first, 2] = length
-        motion.before[p] = motion.overlap[p]
-        closed = length < touching + discs.reach[p]
-        motion.overlap[p] = touching - length if closed else APART * touching
-        parted |= not closed and discs.reach[p] > 0.0
+        if discs.remembers:
+            motion.before[p] = motion.overlap[p]
+        reach = discs.reach[p]
+        if length < touching + reach:
+            motion.place[2, p], motion.overlap[p] = length, touching - length
+        else:
+            motion.place[2, p], motion.overlap[p] = -length, APART * touching
+            parted |= reach > 0.0
     return parted
 
 
 @kernel
-def place_all(motion: MovingDiscs, discs: Discs) -> None:
-    """Update the overlaps of all pairs."""
-    count = len(discs.pairs)
-    for first in range(0, count, BLOCK):
-        place(motion, discs, first, min(first + BLOCK, count))
+def _fill(
+    law: Callable[..., Any],
+    constants: Floats,
+    spans: Floats,
+    overlap: Floats,
+    before: Floats,
+    shear: Floats,
+    answer: Floats,
+) -> None:
+    """Call a law."""
+    law(constants, spans, overlap, before, shear, answer)
 
 
 @kernel
@@ -236,9 +251,24 @@ def update_forces(
     If `summed`, moments and works as well: mean forces times increments, closed to `dt` squared.
     Whether a bond has parted.
     """
+    parted = place(motion, discs)
+    _fill(
+        law, discs.constants, discs.spans, motion.overlap, motion.before, motion.shear,
+        motion.answer,
+    )  # fmt: skip
+    _add_forces(motion, discs, dt, by_radii, summed)
+    return parted
+
+
+@kernel
+def _add_forces(
+    motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool
+) -> None:
+    """Add up the forces of pairs that are placed and filled in."""
     v, w, resultant, answer = motion.speed, motion.spin, motion.resultant, motion.answer
-    L00, L01, L10, L11 = motion.gradient.flat
-    h00, h01, h10, h11 = motion.cell.flat
+    L, cell = motion.gradient, motion.cell
+    L00, L01, L10, L11 = L[0, 0], L[0, 1], L[1, 0], L[1, 1]
+    h00, h01, h10, h11 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
     # Periodic images of a grain are faster by this, times the image.
     g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
     g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
@@ -246,19 +276,10 @@ def update_forces(
     slipped = beyond = 0.0
     first_wall = len(motion.x) - len(discs.walls)
     resultant[:] = motion.load
-    count, parted, block = len(discs.pairs), False, 0
-    for p in range(count):
-        if p % BLOCK == 0:
-            block, last = p, min(p + BLOCK, count)
-            parted |= place(motion, discs, p, last)
-            law(
-                discs.constants, discs.spans, motion.overlap, motion.before, motion.shear,
-                p, last, answer,
-            )  # fmt: skip
+    for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
-        radius_i, radius_j = discs.radii[i], discs.radii[j]
-        touching, length = radius_i + radius_j, motion.place[p - block, 2]
-        if length >= touching + discs.reach[p]:
+        length = motion.place[2, p]
+        if length < 0.0:
             if motion.shear[p] != 0.0:
                 if summed and motion.kt[p] > 0.0:
                     slipped += 0.5 * motion.shear[p] ** 2 / motion.kt[p]
@@ -269,7 +290,9 @@ def update_forces(
                     slipped += 0.5 * motion.rolled[p] ** 2 / discs.k_r[p]
                 motion.rolled[p] = 0.0
             continue
-        e0, e1 = d0, d1 = motion.place[p - block, 0], motion.place[p - block, 1]
+        radius_i, radius_j = discs.radii[i], discs.radii[j]
+        touching = radius_i + radius_j
+        e0, e1 = d0, d1 = motion.place[0, p], motion.place[1, p]
         v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
         if discs.wraps[p]:
             m0, m1 = discs.images[p, 0], discs.images[p, 1]
@@ -287,8 +310,7 @@ def update_forces(
             slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
         else:
             slip = across - arm_i * w[i] - arm_j * w[j]
-        row = p - block
-        normal, kt, most, before = answer[row, 0], answer[row, 1], answer[row, 2], answer[row, 3]
+        normal, kt, most, before = answer[0, p], answer[1, p], answer[2, p], answer[3, p]
         first, was = motion.shear[p], motion.kt[p]
         if summed and first != 0.0 and kt > 0.0 and (kt != was or before != first):
             beyond += 0.5 * (first * first / was - before * before / kt)
@@ -329,7 +351,6 @@ def update_forces(
     if summed:
         motion.work[1] += slipped
         motion.work[2] += beyond
-    return parted
 
 
 @kernel

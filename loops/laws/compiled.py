@@ -106,7 +106,7 @@ def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -
     how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     parts = {f"method_{k}": numba.njit(**how)(method) for k, method in enumerate(written)}
     parts |= {"Law": namedtuple("Law", names), "State": State, "where": np.where}
-    rows = "".join(f"constants[{k}, first:last], " for k in range(len(names)))
+    rows = "".join(f"constants[{k}], " for k in range(len(names)))
     exec(FILLING.format(rows=rows, n=len(names)), parts)
     try:
         return Pointer(numba.njit(FILL, **how)(parts["fill"]), made=True)
@@ -117,34 +117,30 @@ def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -
 
 # Walls beside the law are springs: their constants come after those of the law.
 FILLING = """
-def fill(constants, radii, overlap, before, T, first, last, out):
+def fill(constants, radii, overlap, before, T, out):
     law = Law({rows})
-    now, radii_i, radii_j = overlap[first:last], radii[0, first:last], radii[1, first:last]
-    shear, touching = T[first:last], radii_i + radii_j
-    length = touching - now
-    state = State(now, touching, length, radii_i, radii_j, shear, shear)
+    touching = radii[0] + radii[1]
+    length = touching - overlap
+    state = State(overlap, touching, length, radii[0], radii[1], T, T)
     N = method_0(law, state)
-    state = State(now, touching, length, radii_i, radii_j, N, shear)
+    state = State(overlap, touching, length, radii[0], radii[1], N, T)
     kn, kt = method_1(law, state)
-    rows = out[: last - first]
-    rows[:, 0] = N
-    rows[:, 1] = kt
-    rows[:, 2] = method_2(law, state)
-    kept = shear - method_3(law, state) * (before[first:last] - now)
-    rows[:, 3] = where(shear != 0.0, kept, shear)
-    for p in range(first, last):
+    out[0] = N
+    out[1] = kt
+    out[2] = method_2(law, state)
+    out[3] = where(T != 0.0, T - method_3(law, state) * (before - overlap), T)
+    for p in range(len(overlap)):
         kn, kt, mu = constants[{n}, p], constants[{n} + 1, p], constants[{n} + 2, p]
         if kn > 0.0:
-            normal = kn * overlap[p]
-            out[p - first, 0], out[p - first, 1] = normal, kt
-            out[p - first, 2], out[p - first, 3] = mu * normal, T[p]
+            out[0, p] = normal = kn * overlap[p]
+            out[1, p], out[2, p], out[3, p] = kt, mu * normal, T[p]
 """
 
 
 def answer_of(
     law: FrictionalLaw, radii: Floats, overlap: Floats, before: Floats, T: Floats
 ) -> Floats:
-    """Return (C, 4) what a compiled law fills in, from numpy."""
+    """Return (4, C) what a compiled law fills in, from numpy."""
     i, j = radii
     touching = i + j
     n = np.tile([1.0, 0.0], (len(i), 1))
@@ -154,4 +150,4 @@ def answer_of(
     D = law.local_stiffness(state, np.ones(len(T), dtype=np.int8))
     kept = np.where(T != 0.0, T - D[:, 1, 0] * (before - overlap), T)
     most = np.where(np.isfinite(law.mu), law.strength(state), np.inf)
-    return np.column_stack([N, D[:, 1, 1], most, kept])
+    return np.array([N, D[:, 1, 1], most, kept])

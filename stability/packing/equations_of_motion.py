@@ -525,7 +525,7 @@ class Moving:
         gradient: Floats | None = None,
         steps: int = 0,
     ) -> None:
-        from loops.compiled.motion import BLOCK, MovingDiscs, place_all, update_forces
+        from loops.compiled.motion import MovingDiscs, place, update_forces
 
         self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
@@ -548,8 +548,8 @@ class Moving:
             kt=tangents(pairs, overlaps(start, pairs))[1],
             overlap=np.zeros(count),
             before=np.zeros(count),
-            place=np.zeros((BLOCK, 3)),
-            answer=np.zeros((BLOCK, 4)),
+            place=np.zeros((3, count)),
+            answer=np.zeros((4, count)),
             rolled=np.where(_rolling_stiffness(pairs) > 0, start.rolling_moment, 0.0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
@@ -560,7 +560,7 @@ class Moving:
             closer=np.zeros(1),
         )
         self._list()
-        place_all(self.motion, self.discs)
+        place(self.motion, self.discs)
         self.motion.before[:] = self.motion.overlap
         self._ask()
         update_forces(self.law, self.motion, self.discs, 0.0, by_radii, servo.on)
@@ -582,6 +582,8 @@ class Moving:
             rolled=np.append(motion.rolled, none),
             overlap=np.append(motion.overlap, apart),
             before=np.append(motion.before, apart),
+            place=np.zeros((3, len(pairs))),
+            answer=np.zeros((4, len(pairs))),
         )
         self.listed = replace(now, contacts=pairs.grains, images=pairs.images)
         motion.closer[:] = 0.0
@@ -597,6 +599,7 @@ class Moving:
             spans=np.ascontiguousarray(now.radii[pairs.grains].T),
             reach=np.array(pairs.reach),
             constants=np.zeros((0, len(pairs))),
+            remembers=pairs.by_displacement or bool(pairs.own),
             k_r=_rolling_stiffness(pairs),
             rolling_reach=rolling_reach(pairs, self.listed),
             at_touch=np.array(pairs.at_touch),
@@ -671,12 +674,12 @@ class Moving:
 
     def _asking_step(self, dt: float, damping: float, viscous: float) -> int:
         """Make a step as the kernel does, with the law asked in numpy."""
-        from loops.compiled.motion import finish, move, place_all
+        from loops.compiled.motion import finish, move, place
 
         motion, discs = self.motion, self.discs
         motion.closer[0] += dt * (2.0 * move(motion, discs, dt, damping, viscous))
         before = motion.overlap.copy()
-        place_all(motion, discs)
+        place(motion, discs)
         self._ask()
         motion.overlap[:] = before
         parted = finish(self.law, motion, discs, self.servo, dt, self.by_radii)

@@ -193,7 +193,7 @@ class Pairs:
         out = np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
         rows = self.own.rows
         now = (overlap[rows], before[rows], T[rows])
-        out[:, rows] = answer_of(self.own.law, self.own.radii, *now).T
+        out[:, rows] = answer_of(self.own.law, self.own.radii, *now)
         return out
 
     @cached_property
