@@ -261,9 +261,7 @@ def update_forces(
 
 
 @kernel
-def _add_forces(
-    motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool
-) -> None:
+def _add_forces(motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool) -> None:
     """Add up the forces of pairs that are placed and filled in."""
     v, w, resultant, answer = motion.speed, motion.spin, motion.resultant, motion.answer
     L, cell = motion.gradient, motion.cell

@@ -86,7 +86,11 @@ def within_a_rounding(one, other):
     np.testing.assert_array_max_ulp(one[finite], other[finite], maxulp=1)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize(
+    "law",
+    [pytest.param(law, marks=[pytest.mark.slow] * (k != 3)) for k, law in enumerate(LAWS)],
+    ids=lambda law: type(law).__name__,
+)
 def test_a_compiled_law_is_that_of_numpy(law):
     made = compiled(law, ROWS, np.zeros((3, COUNT)))
     assert not isinstance(made, str), made
