@@ -23,6 +23,8 @@ COMPILED_STEPS = 2_500
 # Largest difference of a compiled law from numpy, over the size of each quantity: rounding of a few
 # operations. Beyond it numpy is asked.
 AS_NUMPY = 1e-12
+# Overlaps over the sum of the radii at which the two are compared.
+TRIED = np.geomspace(1e-4, 1e-2, 7)
 # Methods that are compiled as they stand.
 METHODS = ("closed_force", "stiffnesses", "strength", "coupling")
 # Methods that the compiled law has no use for; where they are changed numpy is asked.
@@ -40,10 +42,12 @@ class Filling(NamedTuple):
     constants: Floats
 
 
-def compiled(law: FrictionalLaw, rows: Integers, springs: Floats) -> Filling | str:
+def compiled(law: FrictionalLaw, rows: Integers, radii: Floats, springs: Floats) -> Filling | str:
     """Return a law of one's own between the pairs `rows`, compiled; or why numba cannot.
 
-    `springs` (3, P) are `kn`, `kt`, `mu` of the other pairs, walls; zero of the rows.
+    `radii` (2, R) are those of the rows, `springs` (3, P) `kn`, `kt`, `mu` of the other pairs,
+    walls; zero of the rows. Numba takes some things otherwise than numpy, such as the truth of an
+    array: a law whose numbers differ is not compiled.
     """
     kind = type(law)
     changed = [name for name in DERIVED if getattr(kind, name) is not getattr(FrictionalLaw, name)]
@@ -61,6 +65,21 @@ def compiled(law: FrictionalLaw, rows: Integers, springs: Floats) -> Filling | s
     for row, name in enumerate(names):
         constants[row, rows] = vars(law)[name]
     constants[len(names) :] = springs
+    # Some overlaps and shear forces of either sign; without walls, whose rows are not the law's.
+    touching = radii.sum(axis=0)
+    trial = touching * TRIED[np.arange(len(rows)) % len(TRIED)]
+    overlap, before = touching - (touching - trial), 0.9 * trial
+    T = trial * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
+    out = np.empty((4, len(rows)))
+    of_rows = np.ascontiguousarray(constants[:, rows])
+    try:
+        pointer.function(of_rows, np.ascontiguousarray(radii), overlap, before, T, out)
+    except Exception as error:
+        return f"compiled it raises {type(error).__name__}: {error}"
+    wanted = answer_of(law, radii, overlap, before, T)
+    size = np.where(np.isfinite(wanted), np.abs(wanted), 0.0).max(axis=1, keepdims=True)
+    if not np.isclose(out, wanted, rtol=AS_NUMPY, atol=AS_NUMPY * size).all():
+        return "compiled it gives other numbers than in numpy"
     return Filling(pointer, constants)
 
 

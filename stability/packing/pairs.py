@@ -185,7 +185,7 @@ class Pairs:
         if not compile_own:
             return "numpy"
         constants[:, rows] = 0.0
-        return compiled(law, rows, constants)
+        return compiled(law, rows, self.own.radii, constants)
 
     def answer(self, overlap: Floats, before: Floats, T: Floats) -> Floats:
         """Return (4, P) what the law fills in at overlaps that are positive where pairs touch."""
