@@ -226,11 +226,11 @@ def test_a_law_derived_from_a_known_one_is_taken_as_it_is_written():
 def test_a_compiled_law_is_replayed_as_numpy_does(boundary):
     """In a cell and beside springs at walls; the answer says how the law was asked."""
     graph, _, walls = scene(boundary)
-    calm = {"inertial_number": 1e-3, "damping": 0.0, "viscous": 0.02, **walls}
+    calm = {"inertial_number": 1e-3, "damping": 0.0, "viscous": 0.02}
     ends = []
     for compiled in (True, False):
         law = Springs(k=1.0, kt=0.5, mu=0.5, compiled=compiled)
-        ends.append(replay(graph, law, np.diag([1e-3, -1e-3]), **calm))
+        ends.append(replay(Scene(graph, law, **walls), np.diag([1e-3, -1e-3]), **calm))
     assert [end.law_asked for end in ends] == ["compiled", "numpy"]
     a, b = (end.state for end in ends)
     np.testing.assert_allclose(a.forces, b.forces, atol=1e-11 * np.abs(b.forces).max())
@@ -238,9 +238,9 @@ def test_a_compiled_law_is_replayed_as_numpy_does(boundary):
 
 def test_a_law_is_compiled_where_the_run_is_long():
     graph, law = jammed(12, 1), Springs(k=1.0, kt=0.5, mu=0.5)
-    short, long = (replay(graph, law, np.diag([1e-5, 0]), steps=n) for n in (2_499, 2_500))
+    short, long = (replay(Scene(graph, law), np.diag([1e-5, 0]), steps=n) for n in (2_499, 2_500))
     assert (short.law_asked, long.law_asked) == ("numpy", "compiled")
-    known = replay(graph, LAW, np.diag([1e-5, 0]), steps=10)
+    known = replay(Scene(graph, LAW), np.diag([1e-5, 0]), steps=10)
     assert known.law_asked == "kernel"
 
 
@@ -250,8 +250,8 @@ def test_a_law_that_numba_cannot_compile_is_asked_in_numpy():
             return super().local_stiffness(state, regime)
 
     graph = jammed(12, 1)
-    end = replay(graph, Changed(k=1.0, kt=0.5, mu=0.5), np.diag([1e-5, 0]), steps=2_500)
+    end = replay(Scene(graph, Changed(k=1.0, kt=0.5, mu=0.5)), np.diag([1e-5, 0]), steps=2_500)
     assert end.law_asked == "numpy: it changes local_stiffness"
     law = Changed(k=1.0, kt=0.5, mu=0.5, compiled=True)
     with pytest.raises(InputError, match="compiled=True; it changes local_stiffness"):
-        replay(graph, law, np.diag([1e-5, 0]), steps=10)
+        replay(Scene(graph, law), np.diag([1e-5, 0]), steps=10)
