@@ -529,8 +529,8 @@ class Moving:
 
         self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
-        # How the law is asked, and the steps until now and those that are known to come.
-        self.asks, self.steps = "", steps
+        # How the law is asked; steps that are known of, and those made.
+        self.asks, self.steps, self.made = "", steps, 0
         bodies, grains = len(start.radii), slice(start.count)
         # Nothing accelerates a wall.
         self.lightness = np.zeros(bodies), np.zeros(bodies)
@@ -649,7 +649,8 @@ class Moving:
 
         done = singles = 0
         long = self.steps >= COMPILED_STEPS
-        self.steps += steps
+        self.made += steps
+        self.steps = max(self.steps, self.made)
         if self.asks == "numpy" and not long and self.steps >= COMPILED_STEPS:
             self._hand_law()
         while done < steps:
