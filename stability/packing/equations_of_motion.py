@@ -667,7 +667,8 @@ class Moving:
             if made < 0:
                 self._part()
             made = abs(made)
-            singles = singles + 1 if self.motion.closer[0] > self.gap and made == 1 else 0
+            again = self.motion.closer[0] > self.gap and made == 1 < steps - done
+            singles = singles + 1 if again else 0
             if singles > SINGLES:
                 return False
             done += made
