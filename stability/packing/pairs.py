@@ -190,7 +190,9 @@ class Pairs:
     def answer(self, overlap: Floats, before: Floats, T: Floats) -> Floats:
         """Return (4, P) what the law fills in at overlaps that are positive where pairs touch."""
         assert self.own is not None
-        out = np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
+        # Walls; between grains these are no numbers, and filled by the law.
+        with np.errstate(invalid="ignore"):
+            out = np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
         rows = self.own.rows
         now = (overlap[rows], before[rows], T[rows])
         out[:, rows] = answer_of(self.own.law, self.own.radii, *now)
