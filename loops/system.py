@@ -254,9 +254,8 @@ def packing_stress(system: System) -> Floats:
         distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
         overlap = np.maximum(graph.radii[planes.grain][:, None] - distance, 0.0)
         push = planes.kn[:, None] * overlap * planes.branch / distance
-        total = total + (push if planes.force is None else -planes.force).T @ planes.to_plates(
-            graph.x
-        )
+        forces = push if planes.force is None else -planes.force
+        total = total + forces.T @ system.branches[len(system.contacts) :]
     return np.asarray(total / system.volume)
 
 
