@@ -15,6 +15,7 @@ from stability.packing import (
     probe,
     regime_regions,
     response,
+    yielding,
 )
 from stability.packing.response import CRITICAL, SCALED
 from tests.oracles.lattices import lattice, lattice_rates
@@ -179,7 +180,7 @@ def test_stress_probes_are_the_responses_one_by_one():
 def test_one_factorisation_serves_all_directions(monkeypatch):
     calls = []
     monkeypatch.setattr(
-        response, "factorised", lambda *given: calls.append(1) or factorised(*given)
+        yielding, "factorised", lambda *given: calls.append(1) or factorised(*given)
     )
     found = probe(Scene(packing(30, seed=3, sliding=0.3), LAW), 24)
     assert len(found.tangents) > 10 and len(calls) == 1
