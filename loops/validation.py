@@ -111,7 +111,7 @@ def _check_contacts(graph: Any) -> None:
             _finite(name.replace("_", " "), "contact", np.isfinite(value), value)
     own = contacts[:, 0] == contacts[:, 1]
     if graph.images is not None:
-        own &= ~graph.images.any(axis=1)
+        own &= (graph.images[:, 0] == 0) & (graph.images[:, 1] == 0)
     if own.any():
         c = _first(own)[0]
         received = f"grain {contacts[c, 0]} with itself"
@@ -135,7 +135,9 @@ def repeated_contacts(
     if not (ascending[1:] == ascending[:-1]).any():
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     # Only pairs of grains that occur more than once need their images compared.
-    rows = np.flatnonzero(np.isin(key, ascending[1:][ascending[1:] == ascending[:-1]]))
+    order = np.argsort(key, kind="stable")
+    same = key[order[1:]] == key[order[:-1]]
+    rows = np.sort(order[np.append(same, False) | np.append(False, same)])
     table = key[rows, None]
     if images is not None:
         # Images as seen from the lower grain; of a grain's own images, one of the two signs.

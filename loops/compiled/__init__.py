@@ -26,7 +26,11 @@ compiling them, once on a machine, takes about half a minute, which small packin
 """
 
 PASSES_FROM = 200_000
-"""Contacts from which on kernels pass over them where numpy is as simple (`loops.compiled.passes`).
+"""Contacts from which on kernels pass over them (`loops.compiled.passes`).
+
+Before, loading these kernels takes what they save: the processor time of `grainloops snapshot` is
+the same either way at 50,000, 100,000 and 200,000 grains of 1.85 contacts, to the 5 % that runs
+differ; of a million grains it is several seconds less.
 """
 
 
