@@ -251,8 +251,8 @@ def test_without_forces_the_mechanical_keys_are_absent(sample):
 
 def test_every_key_is_defined(sample):
     walled, _ = of(box())
-    # The run adds the force chains, which it finds beside the tables.
-    elsewhere = {"spread", "force_chains"}
+    # The run adds the force chains and quadrons, which it finds beside the tables.
+    elsewhere = {"spread", "force_chains", "quadrons"}
     assert set(walled) - {"definitions", "notes"} == set(walled["definitions"]) - elsewhere
     assert set(walled) - set(sample[1]) == {*WALLED, "boundary_area_is"}
 
