@@ -106,3 +106,21 @@ def test_arguments_that_are_refused(tmp_path, arguments, words, capsys, monkeypa
     out = tmp_path / "out"
     assert run(monkeypatch, "material", *arguments, "--out", out) == 2
     assert words in capsys.readouterr().err and not out.exists()
+
+
+def test_a_specimen_converges_in_second_order_and_follows_the_material():
+    pytest.importorskip("skfem")
+    from studies.examples.biaxial_specimen import CONFINING, compute, law
+
+    found = compute(end=0.01, steps=5, columns=3, rows=4, orientations=12)
+    assert found["why"] == "finished"
+    for residuals in found["residuals"][1:]:
+        # Two steps: each squares the residual over the tangent.
+        assert len(residuals) == 3
+        assert residuals[1] < 0.1 * residuals[0] ** 2 and residuals[2] < 10.0 * residuals[1] ** 2
+    # Elastic, the weak element is as the others: the specimen is one point of the material.
+    material = LoopMaterial(oriented(regular_polygon(6), 12), None, law(30.0))
+    confining = Stage("isotropic_stress", "P11", CONFINING)
+    start = march(material, confining, 10).H[-1, 0]
+    path = march(material, [confining, Stage("drained_biaxial", "H11", start + 0.01)], 5)
+    assert np.allclose(found["ratio"], path.P[path.stage == 1, 0] / CONFINING, rtol=1e-10)
