@@ -133,7 +133,10 @@ def compute(end: float = END, steps: int = STEPS, **mesh: Any) -> dict[str, Any]
     material = specimen.materials[0]
     rest = gl.march(material, gl.Stage("isotropic_stress", "P11", CONFINING), 10).H[-1, 0]
     specimen.u[specimen.basis.nodal_dofs] = -rest * specimen.basis.mesh.p
-    strain, ratio, residuals, why = [], [], [], "finished"
+    strain: list[float] = []
+    ratio: list[float] = []
+    residuals: list[list[float]] = []
+    why = "finished"
     now, width = 0.0, end / steps
     while not strain or now < (1.0 - 1e-12) * end:
         target = min(now + width, end) if strain else 0.0
