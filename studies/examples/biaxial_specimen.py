@@ -20,8 +20,11 @@ import skfem
 from matplotlib.figure import Figure
 from scipy.sparse.linalg import spsolve
 
-import grainloops as gl
+from loops import InputError, LinearFrictional
 from loops.arrays import Floats
+from patterns import regular_polygon
+from stability import Stage
+from stability.material import LoopMaterial, march, oriented
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, SEQUENTIAL, new_panels, styled
 
@@ -36,9 +39,9 @@ SOLVED, MOST = 1e-9, 12
 ROUNDING = 1e-13
 
 
-def law(phi: float) -> gl.LinearFrictional:
+def law(phi: float) -> LinearFrictional:
     """Return the contact law of a friction angle (degrees)."""
-    return gl.LinearFrictional(1.0, 0.5, np.tan(np.radians(phi)))
+    return LinearFrictional(1.0, 0.5, np.tan(np.radians(phi)))
 
 
 class Specimen:
@@ -60,9 +63,9 @@ class Specimen:
         points = self.basis.dx.shape
         weak = np.zeros(points, dtype=bool)
         weak[WEAK % points[0]] = True
-        loops = gl.oriented(gl.regular_polygon(6), orientations)
+        loops = oriented(regular_polygon(6), orientations)
         self.rows = [np.flatnonzero(weak.ravel() == is_weak) for is_weak in (False, True)]
-        self.materials = [gl.LoopMaterial(loops, None, law(phi)) for phi in (30.0, 28.0)]
+        self.materials = [LoopMaterial(loops, None, law(phi)) for phi in (30.0, 28.0)]
         self.states = [
             material.start(len(rows))
             for material, rows in zip(self.materials, self.rows, strict=True)
@@ -131,7 +134,7 @@ def compute(end: float = END, steps: int = STEPS, **mesh: Any) -> dict[str, Any]
     """Compress a specimen; return its curve, the residuals of its steps and its last state."""
     specimen = Specimen(**mesh)
     material = specimen.materials[0]
-    rest = gl.march(material, gl.Stage("isotropic_stress", "P11", CONFINING), 10).H[-1, 0]
+    rest = march(material, Stage("isotropic_stress", "P11", CONFINING), 10).H[-1, 0]
     specimen.u[specimen.basis.nodal_dofs] = -rest * specimen.basis.mesh.p
     strain: list[float] = []
     ratio: list[float] = []
@@ -142,7 +145,7 @@ def compute(end: float = END, steps: int = STEPS, **mesh: Any) -> dict[str, Any]
         target = min(now + width, end) if strain else 0.0
         try:
             residuals.append(specimen.compress((rest + target) * HEIGHT))
-        except (ArithmeticError, gl.InputError) as error:
+        except (ArithmeticError, InputError) as error:
             width *= 0.5
             if width < SHORTEST * end / steps:
                 why = f"at strain {target:.4f}: {error}"
