@@ -37,8 +37,8 @@ UNLOADED_SHARE = 1e-5
 # its energy; whether an interval met it changed the first loss by a factor of two.
 LIGHT_SHARE = 1e-2
 # Motions of these grains are left out that take less than this share of the best one out of an
-# overlap: with a smooth grain between two others, more than ten times the overlap to the side.
-WEDGED = 0.1
+# overlap: with a smooth grain between two others, more than thirty times the overlap to the side.
+WEDGED = 0.03
 # Rounds in which the grains that carry nothing move out of overlap, one after the other.
 MOST_ROUNDS = 30
 # Shares of a step that are tried until the energy falls.

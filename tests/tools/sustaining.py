@@ -24,6 +24,8 @@ FIGURES = Path(__file__).parents[2] / "docs/figures"
 LOADS, INTERVALS = FIGURES / "sustaining.csv", FIGURES / "sustaining_intervals.csv"
 # State, direction in degrees and largest load (N/m) of the limits over interval and numbering.
 VARIED = "slow", 150.0, 20.0
+# Largest load over the one under which Yade's sample moved.
+BEYOND = 1.5
 TITLES = {
     "slow": "slow sample at its peak",
     "dense": "after a pronounced peak",
@@ -36,9 +38,9 @@ def loads_beside_yade() -> Iterator[dict[str, object]]:
     for state in STATES:
         graph, law, levels = yade_rest(state)
         for degrees, own in levels.items():
-            low, high = bracket(own, "large")
+            low, high = bracket(own)
             theta = np.radians(degrees)
-            largest = 2.0 * high if np.isfinite(high) else own["load"].max()
+            largest = BEYOND * high
             along = [[np.cos(theta), np.sin(theta)]]
             (path,) = sustain(Scene(graph, law), along, largest=largest).paths
             yield {

@@ -15,10 +15,10 @@ from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.amplitudes import stage_along
 from stability.packing.path import PackingPathSolver
 from stability.packing.state import start_state
-from stability.packing.sustain import MANY, ConstantLoad, Loading, load_path, renumbered
+from stability.packing.sustain import LARGE, MANY, ConstantLoad, Loading, load_path, renumbered
 from stability.path import Event
 from tests.packings import LAW, jammed
-from tests.stability.packing.yade_rest import LARGE, bracket, yade_rest
+from tests.stability.packing.yade_rest import bracket, yade_rest
 
 sustain_module = sys.modules[sustain.__module__]
 pytestmark = pytest.mark.slow
@@ -105,10 +105,10 @@ def test_the_first_large_motion_lies_between_yades_levels(degrees):
     """Yade was at rest under the lower one, to 1e-6, and moved far under the upper one."""
     _, _, levels = yade_rest("slow")
     found = loaded(degrees)
-    rests, moves = bracket(levels[degrees], "large")
+    rests, moves = bracket(levels[degrees])
     assert found.status.startswith("large") and found.first_large_strain > LARGE
     assert (1 - WITHIN) * rests <= found.first_large_load <= (1 + WITHIN) * moves
-    assert found.limit <= (1 + WITHIN) * moves and found.limit_spread < 2e-3
+    assert found.limit <= (1 + WITHIN) * moves and found.limit_spread < 5e-3
     assert found.balance_error < 1e-9
 
 
@@ -131,6 +131,11 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         loaded(degrees).H[loaded(degrees).parameter <= motion.lost], axis=1
     ).max()
     assert strains[0] < 1.1 * before and strains[1] > before + LARGE
+
+
+# Error of the stress across, over the limit: the geometry is kept over an interval, and grains that
+# are caught in it bring their forces at its end.
+ACROSS = 1e-2
 
 
 def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
@@ -157,8 +162,7 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     assert status in ("finished", "instabilities")
     see(0.0)
     along = np.array(rises) @ direction
-    # The geometry is kept over an interval: that much the stress across is off at its end.
-    assert np.abs(np.array(rises) @ across).max() < 5e-4 * lost
+    assert np.abs(np.array(rises) @ across).max() < ACROSS * lost
     assert along[-1] < along.max()
     return along.max()
 
