@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from loops import Scene as Scene
     from loops import Support as Support
     from loops import affine_tangent as affine_tangent
-    from loops import contact_forces as contact_forces
     from loops import contact_state as contact_state
     from loops import find_faces as find_faces
     from loops import force_chains as force_chains
-    from loops import from_networkx as from_networkx
     from loops import loop_fates as loop_fates
     from loops import loop_tangents as loop_tangents
     from loops import love_weber_stress as love_weber_stress
-    from loops import match_contacts as match_contacts
     from loops import order_kinetics as order_kinetics
     from loops import to_networkx as to_networkx
     from loops import traction_tangent as traction_tangent
@@ -89,9 +86,9 @@ if TYPE_CHECKING:
 NAMES = {
     "loops": (
         "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
-        "Regime RollingResistance Scene Support affine_tangent contact_forces contact_state "
-        "find_faces force_chains from_networkx loop_fates loop_tangents love_weber_stress "
-        "match_contacts order_kinetics to_networkx traction_tangent"
+        "Regime RollingResistance Scene Support affine_tangent contact_state "
+        "find_faces force_chains loop_fates loop_tangents love_weber_stress "
+        "order_kinetics to_networkx traction_tangent"
     ),
     "patterns": (
         "Snapshot diamond loop_of_snapshot planar polydisperse_polygon random_loop "
@@ -116,5 +113,5 @@ NAMES = {
 # Names that have left for their room; for one release.
 FORMER = {
     name: f"stability.{name}" for name in ("normalised_second_order_work", "spectrum", "statuses")
-}
+} | {name: f"loops.{name}" for name in ("contact_forces", "from_networkx", "match_contacts")}
 lazy_face(__name__, NAMES, FORMER)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
+import loops
 import loops.packing
 import patterns
 import stability.packing
@@ -34,7 +35,7 @@ def objects():
     )
     loop = gl.loop_of_snapshot(snapshot, 230)
     tangent = gl.traction_tangent(loop.graph, loop.law)
-    match = gl.match_contacts(before.graph, before.ids, after.graph, after.ids)
+    match = loops.match_contacts(before.graph, before.ids, after.graph, after.ids)
     fates = gl.loop_fates(match, before.faces, after.faces)
     kinetics = gl.order_kinetics([fates])
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.3)

@@ -17,6 +17,7 @@ from matplotlib import pyplot
 from PIL import Image
 
 import grainloops as gl
+from loops import contact_forces
 from studies import cli
 from tests.docs.pages import page
 
@@ -283,7 +284,7 @@ def test_the_key_of_a_loop_tells_its_forces(session):
     widest = ax.get_legend().get_lines()[said.index(said[-2])].get_linewidth()
     width = ax.collections[2].get_linewidths()
     np.testing.assert_allclose(width, widest * forces / forces.max(), rtol=1e-12)
-    force = gl.contact_forces(loop)
+    force = contact_forces(loop)
     outside = np.zeros_like(loop.x)
     np.add.at(outside, loop.contacts[:, 0], force)
     np.add.at(outside, loop.contacts[:, 1], -force)
