@@ -61,7 +61,9 @@ def is_p_matrix(M: Floats, most: int = MOST_MATRICES) -> bool | None:
         np.fill_diagonal(pairs, 0.0)
         if pairs.max(initial=0.0) > 1.0 + ROUNDING:
             return False
-        if positive_definite(A) or _dominant(A) or (looked == 1 and has_definite_scaling(A)):
+        # A singular matrix passes Cholesky's test or not, as its last pivot is rounded.
+        definite = positive_definite(A - ROUNDING * np.eye(len(A)))
+        if definite or _dominant(A) or (looked == 1 and has_definite_scaling(A)):
             continue
         k = int(np.argmax(pairs.sum(axis=1)))
         rest = np.delete(np.arange(len(A)), k)

@@ -8,13 +8,15 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from stability.complementarity import positive_definite, solve_complementarity
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.pairs import AT_YIELD, Pairs, frame_of
-from stability.packing.regime_factor import ELASTIC, RANK, SLIDING, RegimeFactor
+from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.packing.state import PackingState
 from stability.packing.strain_increment import MixedControl, edges_of_pushes
 from stability.path import Pathologies
 
-# Candidates up to which minors and solutions are looked for, and up to which there is a matrix.
-FEW_CANDIDATES, MOST_CANDIDATES = 30, 2 * RANK
+# Candidates up to which minors and solutions are looked for.
+FEW_CANDIDATES = 30
+# Candidates up to which there is a matrix: twice the columns that a factor keeps at most.
+MOST_CANDIDATES = 192
 # Random and named starts of the search for solutions where not all sets are tried.
 STARTS = 5
 
