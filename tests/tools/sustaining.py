@@ -85,7 +85,9 @@ def figure_of_loads(table: pd.DataFrame) -> Figure:
         large = own["first_large_load"]
         ax.plot(place, large, "X", color=VERMILION, markersize=5, label="first large motion")
         ax.set_xticks(place, [f"{d:g}" for d in own["degrees"]])
-        ax.set(title=TITLES[state], xlabel="direction of stress (degrees)", yscale="log")
+        ends = own["held"].min(), max(own["moved"].max(), large.max())
+        ax.set(title=TITLES[state], xlabel="direction of stress (degrees)")
+        ax.set_ylim(ends[0] - 0.08 * np.ptp(ends), ends[1] + 0.08 * np.ptp(ends))
     panels[0].set_ylabel("load (N/m)")
     handles = panels[0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3)
