@@ -374,7 +374,8 @@ class Path(Shown):
         itself. nan if it never was. Errors of the first half are not in it (docs/sustaining.md).
     stress_spread : float
         Packings, where it was asked for: largest difference of the stress, over its largest change,
-        to the same path with the other choice past instabilities; 0 where none was met, else nan.
+        to the same path with the other choice past instabilities, as far as both go; 0 where none
+        was met; nan if not asked for.
     direction : (m,) array
         Growing load: unit direction of `P'`; the parameter is the load along it.
     motions : tuple of Motion

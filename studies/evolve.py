@@ -97,6 +97,9 @@ def run_evolve(
         if by == "replay":
             remedy = "Follow by events, or both."
             raise InputError("--pathologies", "--by replay", "a path by events", remedy)
+    if spread and by == "replay":
+        remedy = "Follow by events, or both."
+        raise InputError("--spread", "--by replay", "a path by events", remedy)
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to, **numbers), float(np.sign(to))

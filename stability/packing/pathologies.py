@@ -1,4 +1,4 @@
-"""What stands against a single, stable answer of a packing under a control, at one state."""
+"""Matrix of the contacts that may slide: symmetric, definite, a P-matrix; solutions and W2."""
 
 from __future__ import annotations
 
