@@ -38,11 +38,12 @@ TEST := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(RUN) pytest -n 2 --dis
 
 # The code.
 test: $(INSTALLED)
-	$(TEST) tests --ignore=tests/docs --ignore=tests/golden
+	$(TEST) tests --ignore=tests/docs --ignore=tests/golden --ignore=tests/test_wheel.py
 
-# What pages, docstrings and stored answers say: tests of docs, golden files, doctests.
+# What pages, docstrings and stored answers say: tests of docs, golden files, doctests; and the
+# package: sdist and wheel are built and installed under each Python of .ci/pythons that is there.
 prose: $(INSTALLED)
-	$(TEST) tests/docs tests/golden $(ROOMS)
+	$(TEST) tests/docs tests/golden tests/test_wheel.py $(ROOMS)
 
 # What both leave out, with the time that each took; three quarters of an hour on two quiet cores.
 slow: $(INSTALLED)

@@ -33,7 +33,7 @@ class CaseState:
 
 @dataclass(frozen=True, eq=False)
 class HardCase:
-    """A named hard case (docs/accuracy.md).
+    """A named hard case (docs/evidence/accuracy.md).
 
     `values` of `parameter` go from mild to extreme, often beyond the reach of double precision;
     `build` makes the state of one, or raises `InputError` where there is none. `expected` has one

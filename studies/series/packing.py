@@ -79,7 +79,8 @@ PASSED = 1000
 # Inertial number of a replay where the series tells none, and the most steps of a replay.
 DEFAULT_RATE, MOST_STEPS = 2e-6, 1_000_000
 # A replay that ends farther from the stress of the later snapshot, over its mean stress, is not
-# believed: three of 83 intervals of Yade did, the others by 0.0028 at most (docs/series.md).
+# believed: three of 83 intervals of Yade did, the others by 0.0028 at most
+# (docs/evidence/series.md).
 STRESS_ERROR = 5e-3
 
 

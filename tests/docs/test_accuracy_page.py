@@ -1,4 +1,4 @@
-"""`docs/accuracy.md`: its verdicts and errors are those of today; its times are dated."""
+"""`docs/evidence/accuracy.md`: its verdicts and errors are those of today; its times are dated."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.docs.pages import DOCS, of_size, page, section, tables
 from tests.tools.scaling.in_place import METHODS, measured
 from tests.tools.settled.__main__ import GROUPS as SETTLED
 
-TEXT = page("accuracy")
+TEXT = page("evidence/accuracy")
 HARD = section(TEXT, "## The hard cases")
 IN_PLACE = "## Loops in place"
 SECTIONS = ("Speed against error", "Settled choices")

@@ -1,6 +1,7 @@
 """What docstrings cite is there: pages of the repository, equations of the paper."""
 
 import re
+import tomllib
 
 import pytest
 
@@ -38,7 +39,7 @@ def test_the_site_shows_every_page():
 
 def test_numbers_of_the_questions_stand_on_the_page_that_holds_them():
     numbers = re.findall(r"\b0\.\d+", (DOCS / "questions.md").read_text())
-    held = re.findall(r"\b0\.\d+", (DOCS / "series.md").read_text())
+    held = re.findall(r"\b0\.\d+", (DOCS / "evidence" / "series.md").read_text())
     assert len(numbers) == 4 and set(numbers) <= set(held)
 
 
@@ -70,3 +71,13 @@ def test_formats_and_names_of_columns_are_those_that_are_read():
     other = {row["column"].strip("`"): tuple(re.findall(r"`(\w+)`", row["also read as"]))
              for row in rows if row["also read as"]}  # fmt: skip
     assert other == ALIASES
+
+
+def test_the_citation_is_that_of_the_newest_release():
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    unreleased, (version, date) = re.findall(r"^## \[(.*?)\](?: - (\S+))?$", changes, re.M)[:2]
+    assert unreleased == ("Unreleased", "")
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"\nversion: {version}\n" in citation and f"\ndate-released: {date}\n" in citation
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert project["tool"]["setuptools_scm"]["fallback_version"] == version

@@ -1,4 +1,4 @@
-"""`docs/larger-loops.md`: its thresholds and drained paths, computed again."""
+"""`docs/evidence/larger-loops.md`: its thresholds and drained paths, computed again."""
 
 import json
 import re
@@ -22,7 +22,7 @@ from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run
 from tests.oracles.polygon_thresholds import critical_strain as oracle
 
-TEXT = page("larger-loops")
+TEXT = page("evidence/larger-loops")
 CLOSED = {
     "(1 + κ)/(2 + κ)": (1 + KAPPA) / (2 + KAPPA),
     "κ/(1 + κ)": KAPPA / (1 + KAPPA),

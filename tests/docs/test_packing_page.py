@@ -1,4 +1,4 @@
-"""`docs/packing.md` and the skill in `docs/series.md`: their numbers are those of the series."""
+"""`packing.md` and the skill in `series.md` of `docs/evidence`: numbers are those of the series."""
 
 import json
 import os
@@ -21,10 +21,10 @@ from tests.docs.pages import page, says, section, tables
 from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
 
 DEM = Path(os.environ.get("GRAINLOOPS_DEM", "/none"))
-LOOPS = section(page("packing"), "## What does each loop do?")
+LOOPS = section(page("evidence/packing"), "## What does each loop do?")
 FORESIGHT, BY_ORDER = tables(LOOPS)
-WORTH = tables(section(page("series"), "## What the predictions are worth"))
-PLACE = section(page("packing"), "## The operator of a loop in place")
+WORTH = tables(section(page("evidence/series"), "## What the predictions are worth"))
+PLACE = section(page("evidence/packing"), "## The operator of a loop in place")
 slow = pytest.mark.slow
 collected = pytest.mark.collection
 
@@ -139,7 +139,7 @@ def test_skill_of_the_slow_series(tmp_path, step, first, last, auc, rank, nonaff
         ("same tangents, reaches", own),
     ):
         assert says(words(LOOPS).split(before)[1].split()[place].strip(","), value)
-    aucs, signs = WORTH[1], WORTH[2]
+    aucs, signs = WORTH
     for row in aucs:
         name, cell = row["AUC for negative work"].strip("`"), list(row.values())[1 + place]
         if name == "base rate":

@@ -2,7 +2,7 @@
 
 The table is `bench.csv` of `grainloops bench --out DIR`, or `settled.csv` of
 `python -m tests.tools.settled --out DIR`; the record is `performance.json`. With the path of
-docs/accuracy.md the times of the page become those of the table.
+docs/evidence/accuracy.md the times of the page become those of the table.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def test_ratios_to_the_record():
 
 def test_times_of_the_page_are_renewed():
     """Twice the times of the page: times change alone, and those in the text with the table's."""
-    text = page("accuracy")
+    text = page("evidence/accuracy")
     before = [row for table in tables(text) for row in table if "s per item" in row]
     record = pd.DataFrame(stored("performance")["accuracy"])
     doubled = record.assign(seconds_per_item=2.0 * record.seconds_per_item)

@@ -1,4 +1,4 @@
-"""The table of docs/larger-loops.md: where Ks first loses definiteness in (11, 22)."""
+"""The table of docs/evidence/larger-loops.md: where Ks first loses definiteness in (11, 22)."""
 
 import numpy as np
 import pytest

@@ -187,7 +187,7 @@ def main(
     sliding: Annotated[str, Parameter(help="Sizes with flagged contacts sliding too.")] = "8000",
     force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
-    """Measure; write the table, the rows for docs/accuracy.md and the figure."""
+    """Measure; write the table, the rows for docs/evidence/accuracy.md and the figure."""
     asked = [(int(n), False) for n in grains.split(",")]
     asked += [(int(n), True) for n in sliding.split(",") if n]
     with result_folder(out, force=force) as folder:

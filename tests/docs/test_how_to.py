@@ -1,0 +1,87 @@
+"""Pages of tasks: short, with the evidence apart; their blocks run, their commands are commands."""
+
+import re
+import shlex
+
+import duckdb
+import pytest
+
+import grainloops as gl
+from studies.cli import app
+from studies.series.run import run_series
+from tests.docs.pages import DOCS, page
+from tests.stability.packing.walled_packings import small_sample
+
+LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
+PAGES = ("accuracy", "larger-loops", "packing", "series")
+CODE = re.compile(r"```(python|sql)\n(.*?)```", re.DOTALL)
+SAMPLE = "gl.read_snapshot(gl.sample_path())"
+BLANK = re.compile(r"HXX,HXY,HYX,HYY")
+COMMANDS = sorted(
+    {
+        (path.relative_to(DOCS).as_posix(), line.strip().split("  #")[0])
+        for path in DOCS.rglob("*.md")
+        if "gallery" not in path.parts
+        for line in re.findall(r"^ {4}(grainloops .+)$", path.read_text(), re.MULTILINE)
+    }
+)
+
+
+def words(text):
+    """Words outside of code and of the targets of links."""
+    text = re.sub(r"```.*?```|^ {4}.*?$|\]\([^)]*\)", "", text, flags=re.DOTALL | re.MULTILINE)
+    return sum(any(letter.isalnum() for letter in word) for word in text.split())
+
+
+def blocks(name, language="python"):
+    return [code for kind, code in CODE.findall(page(name)) if kind == language]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_short_and_names_its_evidence(name):
+    text = page(name)
+    assert words(text) <= 1200
+    assert f"(evidence/{name}.md)" in text and f"(../{name}.md)" in page(f"evidence/{name}")
+
+
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+def test_blocks_on_a_packing_run_wherever_a_sample_ends(ends):
+    code = "\n".join(blocks("packing"))
+    assert code.count(SAMPLE) == 1
+    names = {"sample": small_sample(ends, LAW)}
+    exec(code.replace(SAMPLE, "sample"), names)
+    assert names["scene"].boundary.kind == ends
+    assert names["rates"].strain.shape[0] == len(names["scene"].faces.loops)
+    assert names["drained"].strain_rate[1, 1] == 1.0 and names["step"].status != "none"
+
+
+def test_blocks_on_one_loop_say_what_the_page_says(capsys):
+    exec("\n".join(blocks("larger-loops")), {})
+    assert capsys.readouterr().out == "0.2307692308\n"
+    names = {}
+    exec("\n".join(blocks("accuracy")), names)
+    said = capsys.readouterr().out.splitlines()
+    assert 0.0 < float(said[0]) < 1e-6 and said[2].startswith("unstable")
+
+
+def test_blocks_on_a_series_read_its_tables(tmp_path, monkeypatch, capsys):
+    folder = gl.sample_path("slow")
+    run_series(
+        sorted(folder.glob("grains_*.parquet"))[:2], tmp_path / "series",
+        cells=folder / "cells.csv", workers=1, figures=False,
+    )  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    exec("\n".join(blocks("series")), {})
+    printed = capsys.readouterr().out
+    assert "snapshot" in printed and "order" in printed
+    (query,) = blocks("series", "sql")
+    ((after, missed, loops),) = duckdb.sql(query).fetchall()
+    assert after == 1 and 0 < missed < loops
+
+
+@pytest.mark.parametrize(("name", "line"), COMMANDS)
+def test_commands_of_the_pages_are_commands(name, line):
+    # Alone, it means the rates.
+    line = re.sub(r"(series .*--in-packing)(?! events)", r"\1=rates", line)
+    tokens = shlex.split(BLANK.sub("1,0,0,1", line))[1:]
+    app.parse_args(tokens, exit_on_error=False, print_error=False)
