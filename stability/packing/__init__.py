@@ -1,7 +1,6 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
 from loops.lazy import old_names
-from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
 from stability.packing.increment import PackingIncrements as PackingIncrements
@@ -13,6 +12,7 @@ from stability.packing.loop_quantities import loop_rates as loop_rates
 from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
+from stability.packing.replay import replay as replay
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
 from stability.packing.response import packing_response as packing_response

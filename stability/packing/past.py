@@ -16,8 +16,9 @@ import numpy as np
 from loops.arrays import Floats
 from stability.packing.equations_of_motion import snap_through
 from stability.packing.pairs import Pairs
+from stability.packing.pivots import MixedControl
 from stability.packing.state import PackingState, jumped
-from stability.packing.strain_increment import RELEASED, MixedControl, Within
+from stability.packing.strain_increment import RELEASED, Within
 from stability.path import Event, How, Past
 
 

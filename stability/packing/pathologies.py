@@ -8,9 +8,9 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from stability.complementarity import positive_definite, solve_complementarity
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.pairs import AT_YIELD, Pairs, frame_of
+from stability.packing.pivots import MixedControl, edges_of_pushes
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.packing.state import PackingState
-from stability.packing.strain_increment import MixedControl, edges_of_pushes
 from stability.path import Pathologies
 
 # Candidates up to which minors and solutions are looked for.

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, Regimes
-from stability.complementarity import solve_complementarity
+from loops.arrays import Flags, Floats, Regimes
 from stability.packing.pairs import (
     AT_TOUCH,
     AT_YIELD,
@@ -25,6 +24,7 @@ from stability.packing.pairs import (
     tangents,
     touching_distances,
 )
+from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -48,10 +48,6 @@ INCREMENT = 2
 RELEASED = 3
 # Rates of the wrong sign below this share of the largest are rounding.
 RATE_RTOL = 1e-9
-# Grains that move by more than this share of the largest displacement are in an unstable mode.
-MODE_SHARE = 0.1
-# Changes of regime within one pivot.
-PIVOT_STEPS = 40
 
 
 class ControlLimitError(Exception):
@@ -67,37 +63,6 @@ class InstabilityError(Exception):
     def __init__(self, event: Event) -> None:
         super().__init__(f"contact {event.contacts[0]}: {reason(event)}")
         self.event = event
-
-
-class UnsolvedError(Exception):
-    """No regimes agree, or none were found: the motion of a pivot that nothing stops.
-
-    `turns` tells whether det K changes sign, `proof` why there are none (`Complementarity`).
-    """
-
-    def __init__(self, contact: int, motion: Floats, turns: bool, proof: str) -> None:
-        super().__init__("the rate problem has no solution" if proof else "no solution was found")
-        self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Facts of the unstable mode, as `Event` has them: its grains, and what det K does."""
-        square = np.sum(self.motion.reshape(-1, 3)[:, :2] ** 2, axis=1)
-        size = np.linalg.norm(self.motion.reshape(-1, 3), axis=1)
-        return {
-            "cause": "no_regimes" if self.proof else "none_found",
-            "taking_part": float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300)),
-            "sign_changes": self.turns,
-            "grains": tuple(np.flatnonzero(size > MODE_SHARE * size.max()).tolist()),
-        }
-
-
-class MixedControl(NamedTuple):
-    """`stress @ P' + strain @ H' = rate` in the current geometry."""
-
-    stress: Floats
-    strain: Floats
-    rate: Floats
 
 
 class Within(NamedTuple):
@@ -513,111 +478,3 @@ class StrainIncrement:
         if pairs.rolling:
             end = replace(end, rolling_moment=T[count:] * packing.length)
         return End(end, pairs, regime, side, work)
-
-
-def pivot(
-    packing: RegimeFactor,
-    control: MixedControl,
-    c: int,
-    critical: Integers,
-    rounding: float,
-    search: bool = True,
-) -> list[int]:
-    """Bring one contact at yield to agree with its rates; all pairs that changed regime.
-
-    The method of Cottle and Dantzig: the slip rate of the contact (or the distance of its rates
-    from the cone) is raised from zero until it agrees with its regime, and others change regime
-    where they would disagree. `critical` are the pairs at yield that agree, or have an event to
-    come. Where that meets no end, the regimes of all of them are sought
-    (`stability.complementarity`), for there may be some, unless `search` is false.
-    """
-    others = critical[critical != c]
-    every = np.append(others, c)
-    changed: list[int] = []
-    column = packing.column(len(packing.frame) + c)
-    raised, base = 0.0, packing.solve(*control)
-    for _ in range(PIVOT_STEPS):
-        unit = packing.driven(control.stress, control.strain, column)
-        # A force -s on the shear row is one unit of slip, or of the distance from the cone.
-        push = -packing.side[c]
-        value, along = packing.edge((base, unit), every).T
-        sticks = np.where(packing.regime[every] == ELASTIC, 1.0, -1.0)
-        value, along = sticks * value, push * sticks * along
-        along[-1] += 1.0
-        now = value + raised * along
-        if now[-1] >= -rounding:
-            packing.flip(c)
-            return [*changed, c]
-        own = raised - now[-1] / along[-1] if along[-1] > 1e-12 else np.inf
-        falls = (along[:-1] < -1e-12) & (now[:-1] > -rounding)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = np.where(falls, raised + np.maximum(now[:-1], 0.0) / -along[:-1], np.inf)
-        if changed:
-            reach[others == changed[-1]] = np.inf
-        k = int(np.argmin(reach)) if len(reach) else -1
-        if k >= 0 and reach[k] < own:
-            raised = float(reach[k])
-            packing.flip(int(others[k]))
-            base = packing.solve(*control)
-            changed.append(int(others[k]))
-        elif np.isfinite(own):
-            packing.flip(c)
-            return [*changed, c]
-        else:
-            break
-    # Of the columns that are there; `slip_problem` has others.
-    motion = packing.motion(unit)
-    for other in changed:
-        packing.flip(other)
-    proof = ""
-    if search:
-        solved = solve_complementarity(*slip_problem(packing, control, every))
-        for active in solved.active[:1]:
-            wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
-            packing.set_regimes(every, np.where(active, SLIDING, ELASTIC))
-            return wrong
-        proof = solved.proof
-    turns = packing.sign(control.stress, control.strain)
-    packing.flip(c)
-    turns *= packing.sign(control.stress, control.strain)
-    packing.flip(c)
-    raise UnsolvedError(c, motion, bool(turns < 0), proof)
-
-
-def slip_problem(
-    packing: RegimeFactor, control: MixedControl, contacts: Integers
-) -> tuple[Floats, Floats]:
-    """`q` (m,), `M` (m, m) of `w = q + M z`, of contacts at yield on their sides of slip.
-
-    `w` are rates of the distance from the friction limit, `z` slip rates times the shear
-    stiffness.
-    """
-    rows = (len(packing.frame) + contacts).tolist()
-    sliding = contacts[packing.regime[contacts] == SLIDING]
-    parts = []
-    for first in range(0, len(rows), ROOM):
-        packing.set_regimes(sliding, ELASTIC)
-        parts.append(edges_of_pushes(packing, control, rows[first : first + ROOM], contacts))
-    q = packing.edge((packing.solve(*control),), contacts)[:, 0]
-    packing.set_regimes(sliding, SLIDING)
-    # A force -s on the shear row is one unit of slip.
-    return q, np.eye(len(rows)) - packing.side[contacts] * np.hstack(parts)
-
-
-def edges_of_pushes(
-    packing: RegimeFactor, control: MixedControl, rows: list[int], contacts: Integers
-) -> Floats:
-    """Return `w - z` (k, r) of contacts under a unit force on each row, the control held."""
-    units = packing.columns(rows)
-    rates = [packing.driven(control.stress, control.strain, k) for k in units]
-    return packing.edge(tuple(rates), contacts)
-
-
-def disagreeing(
-    packing: RegimeFactor, rates: Combination, critical: Integers, rounding: float
-) -> Integers:
-    """Pairs at yield whose regime disagrees with their rates, the worst first."""
-    sticks = np.where(packing.regime[critical] == ELASTIC, 1.0, -1.0)
-    value = sticks * packing.edge((rates,), critical)[:, 0]
-    wrong = np.flatnonzero(value < -rounding)
-    return critical[wrong[np.argsort(value[wrong])]]

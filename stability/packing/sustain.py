@@ -33,11 +33,12 @@ from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
 from stability.packing.pairs import Pairs, at_limit, require_movable
 from stability.packing.past import Passed, Standing
-from stability.packing.path import PackingPathSolver, Stop, halved
+from stability.packing.path import halved
+from stability.packing.path_solver import PackingPathSolver, Stop
+from stability.packing.pivots import MixedControl
 from stability.packing.probe import probe_directions
 from stability.packing.regime_regions import Subspace
 from stability.packing.state import PackingState, start_state
-from stability.packing.strain_increment import MixedControl
 from stability.path import LARGE_MOTION, Event, Path, PathStatus
 from stability.programmes import Stage
 

@@ -10,6 +10,7 @@ from stability.packing import (
     equations_of_motion,
     loop_changes,
     path,
+    path_solver,
     rattlers,
     regime_factor,
     replay,
@@ -175,13 +176,13 @@ def test_settings():
     usual = PackingPathOptions()
     assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual.instabilities} unstable contacts" in PAGE
-    assert f"gap below {path.MAY_CLOSE_GAP} mean diameters" in PAGE
+    assert f"gap below {path_solver.MAY_CLOSE_GAP} mean diameters" in PAGE
     assert f"Beyond {regime_factor.RANK} columns" in PAGE
     assert regime_factor.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
     shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
     assert shares == (1e-4, 1e-5, 1e-2)
     assert "no force above 1e-4 of the mean" in PAGE and "until 1e-5 of the mean force" in PAGE
-    assert path.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
+    assert path_solver.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
     assert path.MOST_HALVINGS == 5 and path.CONVERGED == 0.01 and "After five halvings" in PAGE
     assert (
         strain_increment.GROUND_SPRINGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE
@@ -190,7 +191,7 @@ def test_settings():
     motion = equations_of_motion
     assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-6, 1e-2)
     assert f"after {motion.CHECK_STEPS * motion.MAX_CHECKS:,} steps without rest" in PAGE
-    assert path.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
+    assert path_solver.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
     assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
 
 

@@ -24,6 +24,7 @@ from stability.packing import (
     hold,
     loop_changes,
     loop_rates,
+    pivots,
     probe,
     regime_regions,
     replay,
@@ -254,7 +255,7 @@ def paths_that_chatter():
     for chatter, steps, rank in ((0, 40, 96), (1, 40, 2), (12, 1, 0)):
         with (
             patch.object(strain_increment, "CHATTER", chatter),
-            patch.object(strain_increment, "PIVOT_STEPS", steps),
+            patch.object(pivots, "PIVOT_STEPS", steps),
             patch.object(strain_increment, "RANK", rank),
         ):
             yield path_of(graph, LAW, strained(2 * PURE), interval=1e-4, instabilities=99)

@@ -14,18 +14,12 @@ from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import Snap, masses_of
-from stability.packing.path import PackingPathSolver
+from stability.packing.path_solver import PackingPathSolver
+from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, SLIDING
 from stability.packing.response import PackingRates
 from stability.packing.state import start_state
-from stability.packing.strain_increment import (
-    InstabilityError,
-    MixedControl,
-    StrainIncrement,
-    UnsolvedError,
-    disagreeing,
-    pivot,
-)
+from stability.packing.strain_increment import InstabilityError, StrainIncrement
 from stability.packing.sustain import (
     CUT,
     FLOW_STRAIN,

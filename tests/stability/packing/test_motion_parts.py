@@ -25,8 +25,8 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.pairs import contact_pairs, tangents
+from stability.packing.pivots import MixedControl
 from stability.packing.state import start_state
-from stability.packing.strain_increment import MixedControl
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, Scene
-from stability.packing import path as path_module
-from stability.packing import sustain
+from stability.packing import path_solver, sustain
 from stability.packing.state import start_state
 from stability.packing.sustain import Loading, load_path
 from tests.packings import LAW, jammed
@@ -55,7 +54,7 @@ def differences(graph, seed, angle, monkeypatch):
     """What differs between a direction and the same one after `turned`; the statuses."""
     solvers = []
 
-    class Kept(path_module.PackingPathSolver):
+    class Kept(path_solver.PackingPathSolver):
         def __init__(self, *how):
             super().__init__(*how)
             solvers.append(self)

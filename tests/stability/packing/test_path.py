@@ -20,9 +20,9 @@ from stability import Stage, follow, rates_at
 from stability.packing import (
     loop_changes,
     loop_rates,
+    path_solver,
     replay,
 )
-from stability.packing import path as path_module
 from stability.packing.pairs import _ordered, near_pairs, with_near
 from stability.programmes import Programme, drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, strained
@@ -279,7 +279,7 @@ def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
         calls.append(what)
         return with_near(*what)
 
-    monkeypatch.setattr(path_module, "with_near", counted)
+    monkeypatch.setattr(path_solver, "with_near", counted)
     interval = 2e-4
     path = followed(Scene(diamonds(), LAW), strained(0.01 * np.eye(2)), interval=interval)
     # Two grains approach by a strain times their diameter; a strain counts by its norm.

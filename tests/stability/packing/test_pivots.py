@@ -9,11 +9,11 @@ from scipy import sparse
 from loops import Scene
 from stability import follow, rates_at
 from stability.compiled import packing_rates
-from stability.packing import regime_factor, strain_increment
+from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.pairs import contact_pairs
+from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from stability.packing.state import start_state
-from stability.packing.strain_increment import MixedControl, UnsolvedError, disagreeing, pivot
 from tests.packings import LAW, jammed, packing, strained
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
@@ -144,7 +144,7 @@ def test_a_path_finds_the_solution_that_pivots_miss():
 
 def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     """Proved to have none; three springs are tried before the mode stops."""
-    searched, sought = [], strain_increment.solve_complementarity
+    searched, sought = [], pivots.solve_complementarity
     springs, added = [], RegimeFactor.add_ground_springs
 
     def search(q, M):
@@ -155,7 +155,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
         springs.append(spring)
         added(packing, grains, spring)
 
-    monkeypatch.setattr(strain_increment, "solve_complementarity", search)
+    monkeypatch.setattr(pivots, "solve_complementarity", search)
     monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
     path = follow(
         Scene(yielding(36, 5, 3), LAW),
@@ -172,7 +172,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
 
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
     """Eight contacts at yield, columns for seven; a new factorisation from four on."""
-    for module in (regime_factor, strain_increment):
+    for module in (regime_factor, strain_increment, pivots):
         monkeypatch.setattr(module, "ROOM", 7)
     monkeypatch.setattr(strain_increment, "RANK", 3)
     seen = held_to_the_rate_problem([(16, 2, 1)])

@@ -10,7 +10,7 @@ from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
 from stability.packing.pairs import contact_pairs, overlaps, with_normal_forces
 from stability.packing.past import Passed
-from stability.packing.path import PackingPathSolver
+from stability.packing.path_solver import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
 from stability.packing.state import start_state
 from tests.packings import jammed, strained

@@ -8,7 +8,7 @@ from loops import Scene, branch_vectors
 from loops.compiled import columns
 from stability import Stage, follow, programmes
 from stability.compiled import packing_rates
-from stability.packing import regime_factor, strain_increment
+from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.pairs import contact_pairs
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.state import start_state
@@ -93,7 +93,7 @@ def test_little_room_for_columns_changes_no_path(monkeypatch):
     graph, law, _ = yade_rest("slow")
     paths = []
     for room in (regime_factor.ROOM, 16):
-        for module in (regime_factor, strain_increment):
+        for module in (regime_factor, strain_increment, pivots):
             monkeypatch.setattr(module, "ROOM", room)
         stage = Stage(programmes.drained_biaxial(axis=2), "H22", 5e-6)
         paths.append(follow(Scene(graph, law), stage, closure="packing", rows=1))
