@@ -20,8 +20,8 @@ from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
 
 if TYPE_CHECKING:
+    from loops.contacts import Contacts
     from stability.packing.motion import Motion
-    from stability.packing.state import PackingState
 
 EventKind = Literal[
     "yield",
@@ -353,7 +353,7 @@ class Path(Shown):
         Loops: where K is taken.
     model : ModelChoice
         Loops: model that was solved, see `follow`.
-    states : tuple of PackingState
+    states : tuple of Contacts
         Packings, replays: the packing at every row. Events number contacts as these do: those of
         the graph first.
     energy : (R,) array
@@ -421,7 +421,7 @@ class Path(Shown):
     volume: float = math.nan
     subspace: str = ""
     model: ModelChoice = None  # type: ignore[assignment]
-    states: tuple[PackingState, ...] = ()
+    states: tuple[Contacts, ...] = ()
     energy: Floats = field(default_factory=_none)
     intervals: int = 0
     pathologies: tuple[Pathologies, ...] = ()
@@ -448,7 +448,7 @@ class Path(Shown):
         return {"status": self.status, "rows": len(self), "events": kinds}
 
     @property
-    def state(self) -> PackingState:
+    def state(self) -> Contacts:
         """The packing at the end."""
         return self.states[-1]
 

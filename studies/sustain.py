@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike
 from loops import Faces, InputError
 from loops.arrays import Floats
 from loops.laws import FrictionalLaw, HertzMindlin, RollingResistance
+from loops.laws.movable import require_movable
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
 from stability.packing import Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
-from stability.packing.pairs import require_movable
 from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path

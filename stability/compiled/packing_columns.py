@@ -2,7 +2,7 @@
 
 A change of regimes is a small system in the columns. Motions `V` (5, 3G) are those under unit
 strains and the load, `U` (m, 3G) under unit forces on rows of pairs; rates under both are numbered
-0 to 4 and from 5 on. Pairs are records `stability.packing.pairs.PAIR`. All kernels that a kernel
+0 to 4 and from 5 on. Pairs are records `loops.contacts.PAIR`. All kernels that a kernel
 calls stand in this file.
 """
 

@@ -1,7 +1,7 @@
 """Rates of the pairs of a packing with frozen geometry: stiffness, next event, work.
 
 Freedoms are 3 a grain: `u`, and the spin times a length. Levers are over that length. Pairs are
-records `stability.packing.pairs.PAIR`; regimes are those of `loops.Regime`: 0 open, 1 stuck,
+records `loops.contacts.PAIR`; regimes are those of `loops.Regime`: 0 open, 1 stuck,
 2 sliding. All kernels that a kernel calls stand in this file.
 """
 

@@ -1,5 +1,6 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
+from loops.contacts import PackingState as PackingState
 from loops.lazy import old_names
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
@@ -16,7 +17,6 @@ from stability.packing.replay import replay as replay
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
 from stability.packing.response import packing_response as packing_response
-from stability.packing.state import PackingState as PackingState
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain
 

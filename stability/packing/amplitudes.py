@@ -10,18 +10,18 @@ import numpy as np
 
 from loops import Faces
 from loops.arrays import Flags, Floats
+from loops.contacts import start_state
 from loops.errors import number
+from loops.laws.movable import require_movable
 from loops.scene import Scene
 from stability.destabilising import no_control
 from stability.packing.controls import HeldAndDriven
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes
-from stability.packing.pairs import at_limit, contact_pairs, require_movable
 from stability.packing.path import PackingPathOptions, follow_packing
 from stability.packing.probe import Probe, Solutions, additive_work
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
-from stability.packing.state import start_state
 from stability.packing.yielding import YieldResponse
 from stability.path import Path
 from stability.programmes import NOTHING, Programme, Stage
@@ -69,10 +69,9 @@ def probe_to(
         If the amplitude isn't positive, or where `follow` refuses.
     """
     graph, boundary = scene.graph, scene.boundary
-    checked = require_movable(graph, scene.law)
+    require_movable(graph, scene.law)
     number("amplitude", amplitude, 0.0, open_low=True)
     at_start = start_state(graph, boundary)
-    pairs = contact_pairs(at_start, checked, boundary)
     stages = [
         stage_along(direction, found.subspace, found.control, amplitude)
         for direction in found.directions
@@ -96,11 +95,7 @@ def probe_to(
         normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
     )
     loops = [loop_changes(start, path.states[-1], scene.faces).additive_work for path in paths]
-    rows = ("contacts", "images", "normal_force", "shear_force", "rolling_moment", "closed")
-    ends = [
-        replace(end, **{name: getattr(end, name)[: len(pairs)] for name in rows})
-        for end in (path.states[-1] for path in paths)
-    ]
+    slides = [path.state.at_limit()[: len(at_start.contacts)] for path in paths]
     return _over_amplitude(
         found,
         done,
@@ -108,7 +103,7 @@ def probe_to(
         stress,
         status=np.array([path.status for path in paths]),
         residual=np.array([path.imbalance[-1] for path in paths]),
-        sliding=np.array([np.count_nonzero(at_limit(pairs, end)) for end in ends]),
+        sliding=np.count_nonzero(slides, axis=1),
         disagreeing=np.array(
             [len({event.contacts for event in path.of_kind("instability")}) for path in paths]
         ),

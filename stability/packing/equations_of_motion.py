@@ -12,24 +12,11 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
+from loops.contacts import Contacts, PackingState
 from loops.errors import InputError
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
-from stability.packing.pairs import (
-    Pairs,
-    frame_of,
-    normal_energy,
-    overlaps,
-    rolling_energy,
-    rolling_reach,
-    tangents,
-    touching_distances,
-    typical_stiffness,
-    with_near,
-    with_normal_forces,
-)
 from stability.packing.pivots import MixedControl
-from stability.packing.state import PackingState
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo
@@ -73,16 +60,14 @@ def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: F
 
 
 class Snap(NamedTuple):
-    """The packing at rest again, its pairs, and the work until then, as `Path.work`."""
+    """The packing at rest again, and the work until then, as `Path.work`."""
 
-    state: PackingState
-    pairs: Pairs
+    state: Contacts
     work: Floats
 
 
 def snap_through(
-    state: PackingState,
-    pairs: Pairs,
+    state: Contacts,
     load: Floats,
     control: MixedControl,
     by_radii: bool,
@@ -94,13 +79,13 @@ def snap_through(
     grains run off, or don't come to rest.
     """
     masses, inertias = masses_of(state.radii[: state.count])
-    servo = servo_of(state, pairs, masses)
-    servo = steered(servo, state, pairs, *control)
-    H, dt = servo.gain @ servo.rate, step_of(masses, inertias, pairs, state, by_radii)
+    servo = servo_of(state, masses)
+    servo = steered(servo, state, *control)
+    H, dt = servo.gain @ servo.rate, step_of(masses, inertias, state, by_radii)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
-    moving = Moving(state, pairs, masses, inertias, lasting(servo, steps * dt), by_radii)
+    moving = Moving(state, masses, inertias, lasting(servo, steps * dt), by_radii)
     moving.load(load)
-    energy = stored_energy(state, pairs)
+    energy = state.energy()
     ran, checks = moving.run(steps, dt, damping), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
     while ran and not rests(moving, slow):
@@ -113,10 +98,10 @@ def snap_through(
     if not ran or not np.isfinite(end.x).all():
         raise ArithmeticError("grains ran off at an instability")
     work = work_of(moving, end, load, energy)
-    return Snap(end, moving.pairs, work)
+    return Snap(end, work)
 
 
-def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> Floats:
+def work_of(moving: Moving, end: Contacts, load: Floats, energy: float) -> Floats:
     """Work until the end of a motion under a load (G, 3), as `Path.work`.
 
     `energy` is that of the springs at the start. The last term is what damping took, and what the
@@ -125,17 +110,8 @@ def work_of(moving: Moving, end: PackingState, load: Floats, energy: float) -> F
     start, work = moving.start, np.append(moving.motion.work, 0.0)
     moved = end.x - start.x @ (end.cell @ np.linalg.inv(start.cell)).T
     work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - start.angle))
-    work[3] = work[0] - work[1] - work[2] - (stored_energy(end, moving.pairs) - energy)
+    work[3] = work[0] - work[1] - work[2] - (end.energy() - energy)
     return work
-
-
-def stored_energy(state: PackingState, pairs: Pairs) -> float:
-    """Energy of the springs of a state with forces of its overlaps."""
-    overlap, T = np.where(state.closed, overlaps(state, pairs), 0.0), state.shear_force
-    kt = tangents(pairs, overlap)[1]
-    shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=kt > 0)
-    rolling = rolling_energy(pairs, np.where(state.closed, state.rolling_moment, 0.0))
-    return float(np.sum(normal_energy(pairs, overlap) + shear)) + rolling
 
 
 def rests(moving: Moving, slow: float, force: float | None = None) -> bool:
@@ -170,30 +146,27 @@ def masses_of(
 def step_of(
     masses: Floats,
     inertias: Floats,
-    pairs: Pairs,
-    state: PackingState,
+    state: Contacts,
     by_radii: bool,
     stride: float = 1.0,
 ) -> float:
     """Length of a step; `stride` times that of a replay where this is stable."""
-    stiffest = typical_stiffness(pairs, state).max()
-    if pairs.rolling:
-        # Springs of pairs that touch later are in no frequency of the start.
-        smaller = state.radii[pairs.grains[~state.at_wall]].min(axis=1)
-        stiffest = max(stiffest, (pairs.rolling.k_r[~state.at_wall] / smaller**2).max())
+    stiffest = state.law.typical_stiffness(state.overlap).max()
+    # Springs against rolling of pairs that touch later are in no frequency of the start.
+    smaller = state.radii[state.contacts[~state.at_wall]].min(axis=1)
+    rolling = state.law.k_r[~state.at_wall] / smaller**2
+    stiffest = max(stiffest, rolling.max(initial=0.0))
     usual = stride * TIME_STEP * math.sqrt(float(masses.min() / stiffest))
     if not state.closed.any():
         return usual
-    return min(usual, STABLE * largest_step(masses, inertias, pairs, state, by_radii))
+    return min(usual, STABLE * largest_step(masses, inertias, state, by_radii))
 
 
-def largest_step(
-    masses: Floats, inertias: Floats, pairs: Pairs, state: PackingState, by_radii: bool
-) -> float:
+def largest_step(masses: Floats, inertias: Floats, state: Contacts, by_radii: bool) -> float:
     """Length from which on steps are unstable: two over the largest frequency of the contacts."""
     from stability.compiled.packing_rates import blocks
 
-    frame = frame_of(state, pairs, by_radii)
+    frame = state.records(by_radii)
     regime = np.where(state.closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     regime = np.resize(regime, len(frame))
     size = 3 * len(state.x)
@@ -220,23 +193,21 @@ def duration_of(H: ArrayLike, masses: Floats, state: PackingState, inertial_numb
     return float(np.linalg.norm(H)) * math.sqrt(masses.mean() / pressure) / inertial_number
 
 
-def servo_of(state: PackingState, pairs: Pairs, masses: Floats) -> Servo:
+def servo_of(state: Contacts, masses: Floats) -> Servo:
     """A servo that is off, with the first cell and its lag."""
     from loops.compiled.motion import Servo
 
     back = np.ascontiguousarray(np.linalg.inv(state.cell))
-    lag = LAG * math.sqrt(masses.mean() / typical_stiffness(pairs, state).mean())
+    lag = LAG * math.sqrt(masses.mean() / state.law.typical_stiffness(state.overlap).mean())
     none, nothing = np.zeros((4, 4)), np.zeros(4)
     start, z, ask = np.zeros((3, 4))
     steering = (none, none, nothing, none)
     return Servo(False, back, *steering, lag, -1, start, z, ask, np.inf, np.zeros(1))
 
 
-def steered(
-    servo: Servo, state: PackingState, pairs: Pairs, stress: Floats, strain: Floats, rate: Floats
-) -> Servo:
+def steered(servo: Servo, state: Contacts, stress: Floats, strain: Floats, rate: Floats) -> Servo:
     """The servo for `stress @ P' + strain @ H' = rate`, as stiff as the affine estimate."""
-    matrix = stress @ _affine_stiffness(state, pairs) + strain
+    matrix = stress @ _affine_stiffness(state) + strain
     if not np.linalg.cond(matrix) < 1e16:
         remedy = "Hold strains, or start from a packing that carries."
         raise InputError("packing", "no stiffness", "one that a servo can load", remedy)
@@ -249,22 +220,18 @@ def lasting(servo: Servo, duration: float) -> Servo:
     return servo._replace(rate=servo.rate / duration, whole=duration)
 
 
-def _affine_stiffness(state: PackingState, pairs: Pairs) -> Floats:
+def _affine_stiffness(state: Contacts) -> Floats:
     """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff."""
-    d, length = state.apart, np.linalg.norm(state.branches, axis=1)
-    touch, overlap = length <= touching_distances(state, pairs), overlaps(state, pairs)
+    d, length = state.apart, state.length
+    touch, overlap = length <= state.law.touching, state.overlap
     n = state.branches / length[:, None]
     frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
     K = sum(
         (touch * k)[:, None, None] * a[:, :, None] * a[:, None, :]
-        for k, a in zip(tangents(pairs, overlap), frames, strict=True)
+        for k, a in zip(state.law.stiffnesses(overlap), frames, strict=True)
     )
     C = np.einsum("kac,kb,kd->abcd", K, d, d) / abs(np.linalg.det(state.cell))
     return np.asarray(C.reshape(4, 4))
-
-
-def _rolling_stiffness(pairs: Pairs) -> Floats:
-    return pairs.rolling.k_r if pairs.rolling else np.zeros(len(pairs))
 
 
 class Moving:
@@ -276,8 +243,7 @@ class Moving:
 
     def __init__(
         self,
-        start: PackingState,
-        pairs: Pairs,
+        start: Contacts,
         masses: Floats,
         inertias: Floats,
         servo: Servo,
@@ -290,7 +256,7 @@ class Moving:
     ) -> None:
         from loops.compiled.motion import MovingDiscs, place, update_forces
 
-        self.start, self.pairs, self.servo, self.by_radii = start, pairs, servo, by_radii
+        self.start, self.listed, self.servo, self.by_radii = start, start, servo, by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
         # How the law is asked; steps that are known of, and those made.
         self.asks, self.steps, self.made = "", steps, 0
@@ -300,7 +266,7 @@ class Moving:
         self.lightness[0][grains], self.lightness[1][grains] = 1.0 / masses, 1.0 / inertias
         velocities, spins = np.zeros((bodies, 2)), np.zeros(bodies)
         velocities[grains], spins[grains] = velocity, spin
-        count = len(pairs)
+        count, law = len(start.contacts), start.law
         self.motion = MovingDiscs(
             x=np.array(start.x),
             velocity=velocities,
@@ -308,12 +274,12 @@ class Moving:
             spin=spins,
             cell=np.array(start.cell),
             shear=np.array(start.shear_force),
-            kt=tangents(pairs, overlaps(start, pairs))[1],
+            kt=law.stiffnesses(start.overlap)[1],
             overlap=np.zeros(count),
             before=np.zeros(count),
             place=np.zeros((3, count)),
             answer=np.zeros((4, count)),
-            rolled=np.where(_rolling_stiffness(pairs) > 0, start.rolling_moment, 0.0),
+            rolled=np.where(law.k_r > 0, start.rolling_moment, 0.0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -334,21 +300,20 @@ class Moving:
         from loops.compiled.motion import APART, Discs
 
         motion = self.motion
-        now = replace(self.start, x=motion.x, cell=motion.cell)
-        self.pairs = pairs = with_near(self.pairs, now, self.gap)
-        fresh = len(pairs) - len(motion.shear)
+        now = replace(self.listed, x=motion.x, cell=motion.cell).with_near(self.gap)
+        law, ends, self.listed = now.law, now.contacts, now
+        fresh = len(ends) - len(motion.shear)
         none = np.zeros(fresh)
-        apart = APART * now.radii[pairs.grains[len(motion.shear) :]].sum(axis=1)
+        apart = APART * now.radii[ends[len(motion.shear) :]].sum(axis=1)
         self.motion = motion._replace(
             shear=np.append(motion.shear, none),
             kt=np.append(motion.kt, none),
             rolled=np.append(motion.rolled, none),
             overlap=np.append(motion.overlap, apart),
             before=np.append(motion.before, apart),
-            place=np.zeros((3, len(pairs))),
-            answer=np.zeros((4, len(pairs))),
+            place=np.zeros((3, len(ends))),
+            answer=np.zeros((4, len(ends))),
         )
-        self.listed = replace(now, contacts=pairs.grains, images=pairs.images)
         motion.closer[:] = 0.0
         self.discs = Discs(
             radii=np.array(now.radii),
@@ -356,16 +321,16 @@ class Moving:
             walls=np.array(now.walls),
             lightness=self.lightness[0],
             slenderness=self.lightness[1],
-            pairs=pairs.grains.astype(np.uint32),
-            images=pairs.images.astype(float),
-            wraps=pairs.images.any(axis=1) | (pairs.grains[:, 1] >= now.count),
-            spans=np.ascontiguousarray(now.radii[pairs.grains].T),
-            reach=np.array(pairs.reach),
-            constants=np.zeros((0, len(pairs))),
-            remembers=pairs.by_displacement or bool(pairs.own),
-            k_r=_rolling_stiffness(pairs),
-            rolling_reach=rolling_reach(pairs, self.listed),
-            at_touch=np.array(pairs.at_touch),
+            pairs=ends.astype(np.uint32),
+            images=now.images.astype(float),
+            wraps=now.images.any(axis=1) | now.at_wall,
+            spans=law.radii,
+            reach=np.array(law.reach),
+            constants=np.zeros((0, len(ends))),
+            remembers=law.remembers,
+            k_r=law.k_r,
+            rolling_reach=law.rolling_reach,
+            at_touch=np.array(law.at_touch),
         )
         self._hand_law()
 
@@ -373,25 +338,25 @@ class Moving:
         """Hand the law to the kernel, or tell why numpy is asked in its place."""
         from loops.compiled.laws import Pointer, given
 
-        own = self.pairs.own
-        wanted = own.law.compiled if own else None
-        filling = self.pairs.filling(self.steps >= COMPILED_STEPS if wanted is None else wanted)
+        law, wanted = self.listed.law, self.listed.law.compiled
+        filling = law.filling(self.steps >= COMPILED_STEPS if wanted is None else wanted)
         if not isinstance(filling, str):
             self.law, constants = filling
-            self.asks = "compiled" if own and self.law.made else "kernel"
+            self.asks = "compiled" if self.law.made else "kernel"
         elif wanted:
             received, expected = f"compiled=True; {filling}", "methods that numba can compile"
             raise InputError("law", received, expected, "Leave compiled out.")
         else:
             self.asks = filling if filling == "numpy" else f"numpy: {filling}"
-            self.law, constants = Pointer(given), np.zeros((4, len(self.pairs)))
+            self.law, constants = Pointer(given), np.zeros((4, len(law)))
         self.discs = self.discs._replace(constants=constants)
 
     def _part(self) -> None:
         """Take the bonds of pairs that have parted."""
         now = replace(self.listed, x=self.motion.x, cell=self.motion.cell)
-        self.pairs = self.pairs.parted((self.pairs.reach > 0) & (overlaps(now, self.pairs) == 0))
-        self.discs.reach[:], self.discs.at_touch[:] = self.pairs.reach, self.pairs.at_touch
+        self.listed = self.listed.parted((now.law.reach > 0) & (now.overlap == 0))
+        law = self.listed.law
+        self.discs.reach[:], self.discs.at_touch[:] = law.reach, law.at_touch
         self._hand_law()
 
     def _ask(self) -> None:
@@ -399,7 +364,7 @@ class Moving:
         motion = self.motion
         if self.asks.startswith("numpy"):
             now = motion.overlap, motion.before, motion.shear
-            self.discs.constants[:] = self.pairs.answer(*now)
+            self.discs.constants[:] = self.listed.law.answer(*now)
 
     def load(self, load: Floats) -> None:
         """Add constant forces and moments (B, 3) on the bodies, from now on."""
@@ -450,18 +415,16 @@ class Moving:
         parted = finish(self.law, motion, discs, self.servo, dt, self.by_radii)
         return -1 if parted else 1
 
-    def state(self) -> PackingState:
+    def state(self) -> Contacts:
         """The current packing; its first pairs are those of the start."""
         motion = self.motion
         state = replace(
-            self.start,
+            self.listed,
             x=motion.x.copy(),
             angle=motion.angle.copy(),
             cell=motion.cell.copy(),
-            contacts=self.pairs.grains,
-            images=self.pairs.images,
             normal_force=np.zeros(len(motion.shear)),
             shear_force=motion.shear.copy(),
             rolling_moment=motion.rolled.copy(),
         )
-        return with_normal_forces(state, self.pairs)
+        return state.with_normal_forces()

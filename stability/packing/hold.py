@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.boundary import Boundary, PlaneContacts, boundary_of
+from loops.contacts import Contacts, PackingState, contacts_of, start_state
 from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
+from loops.laws.movable import require_movable
+from loops.laws.of_pairs import MovableLaw, law_of
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.equations_of_motion import (
@@ -25,17 +28,6 @@ from stability.packing.equations_of_motion import (
     steered,
     step_of,
 )
-from stability.packing.pairs import (
-    MovableLaw,
-    Pairs,
-    at_limit,
-    contact_pairs,
-    law_of,
-    overlaps,
-    require_movable,
-    tangents,
-)
-from stability.packing.state import PackingState, start_state
 
 HoldControl = Literal["strain", "stress"]
 HoldStatus = Literal["at rest", "not at rest", "flows"]
@@ -164,7 +156,7 @@ class _Run(NamedTuple):
     damping: float
     moving: Moving
     before: float
-    end: PackingState
+    end: Contacts
     status: HoldStatus
     steps: int
 
@@ -244,24 +236,21 @@ def hold(
         expected = "control='strain' and a volume between walls"
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     masses, inertias = masses_of(graph.radii, mass, inertia)
-    start = start_state(graph, around, still=True)
-    pairs = contact_pairs(start, checked, around)
+    start = contacts_of(start_state(graph, around, still=True), checked, around)
     by_radii = checked.shear_increment == "radii"
-    dt = step_of(masses, inertias, pairs, start, by_radii)
+    dt = step_of(masses, inertias, start, by_radii)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)
     speed = 0.0 if velocity is None else velocity, 0.0 if spin is None else spin
 
     def run(share: float, slower: float = 1.0) -> _Run:
-        servo = servo_of(start, pairs, masses)
+        servo = servo_of(start, masses)
         if control == "stress":
             servo = servo._replace(lag=slower * servo.lag)
-            servo = steered(servo, start, pairs, HELD_STRESS, NO_ROTATION, np.zeros(4))
+            servo = steered(servo, start, HELD_STRESS, NO_ROTATION, np.zeros(4))
             servo = lasting(servo, dt)
-        moving = Moving(
-            start, pairs, masses, inertias, servo, by_radii, velocity=speed[0], spin=speed[1]
-        )
+        moving = Moving(start, masses, inertias, servo, by_radii, velocity=speed[0], spin=speed[1])
         before = _unbalanced(moving, start)
         return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
 
@@ -276,16 +265,16 @@ def hold(
     # Contacts between grains.
     first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
     change = end.forces.copy()
-    change[: len(pairs)] -= start.forces
-    kept = int(np.count_nonzero(first & last[: len(pairs)]))
+    change[: len(first)] -= start.forces
+    kept = int(np.count_nonzero(first & last[: len(first)]))
     touching = end.closed & end.at_wall
-    kn, kt = (k[touching] for k in tangents(moving.pairs, overlaps(end, moving.pairs)))
-    grain, mu = moving.pairs.grains[touching, 0], moving.pairs.mu[touching]
+    kn, kt = (k[touching] for k in end.law.stiffnesses(end.overlap))
+    grain, mu = end.contacts[touching, 0], end.law.mu[touching]
     walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu, -end.forces[touching])
     at_rest = end.graph()
     return HeldPacking(
         graph=at_rest,
-        law=law_of(checked, moving.pairs, last, end),
+        law=law_of(checked, end.law, last),
         boundary=boundary_of(
             at_rest,
             walls=walls if walled else None,
@@ -303,8 +292,8 @@ def hold(
         forces_changed=float(np.linalg.norm(change) / np.linalg.norm(start.forces)),
         lost=int(np.count_nonzero(first)) - kept,
         gained=int(np.count_nonzero(last)) - kept,
-        sliding_before=_sliding(start, pairs),
-        sliding=_sliding(end, moving.pairs),
+        sliding_before=_sliding(start),
+        sliding=_sliding(end),
         spread=float(np.linalg.norm(_stress(other.end) - stress)) / size if size > 0 else np.inf,
         strain_spread=apart / strain if apart > 0 else 0.0,
         steps=found.steps,
@@ -330,7 +319,7 @@ def _unbalanced(moving: Moving, state: PackingState) -> float:
 
 def _rest(
     moving: Moving, dt: float, damping: float, bound: float, most_steps: int
-) -> tuple[PackingState, HoldStatus, int]:
+) -> tuple[Contacts, HoldStatus, int]:
     """Return the state where a run ends, why it ended, and its steps."""
     steps = 0
     while True:
@@ -349,5 +338,5 @@ def _rest(
             return state, "not at rest", steps
 
 
-def _sliding(state: PackingState, pairs: Pairs) -> int:
-    return int(np.count_nonzero(at_limit(pairs, state, SLIDING_SHARE) & ~state.at_wall))
+def _sliding(state: Contacts) -> int:
+    return int(np.count_nonzero(state.at_limit(SLIDING_SHARE) & ~state.at_wall))

@@ -18,6 +18,7 @@ from scipy.spatial import Delaunay
 
 from loops.arrays import Flags, Floats, available_cores
 from loops.assembly import contact_tangent
+from loops.contacts import PackingState
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
@@ -30,7 +31,6 @@ from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
 from stability.packing.response import PackingResponse
-from stability.packing.state import PackingState
 
 QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])
 # Softest modes whose participation is summed up.

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loops.arrays import Floats
+from loops.contacts import Contacts
 from stability.packing.equations_of_motion import snap_through
-from stability.packing.pairs import Pairs
 from stability.packing.pivots import MixedControl
-from stability.packing.state import PackingState, jumped
+from stability.packing.state import jumped
 from stability.packing.strain_increment import RELEASED, Within
 from stability.path import Event, How, Past
 
@@ -29,8 +29,7 @@ class Standing(NamedTuple):
     stress at the start of the path.
     """
 
-    state: PackingState
-    pairs: Pairs
+    state: Contacts
     load: Floats
     by_radii: bool
     first_stress: float
@@ -43,8 +42,7 @@ class Passed(NamedTuple):
     """
 
     how: How
-    state: PackingState | None = None
-    pairs: Pairs | None = None
+    state: Contacts | None = None
     work: Floats | None = None
     message: str = ""
 
@@ -87,15 +85,15 @@ class Dynamic:
 
     def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
         """Return the packing at rest."""
-        packing = here.state, here.pairs, here.load
         try:
-            snap = snap_through(*packing, control, here.by_radii, self.damping)
+            how = control, here.by_radii, self.damping
+            snap = snap_through(here.state, here.load, *how)
             jump = jumped(here.state, snap.state, here.first_stress)
             if jump:
                 raise ArithmeticError(jump)
         except ArithmeticError as error:
             return Passed("lost", message=str(error))
-        return Passed("replayed", snap.state, snap.pairs, snap.work)
+        return Passed("replayed", snap.state, snap.work)
 
 
 def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:

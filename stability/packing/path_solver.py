@@ -12,27 +12,17 @@ import numpy as np
 
 from loops.arrays import Flags, Floats
 from loops.boundary import Boundary
+from loops.contacts import AT_YIELD, Contacts, contacts_of, start_state
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
-from stability.packing.equations_of_motion import require_upright, stored_energy
-from stability.packing.pairs import (
-    AT_YIELD,
-    Pairs,
-    contact_pairs,
-    overlaps,
-    require_movable,
-    rolling_strength,
-    strength,
-    tangents,
-    with_near,
-    with_normal_forces,
-)
+from loops.laws.movable import require_movable
+from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.pathologies import pathologies
 from stability.packing.pivots import MixedControl
 from stability.packing.rattlers import free_rattlers
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, RegimeFactor
-from stability.packing.state import PackingState, jumped, start_state
+from stability.packing.state import jumped
 from stability.packing.strain_increment import (
     RELEASED,
     ControlLimitError,
@@ -93,15 +83,14 @@ class PackingPathSolver:
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         # Memory and order of elimination of the increment before.
         self.packing: RegimeFactor | None = None
-        self.pairs = contact_pairs(start, checked, boundary)
-        self.state = _with_forces_of_geometry(start, self.pairs)
+        self.state = _with_forces_of_geometry(contacts_of(start, checked, boundary))
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.first_stress = float(np.linalg.norm(start.stress))
         # Of the pairs, then of their springs against rolling.
         self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
         self._list_pairs()
-        self.state, self.rattlers, _ = free_rattlers(self.state, self.pairs)
+        self.state, self.rattlers, _ = free_rattlers(self.state)
         self._find_regimes()
         self.first_resultants, self.unbalanced_share = self.state.resultants, 1.0
         self.imbalance = 0.0 * self.balance
@@ -110,21 +99,9 @@ class PackingPathSolver:
 
     def _list_pairs(self) -> None:
         """Add the pairs that are close to the list, as open contacts."""
-        state, gap = self.state, self._listed_gap()
         self.wandered = 0.0
-        self.pairs = with_near(self.pairs, state, gap)
-        new = np.zeros(len(self.pairs) - len(state.contacts))
-        N, T = np.append(state.normal_force, new), np.append(state.shear_force, new)
-        self.state = replace(
-            state,
-            contacts=self.pairs.grains,
-            images=self.pairs.images,
-            normal_force=N,
-            shear_force=T,
-            rolling_moment=np.append(state.rolling_moment, new),
-            closed=np.append(state.closed, new > 0),
-        )
-        springs = 2 if self.pairs.rolling else 1
+        self.state = self.state.with_near(self._listed_gap())
+        springs = self.state.law.springs
         regime, side = self.regime.reshape(springs, -1), self.side.reshape(springs, -1)
         fresh = self.state.closed[regime.shape[1] :]
         closed = np.tile(np.where(fresh, ELASTIC, OPEN), (springs, 1))
@@ -136,10 +113,9 @@ class PackingPathSolver:
 
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
-        T, most = self.state.shear_force, strength(self.pairs, self.state)
-        if self.pairs.rolling:
-            T = np.append(T, self.state.rolling_moment)
-            most = np.append(most, rolling_strength(self.pairs, self.state))
+        law, state = self.state.law, self.state
+        T = law.of_springs(state.shear_force, state.rolling_moment)
+        most = law.of_springs(state.strength, state.rolling_strength)
         slides = np.abs(T) >= AT_YIELD * most
         regime = np.where(slides, SLIDING, ELASTIC)
         closed = np.resize(self.state.closed, len(T))
@@ -232,7 +208,7 @@ class PackingPathSolver:
         """Record a row for every target that is reached to a millionth of an interval."""
         scale = 1.0
         if stage.quantity[0] == "P":
-            scale = float(tangents(self.pairs, overlaps(self.state, self.pairs))[0].mean())
+            scale = float(self.state.law.stiffnesses(self.state.overlap)[0].mean())
         elif stage.quantity == "parameter":
             scale = 1.0 / float(np.abs(stage.programme.rate).max())
         # Targets of a quantity that is not driven may be leapt over.
@@ -277,7 +253,6 @@ class PackingPathSolver:
         """Strain by an increment: what ends it before its goal, and the duration asked for."""
         packing = RegimeFactor(
             self.state,
-            self.pairs,
             self.regime,
             self.side,
             self.by_radii,
@@ -302,7 +277,6 @@ class PackingPathSolver:
         increment = StrainIncrement(
             packing,
             self.state,
-            self.pairs,
             self._control(stage, 1.0 / duration),
             self.balance.ravel() * scale,
             relief,
@@ -330,7 +304,7 @@ class PackingPathSolver:
             met = error
         except ControlLimitError as error:
             # It is met at an event within the interval; up to there the packing is in equilibrium.
-            if not increment.time or (packing.regime[: len(self.pairs)] == OPEN).all():
+            if not increment.time or (packing.regime[: packing.pair_count] == OPEN).all():
                 raise
             met = error
         finally:
@@ -351,7 +325,7 @@ class PackingPathSolver:
 
     def _take(self, increment: StrainIncrement, relief: float) -> None:
         """Take over the state that an increment has reached; `relief` of the load a time."""
-        state, self.pairs, self.regime, self.side, work = increment.end()
+        state, self.regime, self.side, work = increment.end()
         if not state.closed.any():
             raise RejectedError("no_load", "the packing has come apart and carries no force")
         self._add_events(increment.events, increment.released)
@@ -363,14 +337,12 @@ class PackingPathSolver:
         regime = np.where(closed, np.where(entered, ELASTIC, self.regime), OPEN)
         self.regime = regime.astype(np.int8)
 
-    def _accept(
-        self, state: PackingState, duration: float, work: Floats, before: Flags | None
-    ) -> None:
+    def _accept(self, state: Contacts, duration: float, work: Floats, before: Flags | None) -> None:
         """Take over a later state, with the loading parameter and work that led to it.
 
         Grains that carry nothing leave the system, or join it; some did not carry `before`.
         """
-        self.state, self.rattlers, released = free_rattlers(state, self.pairs, before)
+        self.state, self.rattlers, released = free_rattlers(state, before)
         self.first_resultants[self.rattlers] = 0.0
         self.parameter += duration
         self.work += work
@@ -397,7 +369,7 @@ class PackingPathSolver:
 
     def here(self) -> Standing:
         """Return what an instability meets, for a function that passes it."""
-        return Standing(self.state, self.pairs, -self.balance, self.by_radii, self.first_stress)
+        return Standing(self.state, -self.balance, self.by_radii, self.first_stress)
 
     def take_motion(self, passed: Passed, load: float) -> None:
         """Go on from the end of a motion that came to rest, at another loading parameter."""
@@ -406,9 +378,8 @@ class PackingPathSolver:
 
     def _go_on_from(self, passed: Passed, duration: float) -> None:
         """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
-        assert passed.state is not None and passed.pairs is not None and passed.work is not None
+        assert passed.state is not None and passed.work is not None
         self.F = passed.state.cell @ np.linalg.inv(self.state.cell) @ self.F
-        self.pairs = passed.pairs
         # Its forces are in balance: a grain that was loaded in the motion keeps all of them.
         self._accept(passed.state, duration, passed.work, None)
         self._find_regimes()
@@ -462,7 +433,7 @@ class PackingPathSolver:
     def record(self) -> None:
         """Add a row."""
         state = self.state
-        energy = stored_energy(state, self.pairs)
+        energy = state.energy()
         largest = np.abs(self.imbalance)[:, :2].max() / state.mean_force
         found = self._pathologies() if self.looks_at_pathologies else None
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
@@ -470,10 +441,10 @@ class PackingPathSolver:
 
     def _pathologies(self) -> Pathologies:
         """Look at the matrix of the candidates of this state, with a factor of its own."""
-        held = np.resize(self.rattlers[self.pairs.grains].any(axis=1), len(self.regime))
+        held = np.resize(self.rattlers[self.state.contacts].any(axis=1), len(self.regime))
         control, regimes = self._control(self.stages[self.stage], 0.0), (self.regime, self.side)
         found, self.looked = pathologies(
-            self.state, self.pairs, *regimes, self.by_radii, control, held, self.looked
+            self.state, *regimes, self.by_radii, control, held, self.looked
         )
         return found
 
@@ -499,14 +470,11 @@ class PackingPathSolver:
         )
 
 
-def _with_forces_of_geometry(state: PackingState, pairs: Pairs) -> PackingState:
+def _with_forces_of_geometry(state: Contacts) -> Contacts:
     """The state with normal forces of its overlaps, and shear forces within the cone."""
-    state = with_normal_forces(state, pairs)
-    most = strength(pairs, state)
+    state = state.with_normal_forces()
+    most = state.strength
     T = np.clip(np.where(state.closed, state.shear_force, 0.0), -most, most)
-    if pairs.rolling is None:
-        return replace(state, shear_force=T, rolling_moment=np.zeros(len(pairs)))
-    most = rolling_strength(pairs, state)
-    springs = state.closed & (pairs.rolling.k_r > 0)
+    most, springs = state.rolling_strength, state.closed & (state.law.k_r > 0)
     M = np.clip(np.where(springs, state.rolling_moment, 0.0), -most, most)
     return replace(state, shear_force=T, rolling_moment=M)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.contacts import AT_YIELD, Contacts
 from stability.complementarity import positive_definite, solve_complementarity
 from stability.p_matrix import has_definite_scaling, is_p_matrix
-from stability.packing.pairs import AT_YIELD, Pairs, frame_of
 from stability.packing.pivots import MixedControl, edges_of_pushes
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
-from stability.packing.state import PackingState
 from stability.path import Pathologies
 
 # Candidates up to which minors and solutions are looked for.
@@ -22,8 +21,7 @@ STARTS = 5
 
 
 def pathologies(
-    state: PackingState,
-    pairs: Pairs,
+    state: Contacts,
     regime: Regimes,
     side: Floats,
     by_radii: bool,
@@ -37,10 +35,9 @@ def pathologies(
     """
     from stability.compiled.packing_rates import at_yield
 
-    N, T = state.normal_force, state.shear_force
-    if pairs.rolling:
-        N, T = np.tile(N, 2), np.append(T, state.rolling_moment / state.mean_radius)
-    candidates: Integers = at_yield(frame_of(state, pairs, by_radii), regime, held, N, T, AT_YIELD)
+    N = np.tile(state.normal_force, state.law.springs)
+    T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
+    candidates: Integers = at_yield(state.records(by_radii), regime, held, N, T, AT_YIELD)
     side = side.copy()
     stuck = candidates[regime[candidates] == ELASTIC]
     sliding = candidates[regime[candidates] == SLIDING]
@@ -49,7 +46,7 @@ def pathologies(
     reference = regime.copy()
     reference[candidates] = ELASTIC
     none = np.zeros(3 * len(state.x))
-    packing = RegimeFactor(state, pairs, reference, side, by_radii, none, before)
+    packing = RegimeFactor(state, reference, side, by_radii, none, before)
     m = len(candidates)
     if m > MOST_CANDIDATES:
         packing.set_regimes(sliding, SLIDING)

@@ -14,18 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from stability.packing.pairs import (
-    SMALL_OVERLAP,
-    Pairs,
-    normal_energy,
-    normal_forces,
-    overlaps,
-    rolling_energy,
-    strength,
-    tangents,
-    touching_distances,
-)
-from stability.packing.state import PackingState
+from loops.contacts import Contacts
+from loops.laws.of_pairs import SMALL_OVERLAP
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
 # start and until it finds no room. Grains of held states have 1e-6 or 7e-3 and more.
@@ -48,20 +38,21 @@ HALVES = tuple(0.5**k for k in range(10))
 class Freed(NamedTuple):
     """The state without forces on grains that carry nothing, these (B,), and the energy let go."""
 
-    state: PackingState
+    state: Contacts
     rattlers: Flags
     released: float
 
 
-def carrying_nothing(state: PackingState, share: float, at_touch: Floats | float = 0.0) -> Flags:
+def carrying_nothing(state: Contacts, share: float) -> Flags:
     """Return grains (B,) without load: below a share of the mean force, or under two contacts.
 
     Contacts of such grains do not count for their neighbours, and so on. The load of a contact is
     its force above that `at_touch`, and a contact that can pull holds a grain as two do.
     """
     i, j = state.contacts[state.closed].T
-    N, bodies = (state.normal_force - at_touch)[state.closed], len(state.x)
-    holds = np.where(np.broadcast_to(at_touch, len(state.closed))[state.closed] < 0, 2, 1)
+    at_touch, bodies = state.law.at_touch, len(state.x)
+    N = (state.normal_force - at_touch)[state.closed]
+    holds = np.where(at_touch[state.closed] < 0, 2, 1)
     least = share * state.mean_force
     largest = np.zeros(bodies)
     np.maximum.at(largest, i, N)
@@ -77,42 +68,42 @@ def carrying_nothing(state: PackingState, share: float, at_touch: Floats | float
         idle = found
 
 
-def free_rattlers(state: PackingState, pairs: Pairs, before: Flags | None = None) -> Freed:
+def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     """Take the forces of grains that carry nothing, and move them out of overlap.
 
     Grains that did so `before` do until they find no room: then they keep the normal forces of
     their overlaps.
     """
     if before is None:
-        idle = carrying_nothing(state, LOADED_SHARE, pairs.at_touch)
+        idle = carrying_nothing(state, LOADED_SHARE)
     else:
-        was = before[pairs.grains].any(axis=1)
+        was = before[state.contacts].any(axis=1)
         others = replace(state, closed=state.closed & ~was)
-        idle = carrying_nothing(others, UNLOADED_SHARE, pairs.at_touch)
-    free: Flags = np.asarray(idle[pairs.grains].any(axis=1))
-    energy = _energy(state, pairs, free & state.closed)
-    nothing = {
-        name: np.where(free, 0.0, getattr(state, name))
-        for name in ("normal_force", "shear_force", "rolling_moment")
-    }
-    nothing["closed"] = state.closed & ~free
-    x, T = _out_of_overlap(state, pairs, idle, free)
-    moved = replace(state, x=x, **nothing)
-    overlap = np.where(free, overlaps(moved, pairs), 0.0)
-    N = normal_forces(pairs, overlap)
-    loaded = (overlap > 0) & (N - pairs.at_touch >= LOADED_SHARE * state.mean_force)
-    idle[pairs.grains[loaded].ravel()] = False
-    free = np.asarray(idle[pairs.grains].any(axis=1))
+        idle = carrying_nothing(others, UNLOADED_SHARE)
+    free: Flags = np.asarray(idle[state.contacts].any(axis=1))
+    energy = state.energy(free & state.closed)
+    x, T = _out_of_overlap(state, idle, free)
+    moved = replace(
+        state,
+        x=x,
+        normal_force=np.where(free, 0.0, state.normal_force),
+        shear_force=np.where(free, 0.0, state.shear_force),
+        rolling_moment=np.where(free, 0.0, state.rolling_moment),
+        closed=state.closed & ~free,
+    )
+    overlap = np.where(free, moved.overlap, 0.0)
+    N = state.law.normal_force(overlap)
+    loaded = (overlap > 0) & (N - state.law.at_touch >= LOADED_SHARE * state.mean_force)
+    idle[state.contacts[loaded].ravel()] = False
+    free = np.asarray(idle[state.contacts].any(axis=1))
     joined = ~free & (overlap > 0)
     N = np.where(joined, N, moved.normal_force)
     T = np.where(joined, T, moved.shear_force)
     moved = replace(moved, normal_force=N, shear_force=T, closed=moved.closed | joined)
-    return Freed(moved, idle, energy - _energy(moved, pairs, joined))
+    return Freed(moved, idle, energy - moved.energy(joined))
 
 
-def _out_of_overlap(
-    state: PackingState, pairs: Pairs, idle: Flags, free: Flags
-) -> tuple[Floats, Floats]:
+def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, Floats]:
     """Return centres (B, 2) where grains that carry nothing have least energy, and `T` (P,) there.
 
     Newton's steps of all these grains together, halved until the energy falls; all others stay.
@@ -120,11 +111,11 @@ def _out_of_overlap(
     line between its contacts lies in both friction cones, and slips out where it does not.
     """
     rows = np.flatnonzero(free)
-    ends = pairs.grains[rows]
+    ends = state.contacts[rows]
     i, j = ends.T
-    touching, T = touching_distances(state, pairs), np.zeros(len(pairs))
-    kn, kt = tangents(pairs, np.maximum(overlaps(state, pairs), SMALL_OVERLAP * touching))
-    weight = np.sqrt(np.where(pairs.kn > 0, pairs.kn, 1.0))[rows]
+    touching, T = state.law.touching, np.zeros(len(free))
+    kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
+    weight = np.sqrt(np.where(state.law.kn > 0, state.law.kn, 1.0))[rows]
     weight /= weight.max(initial=0.0)
     ratio, still = (kt / kn)[rows], np.finfo(float).eps * float(np.abs(state.x).max())
     sticks = np.ones(len(rows), dtype=bool)
@@ -169,12 +160,12 @@ def _out_of_overlap(
             x, rolled = start
         overlap, n = deep(x)
         stuck = sticks & (overlap > 0)
-        every = np.zeros(len(pairs))
+        every = np.zeros(len(free))
         every[rows] = np.maximum(overlap, 0.0)
-        N = normal_forces(pairs, every)
-        carried = (N - pairs.at_touch)[rows] / np.where(stuck, overlap, 1.0)
+        N = state.law.normal_force(every)
+        carried = (N - state.law.at_touch)[rows] / np.where(stuck, overlap, 1.0)
         T[rows] = np.where(stuck, -ratio * slid(x, rolled) * carried, 0.0)
-        most = strength(pairs, replace(state, x=x, normal_force=N))
+        most = replace(state, x=x, normal_force=N).strength
         slips = np.abs(T[rows]) > most[rows]
         T[rows[slips]] = 0.0
         sticks &= ~slips
@@ -198,12 +189,3 @@ def _parting_and_slip(ends: Integers, n: Floats, grains: Integers, bodies: int) 
         out[1, c, place[grain[c]], :2] += sense * t[c]
         out[1, c, place[grain[c]], 2] -= 1.0
     return out.reshape(2, len(ends), -1)
-
-
-def _energy(state: PackingState, pairs: Pairs, rows: Flags) -> float:
-    """Return the energy of the springs of some pairs at their overlaps."""
-    overlap, T = np.where(rows, overlaps(state, pairs), 0.0), state.shear_force
-    kt = tangents(pairs, overlap)[1]
-    shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(pairs)), where=rows & (kt > 0))
-    rolling = rolling_energy(pairs, np.where(rows, state.rolling_moment, 0.0))
-    return float(np.sum(normal_energy(pairs, overlap)[rows] + shear[rows])) + rolling

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION, WIDTH, Factor, lu_factors
-from stability.packing.pairs import AT_YIELD, Pairs, frame_of
-from stability.packing.state import PackingState
 
 # Columns from which on the system is factorised anew; from half of the room on it always is.
 RANK = 96
@@ -81,8 +80,7 @@ class RegimeFactor:
 
     def __init__(
         self,
-        state: PackingState,
-        pairs: Pairs,
+        state: Contacts,
         regime: Regimes,
         side: Floats,
         by_radii: bool,
@@ -93,8 +91,8 @@ class RegimeFactor:
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
         self.by_radii, self.reach = by_radii, reach
-        self.frame: NDArray[Any] = frame_of(state, pairs, by_radii, reach)
-        self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(pairs)
+        self.frame: NDArray[Any] = state.records(by_radii, reach)
+        self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
         self.wall_freedoms = np.arange(3 * state.count, 3 * self.count)

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm, logm
 
 from loops.arrays import Floats
+from loops.contacts import Contacts, contacts_of, start_state
 from loops.errors import InputError, number, whole_number
+from loops.laws.movable import require_movable
 from loops.scene import Scene, of_scene
 from stability.packing.equations_of_motion import (
     Moving,
@@ -21,8 +23,7 @@ from stability.packing.equations_of_motion import (
     steered,
     step_of,
 )
-from stability.packing.pairs import Pairs, contact_pairs, require_movable
-from stability.packing.state import PackingState, nominal, start_state
+from stability.packing.state import nominal
 from stability.path import Path
 from stability.programmes import NOTHING, Stage
 
@@ -124,10 +125,9 @@ def replay(
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
-    start = start_state(graph, boundary)
-    pairs = contact_pairs(start, checked, boundary)
-    dt = time_step or step_of(masses, inertias, pairs, start, by_radii)
-    servo, ends = _steering(start, pairs, masses, strain)
+    start = contacts_of(start_state(graph, boundary), checked, boundary)
+    dt = time_step or step_of(masses, inertias, start, by_radii)
+    servo, ends = _steering(start, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])
     if steps is not None:
         if duration is not None:
@@ -143,7 +143,6 @@ def replay(
     gradients = {} if servo.on else _gradients(ends, at, steps, dt)
     moving = Moving(
         start,
-        pairs,
         masses,
         inertias,
         servo,
@@ -185,14 +184,12 @@ def replay(
     )
 
 
-def _steering(
-    start: PackingState, pairs: Pairs, masses: Floats, strain: ArrayLike | Stage
-) -> tuple[Servo, Floats]:
+def _steering(start: Contacts, masses: Floats, strain: ArrayLike | Stage) -> tuple[Servo, Floats]:
     """A servo with rates over the whole duration, off for a given strain; `H` of parts (K, 2, 2).
 
     Under a servo these are one part, the strain that is expected.
     """
-    servo = servo_of(start, pairs, masses)
+    servo = servo_of(start, masses)
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
         if programme.fluid_bulk_modulus:
@@ -203,7 +200,7 @@ def _steering(
         at_start = programme.equations(NOTHING, start.stress.ravel())
         stress, rows, rate = (np.array(part) for part in at_start)
         require_upright(start, stress, rows, rate)
-        servo = steered(servo, start, pairs, stress, rows, rate * span)
+        servo = steered(servo, start, stress, rows, rate * span)
         row = programme.isochoric_row
         servo = servo._replace(isochoric=-1 if row is None else row)
         return servo, (servo.gain @ servo.rate).reshape(1, 2, 2)

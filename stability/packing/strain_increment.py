@@ -11,19 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Regimes
-from stability.packing.pairs import (
-    AT_TOUCH,
-    AT_YIELD,
-    Pairs,
-    frame_of,
-    normal_energy,
-    normal_forces,
-    overlaps,
-    rolling_strength,
-    strength,
-    tangents,
-    touching_distances,
-)
+from loops.contacts import AT_YIELD, Contacts
+from loops.laws.of_pairs import AT_TOUCH
 from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
@@ -35,7 +24,6 @@ from stability.packing.regime_factor import (
     Combination,
     RegimeFactor,
 )
-from stability.packing.state import PackingState
 from stability.path import Event, EventKind, Spring, reason
 
 # Events of one contact within an increment; at the next one it is damped or held.
@@ -84,8 +72,7 @@ class Goal(NamedTuple):
 class End(NamedTuple):
     """A packing after the increment, with exact normal forces; work as in `Path.work`."""
 
-    state: PackingState
-    pairs: Pairs
+    state: Contacts
     regime: Regimes
     side: Floats
     work: Floats
@@ -102,8 +89,7 @@ class StrainIncrement:
     def __init__(
         self,
         packing: RegimeFactor,
-        state: PackingState,
-        pairs: Pairs,
+        state: Contacts,
         control: MixedControl,
         load: Floats,
         relief: Floats,
@@ -114,22 +100,20 @@ class StrainIncrement:
         past: Callable[[Any, Event, MixedControl], Any] | None,
         rattlers: Flags,
     ) -> None:
-        self.packing, self.state, self.pairs = packing, state, pairs
+        self.packing, self.state = packing, state
         self.control, self.duration = control, duration
         self.load, self.relief = load.copy(), relief.copy()
         self.goal, self.left, self.left_to_strain = goal, goal.left, largest_strain
         self.max_strain_speed, self.past = max_strain_speed, past
         # Grains that carry nothing, and the pairs that they are in: never in touch.
         self.rattlers = rattlers.copy()
-        self.absent: Flags = np.asarray(rattlers[pairs.grains].any(axis=1))
-        self.touching = np.where(self.absent, 0.0, touching_distances(state, pairs))
+        self.absent: Flags = np.asarray(rattlers[state.contacts].any(axis=1))
+        self.touching = np.where(self.absent, 0.0, state.law.touching)
         # The kernels change these in place.
-        self.N, self.T = state.normal_force.copy(), state.shear_force.copy()
-        if pairs.rolling:
-            moment = state.rolling_moment / packing.length
-            self.N, self.T = np.tile(self.N, 2), np.append(self.T, moment)
-        apart = np.linalg.norm(state.branches, axis=1) - touching_distances(state, pairs)
-        self.gap = np.maximum(apart, 0.0)
+        self.N = np.tile(state.normal_force, state.law.springs)
+        moment = state.rolling_moment / packing.length
+        self.T = state.law.of_springs(state.shear_force, moment)
+        self.gap = np.maximum(state.length - state.law.touching, 0.0)
         self.rates = np.empty((len(self.N), 4))
         self.time, self.reached = 0.0, False
         self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
@@ -189,14 +173,15 @@ class StrainIncrement:
 
         packing = self.packing
         normal = np.zeros((0, 0))
-        if not self.pairs.linear:
+        law, count = self.state.law, len(self.absent)
+        if not law.linear:
             # Of such forces the energies at both ends are exact, whatever the rule in between.
-            overlap = np.empty((4, len(self.pairs)))
+            overlap = np.empty((4, count))
             grains = self.touching, self.state.walls, self.state.count
-            frame = packing.frame[: len(self.pairs)]
+            frame = packing.frame[:count]
             overlaps_on_the_way(frame, *grains, self.strain, self.u, h, v, step, overlap)
-            normal = normal_forces(self.pairs, overlap[1:3])
-            before, after = (normal_energy(self.pairs, overlap[k]) for k in (0, 3))
+            normal = law.normal_force(overlap[1:3])
+            before, after = (law.normal_energy(overlap[k]) for k in (0, 3))
             self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
         pairs = (packing.frame, packing.regime)
         motion = (packing.length, self.strain, self.u, h, v, step)
@@ -223,7 +208,7 @@ class StrainIncrement:
                 self._end_forces(c, RELEASED if broken else SLIP)
                 self._close(c) if kind == "closing" else self._open(c)
                 if kind == "opening":
-                    self._break(np.arange(len(self.pairs)) == c)
+                    self._break(np.arange(len(self.absent)) == c)
                 facts: dict[str, Any] = {}
                 if pulls:
                     ends = tuple(packing.frame["grains"][c].tolist())
@@ -252,16 +237,16 @@ class StrainIncrement:
 
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
-        packing, pairs = self.packing, self.pairs
-        closed, N = packing.regime[: len(pairs)] != OPEN, self.N[: len(pairs)]
-        state = replace(self.state, normal_force=N, closed=closed)
-        idle = carrying_nothing(state, share, pairs.at_touch)
-        grains = [g for g in pairs.grains[c % len(pairs)].tolist() if idle[g]]
+        packing, count, ends = self.packing, len(self.absent), self.state.contacts
+        closed, N = packing.regime[:count] != OPEN, self.N[:count]
+        idle = carrying_nothing(replace(self.state, normal_force=N, closed=closed), share)
+        grains = [g for g in ends[c % count].tolist() if idle[g]]
         self.rattlers[grains] = True
-        rows = np.flatnonzero(self.rattlers[pairs.grains].any(axis=1) & ~self.absent)
+        rows = np.flatnonzero(self.rattlers[ends].any(axis=1) & ~self.absent)
         if len(rows):
-            self._break(np.isin(np.arange(len(pairs)), rows))
-            energy = normal_energy(self.pairs, overlaps(self._moved(), self.pairs))
+            self._break(np.isin(np.arange(count), rows))
+            moved = self._moved()
+            energy = moved.law.normal_energy(moved.overlap)
             self.work[RELEASED] += float(energy[rows].sum())
         for row in rows.tolist():
             self.absent[row] = self.held[self._springs(row)] = True
@@ -279,7 +264,7 @@ class StrainIncrement:
             packing.factorise()
         return bool(grains)
 
-    def _moved(self) -> PackingState:
+    def _moved(self) -> Contacts:
         """The packing where the increment has taken it, with the forces of its start."""
         v, E = self.u.reshape(-1, 3), self.strain.reshape(2, 2)
         return replace(
@@ -291,7 +276,7 @@ class StrainIncrement:
 
     def _springs(self, c: int) -> list[int]:
         """The pair, and its spring against rolling."""
-        return list(range(c, len(self.N), len(self.pairs)))
+        return list(range(c, len(self.N), len(self.absent)))
 
     def _open(self, c: int) -> None:
         for row in self._springs(c):
@@ -299,16 +284,17 @@ class StrainIncrement:
 
     def _break(self, opened: Flags) -> None:
         """Take the bonds of pairs that have opened: these touch again where the grains do."""
-        whole, pairs = self.pairs, self.pairs.parted(opened)
-        if pairs is whole:
+        whole, self.state = self.state, self.state.parted(opened)
+        law = self.state.law
+        if law is whole.law:
             return
         moved = self._moved()
-        before, after = (normal_energy(one, overlaps(moved, one))[opened] for one in (whole, pairs))
+        whole = replace(moved, law=whole.law)
+        before, after = (one.law.normal_energy(one.overlap)[opened] for one in (whole, moved))
         self.work[RELEASED] += float(np.sum(before - after))
-        gained, self.pairs = whole.reach - pairs.reach, pairs
-        self.touching = np.where(self.absent, 0.0, touching_distances(self.state, pairs))
-        self.gap += gained
-        frame = frame_of(self.state, pairs, self.packing.by_radii, self.packing.reach)
+        self.touching = np.where(self.absent, 0.0, law.touching)
+        self.gap += whole.law.reach - law.reach
+        frame = self.state.records(self.packing.by_radii, self.packing.reach)
         rows = np.flatnonzero(np.resize(opened, len(frame)))
         was = self.packing.frame[rows]
         self.packing.frame[rows] = frame[rows]
@@ -421,7 +407,7 @@ class StrainIncrement:
 
     def _event(self, kind: EventKind, c: int, **facts: Any) -> Event:
         """Return an event now; its parameter counts from the start of the increment."""
-        rolling, contact = divmod(c, len(self.pairs))
+        rolling, contact = divmod(c, len(self.absent))
         spring: Spring = "rolling" if rolling else "shear"
         return Event(kind, self.time, contacts=(contact,), spring=spring, **facts)
 
@@ -442,18 +428,17 @@ class StrainIncrement:
     def end(self) -> End:
         """The packing after the increment: exact normal forces, shear forces within the cone."""
         packing, moved = self.packing, self._moved()
-        overlap = np.where(self.absent, 0.0, overlaps(moved, self.pairs))
+        overlap = np.where(self.absent, 0.0, moved.overlap)
         # Bonds that have opened by then are gone, with the energy that they had left.
-        pairs, work = self.pairs.parted(overlap == 0), self.work.copy()
-        left = normal_energy(self.pairs, overlap) - normal_energy(pairs, overlap)
+        whole, moved, work = moved.law, moved.parted(overlap == 0), self.work.copy()
+        law, count = moved.law, len(overlap)
+        left = whole.normal_energy(overlap) - law.normal_energy(overlap)
         work[RELEASED] += float(left[overlap == 0].sum())
-        N = normal_forces(pairs, overlap)
+        N = law.normal_force(overlap)
         touch = overlap > 0
         moved = replace(moved, normal_force=N, closed=touch)
-        most, count = strength(pairs, moved), len(pairs)
-        if pairs.rolling:
-            touch = np.tile(touch, 2)
-            most = np.append(most, rolling_strength(pairs, moved) / packing.length)
+        most = law.of_springs(moved.strength, moved.rolling_strength / packing.length)
+        touch = np.tile(touch, law.springs)
         closed = np.where(packing.regime == OPEN, ELASTIC, packing.regime)
         regime, side = np.where(touch, closed, OPEN).astype(np.int8), packing.side.copy()
         # Sliding contacts have all of their strength, others at most that.
@@ -462,9 +447,9 @@ class StrainIncrement:
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
         kt = packing.frame["kt"]
         relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
-        if not pairs.linear:
+        if not law.linear:
             # Under the same force a stiffer spring stores less.
-            now = tangents(pairs, overlap)[1]
+            now = law.stiffnesses(overlap)[1]
             springs = np.flatnonzero((kt[:count] > 0) & (now > 0))
             softer = 1 / kt[springs] - 1 / now[springs]
             work[INCREMENT] += 0.5 * float(np.sum(T[springs] ** 2 * softer))
@@ -474,7 +459,6 @@ class StrainIncrement:
         at_limit = self.held & (np.abs(T) >= AT_YIELD * most) & touch & (most > 0)
         side[at_limit] = np.sign(T[at_limit])
         regime[at_limit] = SLIDING
-        end = replace(moved, shear_force=T[:count])
-        if pairs.rolling:
-            end = replace(end, rolling_moment=T[count:] * packing.length)
-        return End(end, pairs, regime, side, work)
+        M = law.rolling_part(T) * packing.length
+        end = replace(moved, shear_force=T[:count], rolling_moment=M)
+        return End(end, regime, side, work)

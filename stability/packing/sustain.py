@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats
+from loops.contacts import Contacts, start_state
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces
 from loops.graph import GrainGraph
+from loops.laws.movable import require_movable
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.amplitudes import stage_along
@@ -26,19 +28,16 @@ from stability.packing.equations_of_motion import (
     servo_of,
     steered,
     step_of,
-    stored_energy,
     work_of,
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
-from stability.packing.pairs import Pairs, at_limit, require_movable
 from stability.packing.past import Passed, Standing
 from stability.packing.path import halved
 from stability.packing.path_solver import PackingPathSolver, Stop
 from stability.packing.pivots import MixedControl
 from stability.packing.probe import probe_directions
 from stability.packing.regime_regions import Subspace
-from stability.packing.state import PackingState, start_state
 from stability.path import LARGE_MOTION, Event, Path, PathStatus
 from stability.programmes import Stage
 
@@ -433,23 +432,23 @@ class ConstantLoad:
         """Move until rest, or until the sample flows."""
         self.begin(here, control)
         self.status = self.hold()
-        return Passed("replayed", self.moving.state(), self.moving.pairs, self.work())
+        return Passed("replayed", self.moving.state(), self.work())
 
     def begin(self, here: Standing, control: MixedControl) -> None:
         """Set the packing in motion."""
-        state, pairs, self.load = here.state, here.pairs, here.load
+        state, self.load = here.state, here.load
         self.masses, self.inertias = masses_of(state.radii[: state.count])
-        servo = servo_of(state, pairs, self.masses)
-        servo = steered(servo, state, pairs, *control)
-        self.dt = step_of(self.masses, self.inertias, pairs, state, here.by_radii, STRIDE)
+        servo = servo_of(state, self.masses)
+        servo = steered(servo, state, *control)
+        self.dt = step_of(self.masses, self.inertias, state, here.by_radii, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
-        self.moving = Moving(state, pairs, self.masses, self.inertias, servo, here.by_radii)
+        self.moving = Moving(state, self.masses, self.inertias, servo, here.by_radii)
         self.moving.load(self.load)
         # Strain rate of an inertial number of one.
         self.pace = math.sqrt(state.pressure / self.masses.mean())
-        self.start, self.pairs = state, pairs
-        self.energy, self.steps, self.kinetic = stored_energy(state, pairs), 0, 0.0
-        self.mode: tuple[PackingState, Pairs] | None = None
+        self.start = state
+        self.energy, self.steps, self.kinetic = state.energy(), 0, 0.0
+        self.mode: Contacts | None = None
 
     def hold(self) -> MotionStatus:
         """Move until rest, or until the sample flows."""
@@ -465,7 +464,7 @@ class ConstantLoad:
             kinetic = 0.5 * float(self.masses @ square + self.inertias @ turning)
             self.kinetic = max(self.kinetic, kinetic)
             if self.mode is None and strain >= MODE_STRAIN:
-                self.mode = self.moving.state(), self.moving.pairs
+                self.mode = self.moving.state()
             if not ran or strain > FLOW_STRAIN:
                 return "no rest"
             late = LATE if self.steps > LATE_STEPS else 1.0
@@ -480,18 +479,18 @@ class ConstantLoad:
 
     def told(self, lost: float, load: float, count: int, faces: Faces | None) -> Motion:
         """Return the motion; of the first `count` contacts' loops, without faces of none."""
-        moving, state, pairs = self.moving, self.start, self.pairs
+        moving, state = self.moving, self.start
         end = moving.state()
         back = np.linalg.inv(state.cell)
-        then, listed = (end, moving.pairs) if self.mode is None else self.mode
+        then = end if self.mode is None else self.mode
         force = then.forces[:count] - state.forces[:count]
         branch = then.branches[:count] - state.branches[:count]
         carries, carried = (
             np.abs(one.normal_force) >= CARRIES * np.abs(one.normal_force[one.closed]).mean()
             for one in (then, state)
         )
-        slides, old = at_limit(listed, then), len(pairs)
-        slides[:old] &= ~at_limit(pairs, state)
+        slides, old = then.at_limit(), len(state.contacts)
+        slides[:old] &= ~state.at_limit()
         return Motion(
             status=self.status,
             lost=lost,

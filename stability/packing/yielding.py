@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
 from loops.boundary import Boundary, boundary_of, plane_stiffness
+from loops.contacts import AT_YIELD
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
@@ -27,7 +28,6 @@ from loops.packing import (
     relative_motion,
     stiffness_matrix,
 )
-from stability.packing.pairs import AT_YIELD
 
 # Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
 YIELD_BAND = 0.99

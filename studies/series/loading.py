@@ -16,11 +16,12 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
+from loops.contacts import start_state
 from patterns import Snapshot
 from patterns.snapshots.snapshot import sample_boundary
 from patterns.snapshots.tables import read_table
 from stability import COMPONENTS, Programme, Stage
-from stability.packing.state import nominal, start_state
+from stability.packing.state import nominal
 from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain
 

@@ -18,7 +18,9 @@ import numpy as np
 
 from loops import InputError, loop_batches
 from loops.arrays import Floats
+from loops.contacts import PackingState, contacts_of, start_state
 from loops.graph import branch_vectors
+from loops.laws.movable import require_movable
 from loops.packing import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
@@ -37,8 +39,6 @@ from stability.packing import (
 from stability.packing.equations_of_motion import duration_of, masses_of, step_of
 from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
-from stability.packing.pairs import contact_pairs, require_movable
-from stability.packing.state import PackingState, start_state
 from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from stability.verdict import loop_spectra
@@ -138,9 +138,9 @@ def interval_rate(
         return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
     law = require_movable(before.graph, before.mechanics()[0])
     boundary, _ = sample_boundary(before)
-    state = start_state(before.graph, boundary)
-    pairs, by_radii = contact_pairs(state, law, boundary), law.shear_increment == "radii"
-    step = step_of(*masses_of(before.graph.radii, masses), pairs, state, by_radii)
+    state = contacts_of(start_state(before.graph, boundary), law, boundary)
+    by_radii = law.shear_increment == "radii"
+    step = step_of(*masses_of(before.graph.radii, masses), state, by_radii)
     longest = MOST_STEPS * step
     duration = min(end - start, longest)
     size = float(np.linalg.norm(H)) if loading is None else loading.size

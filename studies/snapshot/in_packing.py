@@ -60,15 +60,14 @@ def sample_edge(
 
 def balance_notes(snapshot: Snapshot) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
-    from stability.packing.pairs import contact_pairs, require_movable, with_normal_forces
-    from stability.packing.state import start_state
+    from loops.contacts import contacts_of, start_state
+    from loops.laws.movable import require_movable
 
     scene = snapshot.scene
     boundary, law = scene.boundary, require_movable(scene.graph, scene.law)
-    state = start_state(scene.graph, boundary)
-    pairs = contact_pairs(state, law, boundary)
+    state = contacts_of(start_state(scene.graph, boundary), law, boundary)
     # Paths begin with the normal forces of the overlaps.
-    share = with_normal_forces(state, pairs).unbalanced
+    share = state.with_normal_forces().unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
     if share > FLOWS:
         expected = f"{FLOWS:g} at most: a state near rest"

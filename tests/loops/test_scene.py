@@ -85,13 +85,12 @@ def test_a_replay_of_so_many_steps():
 
 
 def replay_step(scene):
+    from loops.contacts import contacts_of, start_state
     from stability.packing.equations_of_motion import masses_of, step_of
-    from stability.packing.pairs import contact_pairs
-    from stability.packing.state import start_state
 
     start = start_state(scene.graph, scene.boundary)
-    pairs = contact_pairs(start, scene.law, scene.boundary)
-    return step_of(*masses_of(scene.graph.radii), pairs, start, False)
+    start = contacts_of(start, scene.law, scene.boundary)
+    return step_of(*masses_of(scene.graph.radii), start, False)
 
 
 def test_a_scene_in_a_cell_is_followed_as_a_packing():

@@ -6,10 +6,10 @@ import pytest
 
 import grainloops as gl
 from loops import HertzMindlin, Scene
+from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.state import start_state
 from studies.cli import main
 from studies.snapshot.in_packing import sample_boundary
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split

@@ -9,10 +9,10 @@ import pytest
 
 import grainloops as gl
 from loops import InputError, Regime
+from loops.contacts import start_state
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots import WallContacts
 from stability.packing import sustain as sustain_packing
-from stability.packing.state import start_state
 from studies import sustain as study_module
 from studies.commands.packing import _sustain_lines
 from studies.sustain import run_sustain

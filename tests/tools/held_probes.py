@@ -13,12 +13,11 @@ import numpy as np
 import pandas as pd
 
 from loops import InputError, Scene
+from loops.contacts import contacts_of, start_state
 from patterns import read_snapshot
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.hold import hold
-from stability.packing.pairs import contact_pairs
 from stability.packing.probe import probe_edge
-from stability.packing.state import start_state
 from stability.packing.yielding import yield_response
 from studies.probe import probe
 from studies.snapshot.in_packing import held_snapshot
@@ -91,14 +90,14 @@ def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
     rows, shear = edge.system.contacts[edge.rows], graph.shear_force.copy()
     mu = np.broadcast_to(law.mu, shear.shape)
     shear[rows] = np.sign(shear[rows]) * mu[rows] * graph.normal_force[rows]
-    start = start_state(graph.replace(shear_force=shear))
-    pairs, (masses, inertias) = contact_pairs(start, law, None), masses_of(graph.radii)
-    dt, servo = step_of(masses, pairs, start), servo_of(start, pairs, masses)
+    start = contacts_of(start_state(graph.replace(shear_force=shear)), law)
+    masses, inertias = masses_of(graph.radii)
+    radii = law.shear_increment == "radii"
+    dt, servo = step_of(masses, inertias, start, radii), servo_of(start, masses)
     stresses, speeds = [], []
     for direction in found.directions:
         gradient = -np.diag(direction) * strain / (steps * dt)
-        radii = law.shear_increment == "radii"
-        moving = Moving(start, pairs, masses, inertias, servo, radii, gradient=gradient)
+        moving = Moving(start, masses, inertias, servo, radii, gradient=gradient)
         moving.load(-moving.motion.resultant)
         for _ in range(looks):
             moving.run(steps // looks, dt)

@@ -15,6 +15,7 @@ import numpy as np
 
 from loops import LinearFrictional, Scene, find_faces
 from loops.boundary import boundary_of
+from loops.contacts import PackingState, start_state
 from stability import Stage, complementarity, follow, programmes, rates_at
 from stability.packing import (
     HeldPacking,
@@ -34,7 +35,6 @@ from stability.packing import (
 )
 from stability.packing.amplitudes import probe_to
 from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
-from stability.packing.state import PackingState, start_state
 from stability.path import Event, describe
 from stability.path import Path as AnyPath
 from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
@@ -111,8 +111,8 @@ def plain(value):
 
 def named(value):
     """Fields of an answer by name."""
-    # Without cohesion what is closed follows from the forces.
-    left_out = LEFT_OUT | ({"closed"} if isinstance(value, PackingState) else set())
+    # Without cohesion what is closed follows from the forces; the law is that of the case.
+    left_out = LEFT_OUT | ({"closed", "law"} if isinstance(value, PackingState) else set())
     names = [field.name for field in fields(value) if field.name not in left_out]
     return {name: plain(getattr(value, name)) for name in names}
 

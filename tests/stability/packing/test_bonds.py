@@ -13,10 +13,10 @@ from loops import (
     Scene,
     contact_state,
 )
+from loops.contacts import contacts_of, start_state
+from loops.laws.movable import require_movable
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.pairs import contact_pairs, normal_energy, overlaps, require_movable
-from stability.packing.state import start_state
 from tests.packings import jammed, strained
 
 EXTENSION = np.array([[-6e-3, 2e-3], [0.0, 2e-3]])
@@ -88,17 +88,17 @@ def test_bonds_hold_across_a_gap_and_touch_again_without_cohesion(way):
 
 def test_a_bond_keeps_its_energy_until_it_parts():
     graph, law = row()
-    pairs = contact_pairs(start_state(graph), law)
-    np.testing.assert_allclose(pairs.reach, PULL / KN)
-    np.testing.assert_allclose(pairs.at_touch, -PULL)
+    state = contacts_of(start_state(graph), law)
+    np.testing.assert_allclose(state.law.reach, PULL / KN)
+    np.testing.assert_allclose(state.law.at_touch, -PULL)
     # Overlaps are measured from where the bond breaks.
-    np.testing.assert_allclose(overlaps(start_state(graph), pairs), 0.01 + PULL / KN)
+    np.testing.assert_allclose(state.overlap, 0.01 + PULL / KN)
     at = np.array([0.0, PULL / KN])
-    np.testing.assert_allclose(normal_energy(pairs, at), [PULL**2 / 2, 0.0], atol=1e-18)
-    broken = pairs.parted(np.array([True, False]))
-    assert broken.reach.tolist() == [0.0, pairs.reach[1]]
-    np.testing.assert_allclose(normal_energy(broken, at), 0.0, atol=1e-18)
-    assert pairs.parted(np.zeros(2, dtype=bool)) is pairs
+    np.testing.assert_allclose(state.law.normal_energy(at), [PULL**2 / 2, 0.0], atol=1e-18)
+    broken = state.parted(np.array([True, False]))
+    assert broken.law.reach.tolist() == [0.0, state.law.reach[1]]
+    np.testing.assert_allclose(broken.law.normal_energy(at), 0.0, atol=1e-18)
+    assert state.parted(np.zeros(2, dtype=bool)) is state
 
 
 CASES = [
@@ -148,8 +148,8 @@ def test_a_held_packing_keeps_its_broken_bonds():
     graph, law = row()
     apart = graph.replace(cell=[[2.03, 0], [0, 3]], x=[[0, 0], [1.0, 0]], normal_force=[0.01, 0.0])
     # The second contact is open by more than its bond reaches: it is broken from the start.
-    pairs = contact_pairs(start_state(apart), law)
-    assert pairs.own.law.adhesion.tolist() == [PULL, 0.0]
+    state = contacts_of(start_state(apart), law)
+    assert state.law.law.adhesion.tolist() == [PULL, 0.0]
 
 
 def test_a_gap_that_is_no_length_is_refused():

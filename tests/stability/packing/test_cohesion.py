@@ -6,19 +6,10 @@ import numpy as np
 import pytest
 
 from loops import FrictionalLaw, GrainGraph, RollingResistance, Scene, contact_state
+from loops.contacts import contacts_of, start_state
 from stability import follow
 from stability.packing import hold, replay
-from stability.packing.pairs import (
-    contact_pairs,
-    frame_of,
-    normal_energy,
-    normal_forces,
-    rolling_strength,
-    strength,
-    with_normal_forces,
-)
 from stability.packing.rattlers import carrying_nothing
-from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 
 SHEAR = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
@@ -96,8 +87,7 @@ def test_contacts_without_a_force_are_closed_where_they_overlap():
     graph = jammed(12, 1)
     overlap = contact_state(graph).overlap
     law = glued(float(overlap[3]))
-    start = start_state(graph)
-    state = with_normal_forces(start, contact_pairs(start, law))
+    state = contacts_of(start_state(graph), law).with_normal_forces()
     assert state.normal_force[3] == 0.0 and state.closed[3]
     np.testing.assert_array_equal(state.closed, overlap > 0)
     assert (state.normal_force[state.closed] < 0).any()
@@ -118,11 +108,9 @@ def two(overlap, shear=0.0):
 def test_records_of_a_cohesive_law(overlap, reach, bond):
     """They open with the force at touch; within reach force and strength are secants to it."""
     law = RollingResistance(glued(0.01, bond), 0.02, 0.1)
-    start = start_state(two(overlap))
-    pairs = contact_pairs(start, law)
-    state = with_normal_forces(start, pairs)
+    state = contacts_of(start_state(two(overlap)), law).with_normal_forces()
     assert state.closed[0] == (overlap > 0)
-    free, rolling = frame_of(state, pairs, True, reach)
+    free, rolling = state.records(True, reach)
     assert free["at_touch"] == -0.01
     # An open pair has its tangents at the reach, none without.
     known = overlap > 0 or reach > 0
@@ -131,25 +119,27 @@ def test_records_of_a_cohesive_law(overlap, reach, bond):
     N = state.normal_force[0]
     assert N == pytest.approx(max(overlap, 0) - 0.01 * (overlap > 0), rel=1e-12)
     if overlap > 0:
-        assert strength(pairs, state)[0] == pytest.approx(0.5 * overlap + bond, rel=1e-11)
-        reached = rolling_strength(pairs, state)[0]
+        assert state.strength[0] == pytest.approx(0.5 * overlap + bond, rel=1e-11)
+        reached = state.rolling_strength[0]
         assert reached == pytest.approx(0.1 * 0.24 * overlap, rel=1e-9)
         unit = state.mean_radius
         assert unit * (rolling["mu"] * N + rolling["cohesion"]) == pytest.approx(reached, rel=1e-9)
     size = 1e-6
     at = np.array([[0.05 + size], [0.05 - size]])
-    rise = (normal_energy(pairs, at[0]) - normal_energy(pairs, at[1])) / (2 * size)
-    np.testing.assert_allclose(rise, normal_forces(pairs, np.array([0.05])), rtol=1e-8)
+    rise = (state.law.normal_energy(at[0]) - state.law.normal_energy(at[1])) / (2 * size)
+    np.testing.assert_allclose(rise, state.law.normal_force(np.array([0.05])), rtol=1e-8)
 
 
 def test_a_grain_that_hangs_on_an_attraction_is_held():
     """One contact that can pull holds as two do; without attraction the grain carries nothing."""
-    start = start_state(two(0.02))
-    state = replace(start, normal_force=np.array([-0.004]))
-    assert carrying_nothing(state, 1e-4).tolist() == [True, True]
-    assert carrying_nothing(state, 1e-4, np.array([-0.01])).tolist() == [False, False]
+    free, held = (
+        replace(contacts_of(start_state(two(0.02)), glued(a)), normal_force=np.array([-0.004]))
+        for a in (0.0, 0.01)
+    )
+    assert carrying_nothing(free, 1e-4).tolist() == [True, True]
+    assert carrying_nothing(held, 1e-4).tolist() == [False, False]
     # At rest under its attraction alone.
-    assert not carrying_nothing(replace(state, normal_force=np.zeros(1)), 1e-4, -0.01).any()
+    assert not carrying_nothing(replace(held, normal_force=np.zeros(1)), 1e-4).any()
 
 
 def test_a_bond_that_breaks_under_shear_lets_its_energy_go():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, RollingResistance, Scene, find_faces
+from loops.contacts import start_state
 from stability import Stage, follow
 from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
@@ -18,7 +19,6 @@ from stability.packing.path_solver import PackingPathSolver
 from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, SLIDING
 from stability.packing.response import PackingRates
-from stability.packing.state import start_state
 from stability.packing.strain_increment import InstabilityError, StrainIncrement
 from stability.packing.sustain import (
     CUT,
@@ -74,7 +74,7 @@ def test_a_closing_contact_slides_where_its_rates_leave_the_cone(ratio, rolls):
     packing = Rows(rates, (KT, 0.05)[: len(rates)], (MU, 0.2)[: len(rates)])
     made = object.__new__(StrainIncrement)
     made.packing, made.control = packing, ()
-    made.N, made.pairs = np.zeros(len(rates)), [None]
+    made.N, made.absent = np.zeros(len(rates)), [None]
     made._close(0)
     wanted = (SLIDING, -np.sign(ratio)) if abs(ratio) > 1 else (ELASTIC, 0.0)
     assert (packing.regime[0], packing.side[0]) == wanted
@@ -153,11 +153,11 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     """In units of the loading parameter; a quantity that is not driven may be leapt over."""
     spans, graph, duration = [], jammed(12, 1), 0.01
 
-    def at_once(state, pairs, load, control, by_radii, damping):
+    def at_once(state, load, control, by_radii, damping):
         spans.append(control.rate[0] / 1e-3)
         np.testing.assert_array_equal(load, -state.resultants)
         assert by_radii and damping == 0.3
-        return Snap(state, pairs, np.array([3.0, 2.0, 0.25, 0.75]))
+        return Snap(state, np.array([3.0, 2.0, 0.25, 0.75]))
 
     monkeypatch.setattr(past_module, "snap_through", at_once)
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
@@ -187,9 +187,9 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     """The rate of a snap takes the strain to where the programme would be after it."""
     rates = []
 
-    def kept(state, pairs, load, control, by_radii, damping):
+    def kept(state, load, control, by_radii, damping):
         rates.append(control.rate)
-        return Snap(state, pairs, np.zeros(4))
+        return Snap(state, np.zeros(4))
 
     monkeypatch.setattr(past_module, "snap_through", kept)
     rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
@@ -294,7 +294,7 @@ def test_what_is_told_of_a_motion():
     grown = end.cell @ np.linalg.inv(start.cell) - np.eye(2)
     np.testing.assert_allclose(told.strain.reshape(2, 2), -grown, rtol=1e-9, atol=1e-15)
     assert told.released == moving.work()[3] > 0
-    then = moving.mode[0]
+    then = moving.mode
     F = then.cell @ np.linalg.inv(start.cell)
     assert 0 < np.linalg.norm(F - np.eye(2)) < np.linalg.norm(grown)
     np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)

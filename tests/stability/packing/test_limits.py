@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from loops import Scene, find_faces
+from loops.contacts import start_state
 from stability import Programme, Stage
 from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.amplitudes import stage_along
 from stability.packing.path_solver import PackingPathSolver
-from stability.packing.state import start_state
 from stability.packing.sustain import LARGE, MANY, ConstantLoad, Loading, load_path, renumbered
 from stability.path import Event
 from tests.packings import LAW, jammed

@@ -7,9 +7,9 @@ import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
 from loops.compiled import motion as now
+from loops.contacts import contacts_of, start_state
+from loops.laws.of_pairs import HertzPairs
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
-from stability.packing.pairs import contact_pairs
-from stability.packing.state import start_state
 from tests.loops.laws.test_compiled import Stiffening
 from tests.oracles import motion_before as before
 from tests.packings import jammed
@@ -26,12 +26,12 @@ LAWS = {"linear": (LINEAR, 0.0), "rolling": (ROLLING, 1e-13), "hertz": (HERTZ, 1
 def in_motion(law, graph=None):
     """A packing that is sheared, its step and constants of a run."""
     start = start_state(jammed(24, 3) if graph is None else graph)
-    pairs, (masses, inertias) = contact_pairs(start, law), masses_of(start.radii)
-    servo = servo_of(start, pairs, masses)
+    start, (masses, inertias) = contacts_of(start, law), masses_of(start.radii)
+    servo = servo_of(start, masses)
     gradient = np.array([[-2e-5, 1e-5], [0.0, 1e-5]])
     by_radii = law.shear_increment == "radii"
-    dt = step_of(masses, inertias, pairs, start, by_radii)
-    return Moving(start, pairs, masses, inertias, servo, by_radii, gradient=gradient), dt
+    dt = step_of(masses, inertias, start, by_radii)
+    return Moving(start, masses, inertias, servo, by_radii, gradient=gradient), dt
 
 
 def steps_of(kernel, moving, steps, dt):
@@ -41,14 +41,15 @@ def steps_of(kernel, moving, steps, dt):
         return moving.motion, lambda: now.run(
             moving.law, moving.motion, moving.discs, moving.servo, *how
         )
-    motion, discs, pairs = moving.motion, moving.discs, moving.pairs
+    motion, discs, law = moving.motion, moving.discs, moving.listed.law
     then = {name: getattr(motion, name) for name in before.MovingDiscs._fields if name != "root"}
     root = np.sqrt(np.maximum(motion.overlap, 0.0)) * (motion.kt > 0)
     state = before.MovingDiscs(**then, root=root)
     kn, kt, mu = discs.constants
     shared = {name: getattr(discs, name) for name in before.Discs._fields if hasattr(discs, name)}
-    of_law = {"kn": kn, "kt": kt, "mu": mu, "hertz": pairs.hertz, "own": np.zeros((0, 5))}
-    listed = before.Discs(**shared, **of_law, by_displacement=pairs.by_displacement)
+    hertz, own = isinstance(law, HertzPairs), np.zeros((0, 5))
+    of_law = {"kn": kn, "kt": kt, "mu": mu, "hertz": hertz, "own": own}
+    listed = before.Discs(**shared, **of_law, by_displacement=law.remembers)
     return state, lambda: before.run(state, listed, moving.servo, *how)
 
 

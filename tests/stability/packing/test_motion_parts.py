@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, RollingResistance
+from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage
 from stability.packing import equations_of_motion
 from stability.packing.equations_of_motion import (
     Moving,
     _affine_stiffness,
-    _span,
     duration_of,
     lasting,
     masses_of,
@@ -21,12 +21,10 @@ from stability.packing.equations_of_motion import (
     servo_of,
     snap_through,
     steered,
-    stored_energy,
     work_of,
 )
-from stability.packing.pairs import contact_pairs, tangents
 from stability.packing.pivots import MixedControl
-from stability.packing.state import start_state
+from stability.packing.replay import _span
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle
 
@@ -36,22 +34,22 @@ NONE, ALL = np.zeros((4, 4)), np.eye(4)
 def test_energy_of_each_spring_in_closed_form():
     """`N^2/(2 kn)`, of Hertz's springs `2/5 N overlap`; `T^2/(2 kt)`, `M^2/(2 k_r)`."""
     for law in (LINEAR, HERTZ):
-        state, pairs = triangle(RollingResistance(law, [0.3, 0.5, 0.9]))
+        state = triangle(RollingResistance(law, [0.3, 0.5, 0.9]))
         M = np.array([0.1, -0.2, 0.3])
         state = replace(state, rolling_moment=M)
         N, T = state.normal_force, state.shear_force
-        kt = tangents(pairs, OVERLAP)[1]
-        own = N**2 / (2 * pairs.kn) if law is LINEAR else 0.4 * N * OVERLAP
+        kt = state.law.stiffnesses(OVERLAP)[1]
+        own = N**2 / (2 * state.law.kn) if law is LINEAR else 0.4 * N * OVERLAP
         wanted = np.sum(own + T**2 / (2 * kt) + M**2 / (2 * np.array([0.3, 0.5, 0.9])))
-        assert stored_energy(state, pairs) == pytest.approx(wanted, rel=1e-12)
+        assert state.energy() == pytest.approx(wanted, rel=1e-12)
         none = {"shear_force": np.zeros(3), "closed": np.zeros(3, dtype=bool)}
         nothing = replace(state, normal_force=np.zeros(3), **none)
-        assert stored_energy(nothing, pairs) == 0.0
+        assert nothing.energy() == 0.0
 
 
 def test_the_affine_stiffness_is_that_of_contacts_that_go_with_the_cell():
     """Force rates of the branches' rates, contact by contact; open ones add nothing."""
-    state, pairs = triangle(LINEAR)
+    state = triangle(LINEAR)
     state = replace(state, cell=np.array([[40.0, 3.0], [-2.0, 30.0]]))
     H = np.array([[0.3, -0.7], [0.2, 0.5]])
     for opened in (False, True):
@@ -65,12 +63,12 @@ def test_the_affine_stiffness_is_that_of_contacts_that_go_with_the_cell():
             rate = H @ d
             f = LINEAR.kn[c] * (n @ rate) * n + LINEAR.kt[c] * (t @ rate) * t
             P += np.outer(f, d) / (40.0 * 30.0 + 6.0)
-        found = _affine_stiffness(state, pairs) @ H.ravel()
+        found = _affine_stiffness(state) @ H.ravel()
         np.testing.assert_allclose(found, P.ravel(), rtol=1e-12)
 
 
 def test_times_and_masses_in_closed_form():
-    state, pairs = triangle(LINEAR)
+    state = triangle(LINEAR)
     masses, inertias = masses_of(RADII)
     np.testing.assert_allclose(masses, np.pi * np.array([4.0, 9.0, 25.0]))
     np.testing.assert_allclose(inertias, 0.4 * np.pi * np.array([16.0, 81.0, 625.0]))
@@ -78,7 +76,7 @@ def test_times_and_masses_in_closed_form():
     H, p = np.array([[3.0, 0.0], [4.0, 0.0]]), 0.5 * np.trace(state.stress)
     wanted = 5.0 * np.sqrt(masses.mean() / p) / 1e-3
     assert duration_of(H, masses, state, 1e-3) == pytest.approx(wanted, rel=1e-12)
-    servo = servo_of(state, pairs, masses)
+    servo = servo_of(state, masses)
     assert servo.lag == pytest.approx(5.0 * np.sqrt(masses.mean() / 4.0), rel=1e-12)
     assert not servo.on and np.isinf(servo.whole)
     spread = lasting(servo._replace(rate=np.array([2.0, 0, 0, 4.0])), 8.0)
@@ -87,15 +85,15 @@ def test_times_and_masses_in_closed_form():
 
 def test_a_servo_asks_for_the_strain_of_the_affine_stiffness():
     """`stress @ C H + strain @ H = rate`; the cell goes the other way: it is compressed."""
-    state, pairs = triangle(LINEAR)
+    state = triangle(LINEAR)
     stress, strain = np.diag([1.0, 0, 0, 0]), np.diag([0, 1.0, 1.0, 1.0])
     rate = np.array([0.02, 0.01, -0.03, 0.04])
     masses, inertias = masses_of(RADII)
-    servo = steered(servo_of(state, pairs, masses), state, pairs, stress, strain, rate)
+    servo = steered(servo_of(state, masses), state, stress, strain, rate)
     H = servo.gain @ rate
     np.testing.assert_allclose(H[1:], rate[1:], atol=1e-15)
-    assert (_affine_stiffness(state, pairs) @ H)[0] == pytest.approx(0.02, rel=1e-9)
-    moving = Moving(state, pairs, masses, inertias, servo, True)
+    assert (_affine_stiffness(state) @ H)[0] == pytest.approx(0.02, rel=1e-9)
+    moving = Moving(state, masses, inertias, servo, True)
     np.testing.assert_allclose(moving.motion.gradient.ravel(), -H, rtol=1e-12)
     np.testing.assert_allclose(moving.lightness, [1 / masses, 1 / inertias], rtol=1e-14)
     before, load = moving.motion.resultant.copy(), np.arange(9.0).reshape(3, 3)
@@ -105,21 +103,21 @@ def test_a_servo_asks_for_the_strain_of_the_affine_stiffness():
     np.testing.assert_allclose(moving.motion.load, 2 * load)
     with pytest.raises(InputError, match="no stiffness"):
         apart = replace(state, x=1.5 * state.x)
-        steered(servo, apart, pairs, np.eye(4), NONE, rate)
+        steered(servo, apart, np.eye(4), NONE, rate)
 
 
 def test_work_of_a_motion_in_closed_form():
     """Of the load in the motion beyond the cell's, of moments in the turning; the rest is lost."""
-    state, pairs = triangle(LINEAR)
+    state = triangle(LINEAR)
     F = np.array([[0.9, 0.1], [-0.2, 1.1]])
     rng = np.random.default_rng(1)
     u, turn, load = rng.normal(size=(3, 2)), rng.normal(size=3), rng.normal(size=(3, 3))
     end = replace(state, x=state.x @ F.T + u, cell=F @ state.cell, angle=state.angle + turn)
     motion = SimpleNamespace(work=np.array([3.0, 0.5, 0.25]))
-    moving = SimpleNamespace(start=state, motion=motion, pairs=pairs)
+    moving = SimpleNamespace(start=state, motion=motion)
     found = work_of(moving, end, load, 0.125)
     whole = 3.0 + np.sum(load[:, :2] * u) + load[:, 2] @ turn
-    stored = stored_energy(end, pairs) - 0.125
+    stored = end.energy() - 0.125
     np.testing.assert_allclose(found, [whole, 0.5, 0.25, whole - 0.75 - stored], rtol=1e-12)
 
 
@@ -129,7 +127,7 @@ def test_work_of_a_motion_in_closed_form():
 )
 def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
     """Mean resultant over the mean contact force below 1e-6, moments do not count."""
-    state, _ = triangle(LINEAR)
+    state = triangle(LINEAR)
     resultant = np.zeros((3, 3))
     resultant[:, :2] = np.array([[3.0, 0.0], [0.0, 0.0], [0.0, 0.0]]) * force * state.mean_force
     resultant[:, 2] = 1e3
@@ -149,8 +147,8 @@ def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
 def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
     """Then a thousand steps at a time until rest, that of the strain rate of the snap."""
     graph = jammed(12, 1)
-    state = start_state(graph)
-    pairs, rate, span = contact_pairs(state, LAW), np.array([3e-3, 0, 0, -1e-3]), 0.02
+    state = contacts_of(start_state(graph), LAW)
+    rate, span = np.array([3e-3, 0, 0, -1e-3]), 0.02
     ran, asked, answers = [], [], [False, False, True]
 
     def run(self, steps, dt, damping=0.3, viscous=0.0):
@@ -163,7 +161,7 @@ def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
 
     monkeypatch.setattr(Moving, "run", run)
     monkeypatch.setattr(equations_of_motion, "rests", asks)
-    snap_through(state, pairs, -state.resultants, MixedControl(NONE, ALL, rate * span), True, 0.3)
+    snap_through(state, -state.resultants, MixedControl(NONE, ALL, rate * span), True, 0.3)
     (steps, dt), *others = ran
     masses = masses_of(state.radii)[0]
     wanted = duration_of(span * rate, masses, state, 2.5e-7)
@@ -208,14 +206,13 @@ def test_time_goes_on_while_pairs_are_listed_anew():
     """One run of many steps is many runs of one; grains that run off end it."""
     law = LinearFrictional(3.0, 0.7, 0.5, "radii")
     graph = jammed(12, 1).replace(normal_force=3 * jammed(12, 1).normal_force)
-    state = start_state(graph)
+    state = contacts_of(start_state(graph), law)
     ends = []
     for parts in ([60], [1] * 60, [7, 53]):
-        pairs = contact_pairs(state, law)
         masses, inertias = masses_of(state.radii)
-        servo = servo_of(state, pairs, masses)
+        servo = servo_of(state, masses)
         kick = 0.05 * np.random.default_rng(1).normal(size=(12, 2))
-        moving = Moving(state, pairs, masses, inertias, servo, True, velocity=kick)
+        moving = Moving(state, masses, inertias, servo, True, velocity=kick)
         assert all(moving.run(part, 0.1) for part in parts)
         ends.append(moving.state())
     for end in ends[1:]:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, Scene
+from loops.contacts import start_state
 from stability.packing import path_solver, sustain
-from stability.packing.state import start_state
 from stability.packing.sustain import Loading, load_path
 from tests.packings import LAW, jammed
 

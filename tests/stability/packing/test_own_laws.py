@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene, contact_state
+from loops.laws.movable import require_movable
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.pairs import require_movable
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box

@@ -7,29 +7,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
+from loops.contacts import AT_YIELD, contacts_of, start_state
+from loops.laws.of_pairs import law_of
+from loops.neighbours import codes, near_pairs, ordered
 from loops.packing import PlaneContacts
-from stability.packing.pairs import (
-    AT_YIELD,
-    _codes,
-    _ordered,
-    at_limit,
-    contact_pairs,
-    frame_of,
-    law_of,
-    near_pairs,
-    normal_energy,
-    normal_forces,
-    overlaps,
-    rolling_energy,
-    rolling_reach,
-    rolling_strength,
-    strength,
-    tangents,
-    touching_distances,
-    typical_stiffness,
-    with_near,
-)
-from stability.packing.state import start_state
 from tests.stability.packing.test_own_laws import Stiffening
 from tests.stability.packing.walled_packings import between
 
@@ -63,114 +44,117 @@ def triangle(law, shear=(0.03, -0.02, 0.01), walls=False):
         planes = PlaneContacts(np.array([0, 1]), feet, *stiff, np.array([0.1, 0.6]))
         force = np.array([[0.01, 0.5], [-0.02, 0.9]])
         state = start_state(graph, between(planes, force, volume=50.0), still=True)
-    pairs = contact_pairs(state, law, between(planes))
-    N = normal_forces(pairs, overlaps(state, pairs))
-    return replace(state, normal_force=N), pairs
+    state = contacts_of(state, law, between(planes))
+    return replace(state, normal_force=state.law.normal_force(state.overlap))
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_forces_are_slopes_of_energies_and_stiffnesses_of_forces(name):
-    state, pairs = triangle(LAWS[name])
+    state = triangle(LAWS[name])
     size = 1e-6
-    np.testing.assert_allclose(overlaps(state, pairs), OVERLAP, rtol=1e-12)
-    np.testing.assert_allclose(touching_distances(state, pairs), [5.0, 7.0, 8.0])
-    for of, slope in ((normal_energy, normal_forces), (normal_forces, lambda *a: tangents(*a)[0])):
-        rise = of(pairs, OVERLAP + size) - of(pairs, OVERLAP - size)
-        np.testing.assert_allclose(rise / (2 * size), slope(pairs, OVERLAP), rtol=1e-6)
-    assert (normal_energy(pairs, np.zeros(3)) == 0).all()
-    assert (normal_forces(pairs, np.zeros(3)) == 0).all()
+    np.testing.assert_allclose(state.overlap, OVERLAP, rtol=1e-12)
+    np.testing.assert_allclose(state.law.touching, [5.0, 7.0, 8.0])
+    one = state.law
+    for of, slope in (
+        (one.normal_energy, one.normal_force(OVERLAP)),
+        (one.normal_force, one.stiffnesses(OVERLAP)[0]),
+    ):
+        rise = of(OVERLAP + size) - of(OVERLAP - size)
+        np.testing.assert_allclose(rise / (2 * size), slope, rtol=1e-6)
+    assert (state.law.normal_energy(np.zeros(3)) == 0).all()
+    assert (state.law.normal_force(np.zeros(3)) == 0).all()
 
 
 def test_stiffnesses_in_closed_form():
-    state, pairs = triangle(LINEAR)
-    np.testing.assert_allclose(tangents(pairs, OVERLAP), [LINEAR.kn, LINEAR.kt])
-    np.testing.assert_allclose(normal_forces(pairs, OVERLAP), LINEAR.kn * OVERLAP)
-    state, pairs = triangle(HERTZ)
+    state = triangle(LINEAR)
+    np.testing.assert_allclose(state.law.stiffnesses(OVERLAP), [LINEAR.kn, LINEAR.kt])
+    np.testing.assert_allclose(state.law.normal_force(OVERLAP), LINEAR.kn * OVERLAP)
+    state = triangle(HERTZ)
     R = np.array([6 / 5, 10 / 7, 15 / 8])
     kn = np.array([7.0, 8.0, 9.0]) / (1 - 0.3**2) * np.sqrt(R * OVERLAP)
     kt = float(HERTZ.stiffness_ratio) * kn
-    np.testing.assert_allclose(tangents(pairs, OVERLAP), [kn, kt], rtol=1e-12)
+    np.testing.assert_allclose(state.law.stiffnesses(OVERLAP), [kn, kt], rtol=1e-12)
     np.testing.assert_allclose(state.normal_force, 2 / 3 * kn * OVERLAP, rtol=1e-12)
     # Hardly in touch: as at an overlap of 1e-4 of the distance.
     touch = np.array([5.0, 7.0, 8.0])
-    np.testing.assert_allclose(typical_stiffness(pairs, state), kn, rtol=1e-12)
+    np.testing.assert_allclose(state.law.typical_stiffness(state.overlap), kn, rtol=1e-12)
     apart = replace(state, x=1.5 * state.x)
     wanted = kn * np.sqrt(1e-4 * touch / OVERLAP)
-    np.testing.assert_allclose(typical_stiffness(pairs, apart), wanted, rtol=1e-12)
-    state, pairs = triangle(OWN)
+    np.testing.assert_allclose(state.law.typical_stiffness(apart.overlap), wanted, rtol=1e-12)
+    state = triangle(OWN)
     wanted = 3.0 * (1.0 + 4.0 * OVERLAP), np.full(3, 0.7)
-    np.testing.assert_allclose(tangents(pairs, OVERLAP), wanted, rtol=1e-6)
+    np.testing.assert_allclose(state.law.stiffnesses(OVERLAP), wanted, rtol=1e-6)
 
 
 def test_strengths_and_moments_in_closed_form():
     law = RollingResistance(LINEAR, [0.3, 0.5, 0.9], [0.02, np.inf, 0.04])
-    state, pairs = triangle(law)
+    state = triangle(law)
     N, R = LINEAR.kn * OVERLAP, np.array([6 / 5, np.nan, 15 / 8])
-    np.testing.assert_allclose(strength(pairs, state), [0.2 * N[0], 0.3 * N[1], np.inf])
+    np.testing.assert_allclose(state.strength, [0.2 * N[0], 0.3 * N[1], np.inf])
     reach = np.array([0.02 * R[0], np.inf, 0.04 * R[2]])
-    np.testing.assert_allclose(rolling_reach(pairs, state), reach)
-    np.testing.assert_allclose(rolling_strength(pairs, state), reach * N)
+    np.testing.assert_allclose(state.law.rolling_reach, reach)
+    np.testing.assert_allclose(state.rolling_strength, reach * N)
     M = np.array([0.1, 0.2, 0.3])
     wanted = 0.01 / 0.6 + 0.04 / 1.0 + 0.09 / 1.8
-    assert rolling_energy(pairs, M) == pytest.approx(wanted, rel=1e-14)
-    _, walled = triangle(law, walls=True)
-    assert rolling_energy(walled, np.append(M, [0.0, 0.0])) == pytest.approx(wanted, rel=1e-14)
+    assert state.law.rolling_energy(M) == pytest.approx(wanted, rel=1e-14)
+    walled = triangle(law, walls=True)
+    assert walled.law.rolling_energy(np.append(M, [0.0, 0.0])) == pytest.approx(wanted, rel=1e-14)
     # Open contacts carry nothing, whatever their springs.
     open_ones = replace(state, normal_force=np.zeros(3))
-    assert rolling_strength(pairs, open_ones)[[0, 2]].tolist() == [0.0, 0.0]
+    assert open_ones.rolling_strength[[0, 2]].tolist() == [0.0, 0.0]
     edge = AT_YIELD * np.array([0.2, 0.3]) * N[:2]
     for share, reached in ((1.0 - 1e-9, False), (1.0 + 1e-9, True)):
         shear = replace(state, shear_force=np.append(share * edge * [1, -1], 9.0))
-        assert at_limit(pairs, shear).tolist() == [reached, reached, False]
-    _, pairs = triangle(OWN)
+        assert shear.at_limit().tolist() == [reached, reached, False]
+    state = triangle(OWN)
     N = 3.0 * OVERLAP * (1.0 + 2.0 * OVERLAP)
-    np.testing.assert_allclose(strength(pairs, state), 0.4 * N / (1.0 + 0.5 * N), rtol=1e-12)
+    np.testing.assert_allclose(state.strength, 0.4 * N / (1.0 + 0.5 * N), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["linear", "Hertz"])
 @pytest.mark.parametrize("rolls", [False, True])
 def test_the_law_of_pairs_is_the_law_that_they_came_from(name, rolls):
     law = RollingResistance(LAWS[name], [0.3, 0.5, 0.9], 0.02) if rolls else LAWS[name]
-    state, pairs = triangle(law)
+    state = triangle(law)
     rows = np.array([True, False, True])
-    found = law_of(law, pairs, rows, state)
-    again = contact_pairs(
+    found = law_of(law, state.law, rows)
+    again = contacts_of(
         replace(state, contacts=state.contacts[rows], images=state.images[rows],
                 normal_force=state.normal_force[rows], shear_force=state.shear_force[rows]), found
     )  # fmt: skip
-    for part in ("kn", "kt", "mu"):
-        np.testing.assert_allclose(getattr(again, part), getattr(pairs, part)[rows], rtol=1e-12)
-    assert (again.hertz, again.by_displacement) == (pairs.hertz, pairs.by_displacement)
-    if rolls:
-        np.testing.assert_allclose(again.rolling, [k[rows] for k in pairs.rolling], rtol=1e-14)
+    for part in ("kn", "kt", "mu", "k_r", "mu_r"):
+        wanted = getattr(state.law, part)[rows]
+        np.testing.assert_allclose(getattr(again.law, part), wanted, rtol=1e-12)
+    assert type(again.law) is type(state.law) and again.law.remembers == state.law.remembers
+    assert again.law.springs == 1 + rolls
 
 
 @pytest.mark.parametrize("law", [LINEAR, HERTZ], ids=["linear", "Hertz"])
 def test_springs_of_walls_have_the_forces_that_they_were_given(law):
     """Under Hertz's law the stiffness is the force's over `2/3 overlap^(3/2)`, `kt/kn` is kept."""
-    state, pairs = triangle(law, walls=True)
-    assert len(pairs) == 5 and pairs.mu[3:].tolist() == [0.1, 0.6]
+    state = triangle(law, walls=True)
+    assert len(state.law) == 5 and state.law.mu[3:].tolist() == [0.1, 0.6]
     if law is LINEAR:
         # Without a friction a wall that resists shear never slides, another one always.
         planes = PlaneContacts(np.array([0, 1]), np.ones((2, 2)), np.ones(2), np.array([0.0, 1.0]))
-        assert contact_pairs(state, law, between(planes)).mu[3:].tolist() == [0.0, np.inf]
-        assert pairs.kn[3:].tolist() == [6.0, 8.0] and pairs.kt[3:].tolist() == [1.5, 1.0]
+        assert contacts_of(state, law, between(planes)).law.mu[3:].tolist() == [0.0, np.inf]
+        assert state.law.kn[3:].tolist() == [6.0, 8.0] and state.law.kt[3:].tolist() == [1.5, 1.0]
         return
     np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-9)
-    np.testing.assert_allclose(pairs.kn[3:], 1.5 * np.array([0.5, 0.9]) / [0.1**1.5, 0.15**1.5])
-    np.testing.assert_allclose(pairs.kt[3:] / pairs.kn[3:], [0.25, 0.125])
+    np.testing.assert_allclose(state.law.kn[3:], 1.5 * np.array([0.5, 0.9]) / [0.1**1.5, 0.15**1.5])
+    np.testing.assert_allclose(state.law.kt[3:] / state.law.kn[3:], [0.25, 0.125])
 
 
 @pytest.mark.parametrize("by_radii", [False, True])
 @pytest.mark.parametrize("name", LAWS)
 def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
     """The force turns with the pair, the levers grow with it, spins shear by them."""
-    state, pairs = triangle(RollingResistance(LAWS[name], 0.3, 0.02))
-    frame, unit, size = frame_of(state, pairs, by_radii), RADII.mean(), 1e-6
+    state = triangle(RollingResistance(LAWS[name], 0.3, 0.02))
+    frame, unit, size = state.records(by_radii), RADII.mean(), 1e-6
     free, springs = frame[:3], frame[3:]
     N, T = state.normal_force, state.shear_force
     d, length = state.branches, np.linalg.norm(state.branches, axis=1)
-    ri, rj = RADII[pairs.grains].T
+    ri, rj = RADII[state.contacts].T
 
     def force(d):
         n = d / np.linalg.norm(d, axis=1)[:, None]
@@ -188,7 +172,7 @@ def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
     np.testing.assert_allclose(free["turning"], (ri + rj) / length if by_radii else 1.0)
     # Moments are levers times T: half of T for each unit that the pair grows by.
     np.testing.assert_allclose(free["growth"], 0.5 * T / unit, rtol=1e-12)
-    kn, kt = tangents(pairs, OVERLAP)
+    kn, kt = state.law.stiffnesses(OVERLAP)
     np.testing.assert_allclose(free["kn"], kn, rtol=1e-9)
     np.testing.assert_allclose(free["kt"], kt, rtol=1e-9)
     if name == "Hertz":
@@ -197,10 +181,9 @@ def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
         np.testing.assert_allclose(free["coupling"], fall, rtol=1e-6)
     # Strength along the tangent: slope and cohesion.
     most = [
-        strength(pairs, replace(state, normal_force=N, x=(1 - s) * state.x))
-        for s in (0.0, size, -size)
+        replace(state, normal_force=N, x=(1 - s) * state.x).strength for s in (0.0, size, -size)
     ]
-    finite = np.isfinite(pairs.mu)
+    finite = np.isfinite(state.law.mu)
     assert (free["slides"] == finite).all()
     there = free["mu"] * N + free["cohesion"]
     np.testing.assert_allclose(there[finite], most[0][finite], rtol=1e-12)
@@ -219,20 +202,20 @@ def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
 @pytest.mark.parametrize("name", ["Hertz", "own"])
 def test_contacts_that_may_open_have_the_force_over_their_overlap(name):
     """So they open where the grains part; open ones have it at the reach."""
-    state, pairs = triangle(LAWS[name])
+    state = triangle(LAWS[name])
     for reach in (0.15, 0.3):
-        frame = frame_of(state, pairs, True, reach)
-        secant, tangent = state.normal_force / OVERLAP, tangents(pairs, OVERLAP)[0]
+        frame = state.records(True, reach)
+        secant, tangent = state.normal_force / OVERLAP, state.law.stiffnesses(OVERLAP)[0]
         np.testing.assert_allclose(frame["kn"], np.where(reach < OVERLAP, tangent, secant))
     apart = replace(state, x=1.5 * state.x, normal_force=np.zeros(3), shear_force=np.zeros(3))
-    frame, at = frame_of(apart, pairs, True, 0.2), np.full(3, 0.2)
-    np.testing.assert_allclose(frame["kn"], normal_forces(pairs, at) / 0.2, rtol=1e-9)
+    frame, at = apart.records(True, 0.2), np.full(3, 0.2)
+    np.testing.assert_allclose(frame["kn"], state.law.normal_force(at) / 0.2, rtol=1e-9)
     if name == "Hertz":
         assert (frame["coupling"] == 0).all()
     else:
         assert np.isfinite(frame["mu"]).all() and (frame["cohesion"] == 0).all()
-        near = frame_of(state, pairs, True, 0.3)
-        np.testing.assert_allclose(near["mu"], strength(pairs, state) / state.normal_force)
+        near = state.records(True, 0.3)
+        np.testing.assert_allclose(near["mu"], state.strength / state.normal_force)
         np.testing.assert_allclose(near["cohesion"], 0.0, atol=1e-12)
 
 
@@ -266,53 +249,55 @@ def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
     The third grain comes near the floor.
     """
     law = RollingResistance(LAWS[name], [0.3, 0.5, 0.9], [0.02, 0.03, 0.04])
-    state, pairs = triangle(law, walls=True)
+    state = triangle(law, walls=True)
     x = np.array(state.x)
     x[2] = [20.0, 5.05 - 1.9]
-    more = with_near(pairs, replace(state, x=x + np.array([0.0, 30.0])), 0.1)
-    new = more.grains[len(pairs) :]
+    more = replace(state, x=x + np.array([0.0, 30.0])).with_near(0.1)
+    new = more.contacts[5:]
     assert len(state.walls) == 1 and new.tolist() == [[2, 3]]
     for part in ("kn", "kt", "mu"):
-        np.testing.assert_allclose(getattr(more, part)[:5], getattr(pairs, part), rtol=1e-14)
+        wanted = getattr(state.law, part)
+        np.testing.assert_allclose(getattr(more.law, part)[:5], wanted, rtol=1e-14)
     x[2] = [-20.0, 8.0]
-    assert len(with_near(pairs, replace(state, x=x), 0.1)) == 5
+    assert len(replace(state, x=x).with_near(0.1).contacts) == 5
     R = RADII[[0, 1]]
     for k in ("kn", "kt", "mu"):
         by_root = name == "Hertz" and k != "mu"
-        old = getattr(pairs, k)[3:] / (np.sqrt(R) if by_root else 1.0)
+        old = getattr(state.law, k)[3:] / (np.sqrt(R) if by_root else 1.0)
         proportional = np.std(old / R) * old.mean() < np.std(old) * (old / R).mean()
         wanted = (old / R).mean() * RADII[2] if proportional else old.mean()
         wanted *= np.sqrt(RADII[2]) if by_root else 1.0
-        assert getattr(more, k)[-1] == pytest.approx(wanted, rel=1e-12)
-    assert more.rolling.k_r[-1] == 0.0
+        assert getattr(more.law, k)[-1] == pytest.approx(wanted, rel=1e-12)
+    assert more.law.k_r[-1] == 0.0
     # A pair of grains that were not in touch.
-    fewer = replace(
-        pairs, grains=pairs.grains[1:], images=pairs.images[1:], kn=pairs.kn[1:], kt=pairs.kt[1:],
-        mu=pairs.mu[1:], rolling=type(pairs.rolling)(*(k[1:] for k in pairs.rolling)),
-    )  # fmt: skip
-    more = with_near(fewer, state, 0.1)
-    assert more.grains[-1].tolist() == [0, 1]
+    parts = ("wall", "kn", "kt", "mu", "reach", "k_r", "mu_r")
+    some = {part: getattr(state.law, part)[1:] for part in parts}
+    less = replace(state.law, radii=state.law.radii[:, 1:], **some)
+    parts = ("contacts", "images", "normal_force", "shear_force", "rolling_moment", "closed")
+    fewer = replace(state, law=less, **{part: getattr(state, part)[1:] for part in parts})
+    more = fewer.with_near(0.1)
+    assert more.contacts[-1].tolist() == [0, 1]
     roots = np.sqrt([6 / 5, 10 / 7, 15 / 8]) if name == "Hertz" else np.ones(3)
     for k in ("kn", "kt"):
-        values = getattr(pairs, k)[1:3] / roots[1:]
-        assert getattr(more, k)[-1] == pytest.approx(np.median(values) * roots[0], rel=1e-12)
-    assert more.rolling.k_r[-1] == pytest.approx(0.7) and more.rolling.mu_r[-1] == 0.035
+        values = getattr(state.law, k)[1:3] / roots[1:]
+        assert getattr(more.law, k)[-1] == pytest.approx(np.median(values) * roots[0], rel=1e-12)
+    assert more.law.k_r[-1] == pytest.approx(0.7) and more.law.mu_r[-1] == 0.035
 
 
 def test_a_pair_has_one_code_whatever_the_list_it_is_in():
     """Five bodies, two images either way: all differ, and the same pair has the same code."""
     every = np.array(list(product(range(5), range(5), range(-2, 3), range(-2, 3))))
     some = np.random.default_rng(1).permutation(every)[:30]
-    codes, again = _codes((every[:, :2], every[:, 2:]), (some[:, :2], some[:, 2:]))
-    assert len(set(codes.tolist())) == len(every)
-    rows = {tuple(row): code for row, code in zip(every.tolist(), codes.tolist(), strict=True)}
+    found, again = codes((every[:, :2], every[:, 2:]), (some[:, :2], some[:, 2:]))
+    assert len(set(found.tolist())) == len(every)
+    rows = {tuple(row): code for row, code in zip(every.tolist(), found.tolist(), strict=True)}
     assert [rows[tuple(row)] for row in some.tolist()] == again.tolist()
 
 
 def test_pairs_are_ordered_by_grain_and_by_image():
     grains = np.array([[3, 1], [1, 3], [2, 2], [2, 2], [2, 2], [2, 2]])
     images = np.array([[1, -2], [1, -2], [-1, 2], [1, -2], [0, -1], [0, 1]])
-    found, at = _ordered(grains, images)
+    found, at = ordered(grains, images)
     assert found.tolist() == [[1, 3], [1, 3], *[[2, 2]] * 4]
     assert at.tolist() == [[-1, 2], [1, -2], [1, -2], [1, -2], [0, 1], [0, 1]]
 
@@ -320,8 +305,8 @@ def test_pairs_are_ordered_by_grain_and_by_image():
 def test_pairs_of_an_own_law_that_are_apart_stand_at_a_small_overlap():
     """In a frame of `n` and `t`; new ones have the law of the median stiffness."""
     law = Stiffening(k=np.array([3.0, 9.0, 4.0]), b=2.0, kt=0.7, mu=0.4, c=0.5)
-    state, pairs = triangle(law)
-    touch, made = pairs.own.contacts(np.array([0.1, 0.0, 0.05]))
+    state = triangle(law)
+    touch, made = state.law.contacts(np.array([0.1, 0.0, 0.05]))
     assert touch.tolist() == [True, False, True]
     np.testing.assert_allclose(made.overlap, [0.1, 7e-4, 0.05], rtol=1e-9)
     assert (made.n == [1.0, 0.0]).all() and (made.t == [0.0, 1.0]).all()
@@ -331,9 +316,9 @@ def test_pairs_of_an_own_law_that_are_apart_stand_at_a_small_overlap():
         for part in ("contacts", "images", "normal_force", "shear_force")
     }
     fewer = replace(state, **kept)
-    more = with_near(contact_pairs(fewer, law.take([1, 2])), state, 0.1)
-    assert more.grains[-1].tolist() == [0, 1] and more.own.rows.tolist() == [0, 1, 2]
+    more = contacts_of(fewer, law.take([1, 2])).with_near(0.1)
+    assert more.contacts[-1].tolist() == [0, 1] and more.law.rows.tolist() == [0, 1, 2]
     lone = replace(fewer, **{part: values[:1] for part, values in kept.items()})
-    both = with_near(contact_pairs(lone, law.take([1])), state, 0.1)
-    assert both.own.rows.tolist() == [0, 1, 2] and both.own.law.k.tolist() == [9.0] * 3
-    assert more.own.radii[:, -1].tolist() == [2.0, 3.0] and more.own.law.k[-1] == 9.0
+    both = contacts_of(lone, law.take([1])).with_near(0.1)
+    assert both.law.rows.tolist() == [0, 1, 2] and both.law.law.k.tolist() == [9.0] * 3
+    assert more.law.between[:, -1].tolist() == [2.0, 3.0] and more.law.law.k[-1] == 9.0

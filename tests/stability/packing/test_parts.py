@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
+from loops.laws.movable import require_movable
+from loops.laws.of_pairs import as_known
 from stability.complementarity import principal_transform, scaled_definite
 from stability.packing import regime_regions
-from stability.packing.pairs import _as_known, require_movable
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
 from stability.packing.yielding import condensed, linear_answer, slip_motion, yield_response
@@ -71,9 +72,9 @@ def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
 
 def test_a_wall_is_as_stiff_to_others_as_to_those_that_are_known():
     radii, others = np.array([0.4, 0.5, 0.7]), np.array([0.3, 0.6])
-    np.testing.assert_allclose(_as_known(2.0 * radii, radii, others), 2.0 * others, rtol=1e-14)
-    np.testing.assert_allclose(_as_known(np.full(3, 3.0), radii, others), 3.0, rtol=1e-14)
-    assert np.isinf(_as_known(np.full(3, np.inf), radii, others)).all()
+    np.testing.assert_allclose(as_known(2.0 * radii, radii, others), 2.0 * others, rtol=1e-14)
+    np.testing.assert_allclose(as_known(np.full(3, 3.0), radii, others), 3.0, rtol=1e-14)
+    assert np.isinf(as_known(np.full(3, np.inf), radii, others)).all()
 
 
 def test_a_scaled_matrix_is_definite_whatever_its_units():

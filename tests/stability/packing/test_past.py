@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, Scene
+from loops.contacts import contacts_of, start_state
 from stability import Stage, follow
 from stability.packing import equations_of_motion, replay
 from stability.packing import past as past_module
@@ -19,11 +20,8 @@ from stability.packing.equations_of_motion import (
     snap_through,
     steered,
     step_of,
-    stored_energy,
 )
-from stability.packing.pairs import contact_pairs
 from stability.packing.past import OTHER_WAYS, Dynamic, past_of
-from stability.packing.state import start_state
 from stability.programmes import Programme
 from tests.packings import BRANCH, jammed, strained
 from tests.stability.packing.test_path import H, followed, unaccounted
@@ -81,24 +79,19 @@ def test_dynamic_ends_where_a_slow_replay_ends():
 def snapped(steps, damping, drag):
     """Energy lost in motion when an interval is strained and held: by the works, by the drag."""
     graph = passed("stop").states[-1].graph()
-    pairs, start = contact_pairs(start_state(graph), BRANCH), start_state(graph)
+    start = contacts_of(start_state(graph), BRANCH)
     masses, inertias = masses_of(start.radii)
-    dt = step_of(masses, inertias, pairs, start, False)
+    dt = step_of(masses, inertias, start, False)
     rate = INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
-    servo = steered(servo_of(start, pairs, masses), start, pairs, np.zeros((4, 4)), np.eye(4), rate)
-    moving = Moving(start, pairs, masses, inertias, lasting(servo, steps * dt), False)
+    servo = steered(servo_of(start, masses), start, np.zeros((4, 4)), np.eye(4), rate)
+    moving = Moving(start, masses, inertias, lasting(servo, steps * dt), False)
     moving.load(-moving.motion.resultant)
     motion, powers = moving.motion, [0.0]
     for _ in range(2 * steps // 20):
         moving.run(20, dt, damping, drag)
         powers.append(drag * (masses @ motion.velocity**2 @ [1, 1] + inertias @ motion.spin**2))
     work, slip, left = motion.work
-    own = (
-        work
-        - slip
-        - left
-        - (stored_energy(moving.state(), moving.pairs) - stored_energy(start, pairs))
-    )
+    own = work - slip - left - (moving.state().energy() - start.energy())
     return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
 
 
@@ -149,8 +142,8 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
     """Shear forces reduced by 1 % leave a load: the snap begins and ends with it."""
     seen = []
 
-    def kept(state, pairs, load, *how):
-        snap = snap_through(state, pairs, load, *how)
+    def kept(state, load, *how):
+        snap = snap_through(state, load, *how)
         seen.extend(np.abs(one.resultants + load).max() for one in (state, snap.state))
         seen.append(np.abs(load).max())
         return snap
@@ -170,11 +163,11 @@ def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
         monkeypatch.setattr(equations_of_motion, "MAX_CHECKS", 2)
     else:
 
-        def off(state, pairs, *_):
+        def off(state, *_):
             far = state.x + [[5.0, 0.0]] * (np.arange(12)[:, None] == 3)
             end = replace(state, x=far if why == "leapt" else state.x)
             return Snap(replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
-                        pairs, np.zeros(4))  # fmt: skip
+                        np.zeros(4))  # fmt: skip
 
         monkeypatch.setattr(past_module, "snap_through", off)
     path = followed(Scene(GRAPH, BRANCH), strained(STRAIN), interval=INTERVAL, past="dynamic")
@@ -232,7 +225,7 @@ def test_a_way_of_ones_own_passes_an_instability():
     np.testing.assert_array_equal(path.states[-1].forces, wanted.states[-1].forces)
     ((here, instability, control),) = met
     assert instability.contacts == event.contacts and instability.passed == ""
-    assert here.pairs.grains.shape == here.state.contacts.shape
+    assert len(here.state.law) == len(here.state.contacts)
     assert np.linalg.norm(control.rate) > 0
 
 

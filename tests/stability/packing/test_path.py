@@ -16,14 +16,14 @@ from loops import (
     Scene,
     find_faces,
 )
+from loops.contacts import Contacts
+from loops.neighbours import near_pairs, ordered
 from stability import Stage, follow, rates_at
 from stability.packing import (
     loop_changes,
     loop_rates,
-    path_solver,
     replay,
 )
-from stability.packing.pairs import _ordered, near_pairs, with_near
 from stability.programmes import Programme, drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, strained
 from tests.yade_slow import in_collection, predicted, slow, strain_between
@@ -275,18 +275,19 @@ def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
     """Grains of diameter 1: gaps below 0.01 are listed, again after an approach of 0.005."""
     calls = []
 
-    def counted(*what):
-        calls.append(what)
-        return with_near(*what)
+    def counted(contacts, gap):
+        calls.append(gap)
+        return with_near(contacts, gap)
 
-    monkeypatch.setattr(path_solver, "with_near", counted)
+    with_near = Contacts.with_near
+    monkeypatch.setattr(Contacts, "with_near", counted)
     interval = 2e-4
     path = followed(Scene(diamonds(), LAW), strained(0.01 * np.eye(2)), interval=interval)
     # Two grains approach by a strain times their diameter; a strain counts by its norm.
     assert path.intervals == pytest.approx(0.01 * np.sqrt(2) / interval, abs=1.5)
     wanted = path.intervals // np.ceil(0.005 / interval)
     assert len(calls) == 1 + wanted
-    assert all(gap == pytest.approx(0.01) for *_, gap in calls)
+    assert all(gap == pytest.approx(0.01) for gap in calls)
 
 
 def test_instabilities_are_events_and_end_the_path():
@@ -470,7 +471,7 @@ def test_a_cell_sheared_past_its_neighbours():
     end = path.states[-1]
     assert path.status == "finished" and path.of_kind("opening")
     grains, images = near_pairs(end.x, end.cell, end.radii, 0.0)
-    found = zip(*_ordered(end.contacts[end.closed], end.images[end.closed]), strict=True)
+    found = zip(*ordered(end.contacts[end.closed], end.images[end.closed]), strict=True)
     told = {(*map(int, pair), *map(int, image)) for pair, image in found}
     assert told == {tuple(row) for row in np.column_stack([grains, images]).tolist()}
 

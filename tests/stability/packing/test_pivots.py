@@ -7,13 +7,12 @@ import pytest
 from scipy import sparse
 
 from loops import Scene
+from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
 from stability.compiled import packing_rates
 from stability.packing import pivots, regime_factor, strain_increment
-from stability.packing.pairs import contact_pairs
 from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
-from stability.packing.state import start_state
 from tests.packings import LAW, jammed, packing, strained
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
@@ -27,8 +26,8 @@ def stuck_packing(seed):
     at_yield = np.abs(graph.shear_force) >= (1 - 1e-9) * LAW.mu * graph.normal_force
     regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
     side = np.sign(graph.shear_force)
-    pairs = contact_pairs(start_state(graph), LAW)
-    frozen = RegimeFactor(start_state(graph), pairs, regime, side, True, np.zeros(24))
+    state = contacts_of(start_state(graph), LAW)
+    frozen = RegimeFactor(state, regime, side, True, np.zeros(24))
     return graph, frozen, np.flatnonzero(at_yield)
 
 

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
+from loops.contacts import contacts_of, start_state
 from loops.packing import PlaneContacts
 from stability import Stage, follow, programmes
-from stability.packing.pairs import contact_pairs, overlaps, with_normal_forces
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
-from stability.packing.state import start_state
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import between
 
@@ -27,7 +26,7 @@ LATTICE = (
 
 
 def caged(small, at, unit=1.0, force=1.0):
-    """A square lattice of four discs with small ones in the first square; state and pairs."""
+    """A square lattice of four discs with small ones in the first square."""
     small, at = np.atleast_1d(small), np.atleast_2d(at)
     contacts, images = (list(part) for part in LATTICE)
     for k in range(len(small)):
@@ -42,8 +41,7 @@ def caged(small, at, unit=1.0, force=1.0):
         normal_force=force * np.append([FORCE] * 8, np.zeros(len(contacts) - 8)),
     )
     law = LinearFrictional(force / unit, 0.5 * force / unit, 0.5)
-    state = start_state(graph)
-    return state, contact_pairs(state, law)
+    return contacts_of(start_state(graph), law)
 
 
 def lattice_around(small, at):
@@ -54,18 +52,18 @@ def lattice_around(small, at):
     )  # fmt: skip
 
 
-def of_small(state, pairs, first=4):
+def of_small(state, first=4):
     """Rows of pairs with small grains, and their overlaps."""
     rows = np.flatnonzero((state.contacts[:, :2] >= first).any(axis=1))
-    return rows, overlaps(state, pairs)[rows]
+    return rows, state.overlap[rows]
 
 
 @pytest.mark.parametrize("aside", [(1e-3, 0.0), (7e-4, 5e-4), (-1e-4, 2e-4)])
 def test_a_grain_with_room_moves_out_of_overlap_and_carries_nothing(aside):
     """Its cage has room of 1e-4 around it; the others stay."""
-    state, pairs = caged(ROOM - 1e-4, 0.5 + np.array(aside))
-    freed = free_rattlers(state, pairs)
-    rows, overlap = of_small(freed.state, pairs)
+    state = caged(ROOM - 1e-4, 0.5 + np.array(aside))
+    freed = free_rattlers(state)
+    rows, overlap = of_small(freed.state)
     assert freed.rattlers.tolist() == [False] * 4 + [True]
     assert overlap.max() <= 0 and not freed.state.normal_force[rows].any()
     np.testing.assert_array_equal(freed.state.x[:4], state.x[:4])
@@ -79,9 +77,9 @@ def test_a_grain_with_room_moves_out_of_overlap_and_carries_nothing(aside):
 @pytest.mark.parametrize("too_large", [1e-3, 1e-4])
 def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
     """Without friction it ends in the middle, where all four press alike by its overlap."""
-    state, pairs = caged(ROOM + too_large, 0.5 + np.array(aside))
-    freed = free_rattlers(state, replace(pairs, mu=0.0 * pairs.mu))
-    rows, overlap = of_small(freed.state, pairs)
+    state = caged(ROOM + too_large, 0.5 + np.array(aside))
+    freed = free_rattlers(replace(state, law=replace(state.law, mu=0.0 * state.law.mu)))
+    rows, overlap = of_small(freed.state)
     assert not freed.rattlers.any()
     np.testing.assert_allclose(freed.state.x[4], 0.5, rtol=0, atol=1e-3 * too_large)
     np.testing.assert_allclose(overlap, too_large, rtol=2e-3)
@@ -94,8 +92,8 @@ def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
 @pytest.mark.parametrize("aside", [(5e-4, 0.0), (3e-4, -6e-4)])
 def test_friction_keeps_a_grain_without_room_where_it_is_loaded(aside):
     """Not in the middle, but in balance, with shear forces within the limit."""
-    state, pairs = caged(ROOM + 1e-3, 0.5 + np.array(aside))
-    freed = free_rattlers(state, pairs).state
+    state = caged(ROOM + 1e-3, 0.5 + np.array(aside))
+    freed = free_rattlers(state).state
     N, T = freed.normal_force[8:], freed.shear_force[8:]
     assert np.abs(freed.x[4] - 0.5).max() > 1e-4 and np.abs(T).max() > 0.1 * N.max()
     assert (np.abs(T) <= 0.5 * N * (1 + 1e-9)).all()
@@ -122,7 +120,7 @@ def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degre
     )  # fmt: skip
     state = start_state(graph)
     law = LinearFrictional(1.0, 0.5, mu)
-    freed = free_rattlers(state, contact_pairs(state, law), np.arange(5) == 2).state
+    freed = free_rattlers(contacts_of(state, law), np.arange(5) == 2).state
     N, T = freed.normal_force[4:], freed.shear_force[4:]
     if np.tan(angle) > mu:
         assert not N.any() and not T.any()
@@ -135,15 +133,15 @@ def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degre
 
 def test_a_grain_in_a_tight_cage_is_loaded_from_the_least_force_on():
     for share, loaded in ((0.5, False), (2.0, True)):
-        state, pairs = caged(ROOM + share * LOADED_SHARE * FORCE, [0.5, 0.5])
-        freed = free_rattlers(state, pairs)
+        state = caged(ROOM + share * LOADED_SHARE * FORCE, [0.5, 0.5])
+        freed = free_rattlers(state)
         assert freed.rattlers[4] != loaded
         assert (freed.state.normal_force[8:] > 0).all() == loaded
 
 
 def test_forces_of_a_grain_that_carries_nothing_are_taken_with_their_energy():
     """A small normal force and a shear force; the loaded contacts keep theirs."""
-    state, pairs = caged(ROOM - 1e-4, [0.5, 0.5])
+    state = caged(ROOM - 1e-4, [0.5, 0.5])
     N, T = state.normal_force.copy(), state.shear_force.copy()
     overlap = 0.5 * LOADED_SHARE * FORCE
     N[8], T[8], T[0] = overlap, 0.4 * overlap, 0.3 * FORCE
@@ -151,7 +149,7 @@ def test_forces_of_a_grain_that_carries_nothing_are_taken_with_their_energy():
     x = state.x.copy()
     x[4] -= (1e-4 + overlap) * np.sqrt(0.5)
     state = replace(state, x=x, normal_force=N, shear_force=T, closed=N > 0)
-    freed = free_rattlers(state, pairs)
+    freed = free_rattlers(state)
     assert freed.rattlers[4] and not freed.state.normal_force[8] and not freed.state.shear_force[8]
     assert freed.state.shear_force[0] == T[0]
     wanted = overlap**2 / 2 + (0.4 * overlap) ** 2 / (2 * 0.5)
@@ -161,20 +159,20 @@ def test_forces_of_a_grain_that_carries_nothing_are_taken_with_their_energy():
 def test_a_grain_that_carried_nothing_stays_so_while_it_has_room():
     """A large force of its overlap is none: it has moved out of it."""
     small, at = ROOM - 1e-4, [0.5 - 1e-3, 0.5]
-    state, pairs = caged(small, at)
-    pressed = with_normal_forces(state, pairs)
+    state = caged(small, at)
+    pressed = state.with_normal_forces()
     before = np.arange(5) == 4
-    assert not free_rattlers(pressed, pairs).rattlers.any()
-    freed = free_rattlers(pressed, pairs, before)
-    assert freed.rattlers[4] and of_small(freed.state, pairs)[1].max() <= 0
+    assert not free_rattlers(pressed).rattlers.any()
+    freed = free_rattlers(pressed, before)
+    assert freed.rattlers[4] and of_small(freed.state)[1].max() <= 0
 
 
 def test_two_grains_push_each_other_out_of_overlap():
     """The first is pressed by the lattice and presses on the second, which has room."""
-    state, pairs = caged([0.08, 0.08], [[0.445, 0.5], [0.596, 0.5]])
-    assert of_small(state, pairs)[1].max() > 1e-3
-    freed = free_rattlers(state, pairs)
-    _, overlap = of_small(freed.state, pairs)
+    state = caged([0.08, 0.08], [[0.445, 0.5], [0.596, 0.5]])
+    assert of_small(state)[1].max() > 1e-3
+    freed = free_rattlers(state)
+    _, overlap = of_small(freed.state)
     assert freed.rattlers.tolist() == [False] * 4 + [True] * 2
     assert overlap.max() <= 0 and np.abs(freed.state.x - state.x)[4:].max(axis=1).min() > 1e-4
     # Along their line, for all is even about it.
@@ -197,10 +195,10 @@ def test_a_grain_in_a_corner_of_two_walls(more):
     planes = PlaneContacts(np.array(grain), branch, np.full(10, 2.0), np.zeros(10))
     state = start_state(graph, between(planes))
     before = np.arange(len(state.x)) == 4
-    pairs = contact_pairs(state, LAW, between(planes))
-    freed = free_rattlers(state, pairs, before)
+    state = contacts_of(state, LAW, between(planes))
+    freed = free_rattlers(state, before)
     rows = np.flatnonzero((state.contacts == 4).any(axis=1))
-    overlap = overlaps(freed.state, pairs)[rows]
+    overlap = freed.state.overlap[rows]
     assert len(rows) == 3 and freed.rattlers[4] == (more < 0) and not freed.rattlers[5:].any()
     np.testing.assert_array_equal(
         np.delete(freed.state.x, 4, axis=0), np.delete(state.x, 4, axis=0)
@@ -219,11 +217,11 @@ def test_a_grain_in_a_corner_of_two_walls(more):
 def test_units_change_nothing(too_large):
     """Powers of two: the same numbers but for their exponents."""
     args = ROOM + too_large, 0.5 + np.array([6e-4, -3e-4])
-    state, pairs = caged(*args)
-    one = free_rattlers(state, pairs)
+    state = caged(*args)
+    one = free_rattlers(state)
     unit, force = 2.0**-8, 2.0**12
-    state, pairs = caged(*args, unit, force)
-    other = free_rattlers(state, pairs)
+    state = caged(*args, unit, force)
+    other = free_rattlers(state)
     np.testing.assert_array_equal(other.rattlers, one.rattlers)
     np.testing.assert_allclose(other.state.x / unit, one.state.x, rtol=1e-13)
     np.testing.assert_allclose(other.state.normal_force / force, one.state.normal_force, rtol=1e-9)
@@ -232,8 +230,8 @@ def test_units_change_nothing(too_large):
 
 @pytest.mark.parametrize("small", [ROOM - 1e-4, ROOM + 1e-3])
 def test_numbers_of_grains_change_nothing(small):
-    state, pairs = caged(small, [0.5007, 0.4996])
-    one = free_rattlers(state, pairs)
+    state = caged(small, [0.5007, 0.4996])
+    one = free_rattlers(state)
     order, rows = np.array([4, 2, 0, 3, 1]), np.random.default_rng(0).permutation(12)
     place = np.argsort(order)
     graph = GrainGraph(
@@ -241,7 +239,7 @@ def test_numbers_of_grains_change_nothing(small):
         images=state.images[rows], cell=state.cell, normal_force=state.normal_force[rows],
     )  # fmt: skip
     again = start_state(graph)
-    other = free_rattlers(again, contact_pairs(again, LAW))
+    other = free_rattlers(contacts_of(again, LAW))
     np.testing.assert_array_equal(other.rattlers, one.rattlers[order])
     np.testing.assert_allclose(other.state.x, one.state.x[order], rtol=0, atol=1e-12)
     forces = one.state.normal_force[rows]
@@ -250,7 +248,7 @@ def test_numbers_of_grains_change_nothing(small):
 
 def test_grains_that_hang_on_idle_ones_are_idle():
     """Two grains press on each other alone: neither is held."""
-    state, _ = caged([0.05, 0.05], [[0.455, 0.5], [0.545, 0.5]])
+    state = caged([0.05, 0.05], [[0.455, 0.5], [0.545, 0.5]])
     N = state.normal_force.copy()
     N[-1] = FORCE
     found = carrying_nothing(replace(state, normal_force=N, closed=N > 0), LOADED_SHARE)
@@ -308,7 +306,7 @@ def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     end, balance = solver.state, np.abs(solver.imbalance).max()
     solver.rattlers = carrying_nothing(end, LOADED_SHARE)
     solver.rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
-    solver.take_motion(Passed("replayed", end, solver.pairs, np.zeros(4)), 0.0)
+    solver.take_motion(Passed("replayed", end, np.zeros(4)), 0.0)
     np.testing.assert_array_equal(solver.state.normal_force, end.normal_force)
     np.testing.assert_array_equal(solver.state.shear_force, end.shear_force)
     assert np.abs(solver.imbalance).max() <= balance + 1e-15

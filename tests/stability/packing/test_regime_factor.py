@@ -6,12 +6,11 @@ from scipy import sparse
 
 from loops import Scene, branch_vectors
 from loops.compiled import columns
+from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled import packing_rates
 from stability.packing import pivots, regime_factor, strain_increment
-from stability.packing.pairs import contact_pairs
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
-from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
 from tests.stability.packing.yade_rest import yade_rest
 
@@ -37,12 +36,12 @@ def pieces_of(graph, changes=()):
     graph = graph.replace(
         normal_force=left * graph.normal_force, shear_force=left * graph.shear_force
     )
-    state, pairs = start_state(graph), contact_pairs(start_state(graph), LAW)
-    regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
+    state, count = contacts_of(start_state(graph), LAW), graph.contact_count
+    regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
     for c, to, on in changes:
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
-    return RegimeFactor(state, pairs, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel())
+    return RegimeFactor(state, regime, side, True, 1e-3 * (load - load.mean(axis=0)).ravel())
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
@@ -170,18 +169,18 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
         shear_force=20 * graph.shear_force,
         radii=graph.radii * np.linspace(0.8, 1.2, 8),
     )
-    pairs, state = contact_pairs(start_state(graph), law), start_state(graph)
+    state, count = contacts_of(start_state(graph), law), graph.contact_count
     slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
-    assert 3 < np.count_nonzero(slides) < len(pairs) - 3
+    assert 3 < np.count_nonzero(slides) < count - 3
     regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
-    pieces = RegimeFactor(state, pairs, regime, side, law is LAW, np.zeros(24))
+    pieces = RegimeFactor(state, regime, side, law is LAW, np.zeros(24))
     wanted = differences(graph, law, regime)
     # Freedoms of the rates are spins times a length, loads are moments over it.
     scale = np.tile([1.0, 1.0, pieces.length], 8)
     motions, strains = wanted[:, :-4] / scale, wanted[:, -4:]
     motions[:-4] /= scale[:, None]
     strains[:-4] /= scale[:, None]
-    at, values = np.empty((2, 36 * len(pairs)), dtype=np.int32), np.empty(36 * len(pairs))
+    at, values = np.empty((2, 36 * count), dtype=np.int32), np.empty(36 * count)
     packing_rates.blocks(pieces.frame, regime, side, np.arange(24), at, values)
     dense = sparse.csc_array((values, tuple(at)), (24, 24)).toarray()
     exact = {"rtol": 0, "atol": 1e-8}
@@ -200,11 +199,11 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
 def test_rates_are_those_of_a_dense_solve(which, most, control):
     """Ground springs change the stress by 1e-7, those of a grain with two contacts by more."""
     graph = jammed(*which)
-    state, pairs = start_state(graph), contact_pairs(start_state(graph), LAW)
-    regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
+    state, count = contacts_of(start_state(graph), LAW), graph.contact_count
+    regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    pieces = RegimeFactor(state, pairs, regime, side, True, load)
+    pieces = RegimeFactor(state, regime, side, True, load)
     rates = pieces.solve(*control)
     motion, frame, n = pieces.motion(rates), pieces.frame, len(load)
     force, stress = np.zeros((n + 4, n)), np.zeros((n + 4, 4))

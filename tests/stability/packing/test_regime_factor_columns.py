@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from loops.contacts import contacts_of, start_state
 from stability.compiled import packing_rates
 from stability.packing import regime_factor
-from stability.packing.pairs import contact_pairs
 from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
@@ -15,7 +15,6 @@ from stability.packing.regime_factor import (
     Order,
     RegimeFactor,
 )
-from stability.packing.state import start_state
 from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS
 from tests.stability.packing.test_units import unequal
 
@@ -37,14 +36,13 @@ def pieces_of(unit=1.0, changes=(), more=0.0):
         normal_force=left * graph.normal_force, shear_force=left * graph.shear_force
     )
     law = type(law)(unit * law.kn, unit * law.kt, law.mu, law.shear_increment)
-    state = start_state(graph)
-    pairs = contact_pairs(state, law)
-    regime, side = np.full(len(pairs), ELASTIC, dtype=np.int8), np.ones(len(pairs))
+    state, count = contacts_of(start_state(graph), law), graph.contact_count
+    regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
     for c, to, on in changes:
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * unit * (load - load.mean(axis=0)).ravel() + more
-    return RegimeFactor(state, pairs, regime, side, True, load)
+    return RegimeFactor(state, regime, side, True, load)
 
 
 def dense(pieces):

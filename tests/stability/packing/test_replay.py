@@ -17,6 +17,8 @@ from loops import (
     Scene,
     contact_state,
 )
+from loops.contacts import contacts_of, start_state
+from loops.neighbours import near_pairs
 from patterns import read_snapshot, sample_path
 from stability import Stage, follow
 from stability.packing import loop_changes, replay
@@ -27,11 +29,8 @@ from stability.packing.equations_of_motion import (
     masses_of,
     servo_of,
     steered,
-    stored_energy,
     work_of,
 )
-from stability.packing.pairs import contact_pairs, near_pairs
-from stability.packing.state import start_state
 from stability.programmes import (
     combination,
     drained_biaxial,
@@ -106,7 +105,7 @@ def test_the_largest_stable_step_of_a_lattice_in_closed_form(kn, unit):
     masses, inertias = masses_of(state.radii)
     # The branches are shorter than the diameters, by the overlap.
     expected = 2.0 / np.sqrt(30.0 * law.kt / masses[0] / 1.001**2)
-    found = largest_step(masses, inertias, contact_pairs(state, law), state, False)
+    found = largest_step(masses, inertias, contacts_of(state, law), False)
     assert found == pytest.approx(expected, rel=1e-4)
 
 
@@ -163,14 +162,14 @@ def test_energy_of_a_packing_under_hertzs_law_closes_with_the_step_squared(histo
     graph = jammed(16, 2)
     N = np.asarray(law.normal_force(contact_state(graph)))
     graph = graph.replace(normal_force=N, shear_force=np.clip(graph.shear_force, -0.2 * N, 0.2 * N))
-    start = start_state(graph)
-    pairs, (masses, inertias) = contact_pairs(start, law), masses_of(graph.radii)
+    start = contacts_of(start_state(graph), law)
+    masses, inertias = masses_of(graph.radii)
     rate, time = 1e-3 * np.array([1.0, 0.3, 0.0, -0.5]), 8.0
     for steps in (1000, 2000, 4000):
-        servo = servo_of(start, pairs, masses)
-        servo = steered(servo, start, pairs, np.zeros((4, 4)), np.eye(4), rate)
-        moving = Moving(start, pairs, masses, inertias, lasting(servo, time), True)
-        still = stored_energy(moving.state(), moving.pairs)
+        servo = servo_of(start, masses)
+        servo = steered(servo, start, np.zeros((4, 4)), np.eye(4), rate)
+        moving = Moving(start, masses, inertias, lasting(servo, time), True)
+        still = moving.state().energy()
         assert moving.run(steps, time / steps, 0.0)
         work = work_of(moving, moving.state(), np.zeros((len(masses), 3)), still)
         motion = moving.motion

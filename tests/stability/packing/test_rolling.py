@@ -15,10 +15,9 @@ from loops import (
     branch_vectors,
     contact_state,
 )
+from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
-from stability.packing.pairs import contact_pairs, rolling_energy
-from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
 from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed
@@ -293,10 +292,10 @@ def test_energy_of_the_springs():
     graph = jammed(12, 1, LAW)
     k_r = np.where(np.arange(graph.contact_count) % 2, 0.02, 0.0)
     M = np.linspace(-1e-3, 2e-3, graph.contact_count)
-    pairs = contact_pairs(start_state(graph), RollingResistance(LAW, k_r))
+    state = contacts_of(start_state(graph), RollingResistance(LAW, k_r))
     wanted = sum(m**2 / (2 * k) for m, k in zip(M, k_r, strict=True) if k)
-    assert rolling_energy(pairs, M) == pytest.approx(wanted, rel=1e-14)
-    assert rolling_energy(contact_pairs(start_state(graph), LAW), M) == 0.0
+    assert state.law.rolling_energy(M) == pytest.approx(wanted, rel=1e-14)
+    assert contacts_of(start_state(graph), LAW).law.rolling_energy(M) == 0.0
 
 
 def test_a_moment_without_a_spring_is_none():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph
+from loops.contacts import start_state
+from loops.laws.of_pairs import as_known
 from loops.packing import PlaneContacts
-from stability.packing.pairs import _as_known
-from stability.packing.state import jumped, start_state
+from stability.packing.state import jumped
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import between
 
@@ -111,8 +112,8 @@ def test_stiffness_of_new_contacts_grows_with_the_radii_where_that_varies_less(l
     """In any units: nearly proportional values, nearly constant ones."""
     radii, others = length * np.array([1.0, 2.0, 3.0]), length * np.array([1.5, 6.0])
     slope = stiffness * np.array([1.0, 1.02, 0.98])
-    found = _as_known(slope * radii, radii, others)
+    found = as_known(slope * radii, radii, others)
     np.testing.assert_allclose(found, stiffness * others, rtol=1e-12)
-    found = _as_known(slope, radii, others)
+    found = as_known(slope, radii, others)
     np.testing.assert_allclose(found, stiffness, rtol=1e-12)
-    assert np.all(_as_known(np.full(3, np.inf), radii, others) == np.inf)
+    assert np.all(as_known(np.full(3, np.inf), radii, others) == np.inf)

@@ -16,10 +16,10 @@ from loops import (
     Scene,
     find_faces,
 )
+from loops.contacts import start_state
 from loops.packing import PlaneContacts
 from stability import Stage
 from stability.packing import replay, sustain
-from stability.packing.state import start_state
 from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed

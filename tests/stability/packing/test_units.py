@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
+from loops.contacts import start_state
 from loops.packing import PlaneContacts, loops_in_place
 from loops.system import plane_stiffness
 from patterns import random_loop
@@ -23,7 +24,6 @@ from stability.packing import (
     sustain,
 )
 from stability.packing.loop_quantities import LoopRates
-from stability.packing.state import start_state
 from tests.packings import BRANCH, LAW, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box

@@ -14,11 +14,11 @@ from loops import (
     Scene,
     contact_state,
 )
+from loops.contacts import start_state
 from loops.packing import PlaneContacts
 from stability import Programme, Stage, follow, programmes, rates_at
 from stability.packing import hold, probe, replay
 from stability.packing.amplitudes import probe_to
-from stability.packing.state import start_state
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, mirrored
 

@@ -19,6 +19,7 @@ from loops import (
     contact_state,
     find_faces,
 )
+from loops.contacts import start_state
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from stability import rates_at
@@ -28,7 +29,6 @@ from stability.packing import (
     packing_increment,
     replay,
 )
-from stability.packing.state import start_state
 from studies.commands.snapshot import _series_lines
 from studies.reading import cells_by_number, plan_series, reading
 from studies.series import packing as series_packing

@@ -1,0 +1,93 @@
+"""Which laws paths of packings and equations of motion take, and why others are refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from loops.errors import InputError
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime
+from loops.laws.hertz_mindlin import HertzMindlin
+from loops.laws.of_pairs import AT_TOUCH, HERTZ, FormulaPairs, MovableLaw, WallSprings
+from loops.laws.rolling_resistance import RollingResistance
+
+# Forces are Hertz's where most contacts have N within this share of his, of linear springs.
+HERTZ_BAND = 0.01
+MOSTLY = 0.9
+# Methods that a law of one's own may not change.
+LEFT = ("shear_kinematics", "rolling_stiffness", "regime")
+
+
+def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
+    """The law of paths and equations of motion; refuse others, and graphs that carry nothing.
+
+    The normal force is one of the overlap; where the grains part it vanishes, or pulls.
+    """
+    require_one_state(graph)
+    if not graph.contact_count:
+        raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
+    if isinstance(law, RollingResistance):
+        require_movable(graph, law.law)
+        if not isinstance(law.law, RollingResistance):
+            return law
+    if not isinstance(law, FrictionalLaw):
+        expected = "a law derived from gl.FrictionalLaw, and at most one spring for rolling"
+        remedy = "Give another, or compute tangents alone."
+        raise InputError("law", type(law).__name__, expected, remedy)
+    state = contact_state(graph)
+    if type(law) is LinearFrictional:
+        _require_linear_forces(law, state)
+    elif type(law) is not HertzMindlin:
+        _require_formulae(law, state)
+    return law
+
+
+def _require_linear_forces(law: LinearFrictional, state: ContactState) -> None:
+    """Raise `InputError` where linear springs have the tangents of Hertz's law."""
+    closed = (state.normal_force != 0) & (state.overlap > 0)
+    hertz = HERTZ * (law.kn * state.overlap)[closed]
+    as_hertz = np.abs(state.normal_force[closed] - hertz) < HERTZ_BAND * hertz
+    if np.count_nonzero(as_hertz) > MOSTLY * len(as_hertz):
+        received = "normal forces of 2/3 of kn times the overlap, as Hertz's tangents give them"
+        expected = "linear springs, of which N is kn times the overlap"
+        remedy = "Give law='hertz' (--law hertz), or study rates."
+        raise InputError("law", received, expected, remedy)
+
+
+def _require_formulae(law: FrictionalLaw, state: ContactState) -> None:
+    """Raise `InputError` unless a law gives what pairs ask of it."""
+    name, kind, loops_alone = type(law).__name__, type(law), "Use the law for single loops."
+
+    def refuse(received: str, expected: str, remedy: str = loops_alone) -> InputError:
+        return InputError("law", received, expected, remedy)
+
+    changed = [m for m in LEFT if getattr(kind, m) is not getattr(FrictionalLaw, m)]
+    changed += [] if law.keeps_strength else ["keeps_strength"]
+    if changed:
+        expected = "in paths of packings a law that leaves these to gl.FrictionalLaw"
+        remedy = "Leave them out, or use the law for single loops."
+        raise refuse(f"{name} with {', '.join(changed)}", expected, remedy)
+    radii, none = np.array([state.radii_i, state.radii_j]), np.zeros(0)
+    walls: Any = WallSprings(*[none] * 5)
+    try:
+        own = FormulaPairs.made(law, radii, np.full(radii.shape[1], -1), walls)
+        _, pressed = own.contacts(state.overlap)
+        D = own.local_stiffness(pressed, Regime.ELASTIC)
+    except NotImplementedError as lacks:
+        remedy = "Add it to the class."
+        expected = "closed_force, and kt or stiffnesses"
+        raise refuse(f"{name} without {lacks}", expected, remedy) from None
+    parting = own.parting()
+    rise = law.gap(pressed) - law.gap(parting)
+    if np.any(own.reach < 0) or not np.allclose(rise, pressed.length - parting.length):
+        expected = "a gap of the branch less its length where the contact opens, at touch or beyond"
+        raise refuse(f"{name} with gap", expected)
+    if np.any(parting.normal_force > 0) or np.any(D[:, 0, 1] != 0):
+        raise refuse(name, "a normal force of the overlap alone that vanishes or pulls at touch")
+    least = np.where(np.isfinite(law.mu), law.strength(parting), 0.0)
+    if np.any(least < -AT_TOUCH * np.abs(parting.normal_force)):
+        expected = "a strength that is not negative where the contact pulls"
+        remedy = "Give the class a strength such as mu (N + adhesion)."
+        raise refuse(f"{name} with a strength of {least.min():.2g}", expected, remedy)
