@@ -29,23 +29,26 @@ def room_modules(root: Path) -> dict[str, Path]:
 
 
 @functools.cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+def imports_of(path: Path) -> tuple[tuple[ast.stmt, bool], ...]:
+    """Every import of a file, and whether it can run: all but those of ``if TYPE_CHECKING``."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    imports = (ast.Import, ast.ImportFrom)
+    return tuple((one, runs) for one, runs in statements(body) if isinstance(one, imports))
 
 
-def executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """Every node that can run: all but the body of ``if TYPE_CHECKING``."""
-    for node in ast.iter_child_nodes(tree):
-        yield node
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            for other in node.orelse:
-                yield other
-                yield from executed_nodes(other)
-        else:
-            yield from executed_nodes(node)
+def statements(body: list[ast.stmt], runs: bool = True) -> Iterator[tuple[ast.stmt, bool]]:
+    """Each statement, those inside others too, and whether it can run."""
+    for node in body:
+        yield node, runs
+        typing = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        yield from statements(getattr(node, "body", []), runs and not typing)
+        for part in (node, *getattr(node, "handlers", []), *getattr(node, "cases", [])):
+            inside = [] if part is node else part.body
+            rest = [*getattr(part, "orelse", []), *getattr(part, "finalbody", [])]
+            yield from statements([*inside, *rest], runs)
 
 
-def import_targets(node: ast.AST, module: str, is_package: bool) -> list[str]:
+def import_targets(node: ast.stmt, module: str, is_package: bool) -> list[str]:
     """The dotted names that an import names; ``from a import b`` gives ``a.b``."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
@@ -66,7 +69,7 @@ def room_violations(root: Path) -> list[str]:
         forbidden = set(BELOW) - BELOW[room] - {room}
         if room not in ("studies", "grainloops"):
             forbidden |= ONLY_IN_STUDIES
-        for node in ast.walk(tree_of(path)):
+        for node, _ in imports_of(path):
             targets = import_targets(node, module, path.stem == "__init__")
             found += [
                 f"{module} imports {name}" for name in targets if name.split(".")[0] in forbidden
@@ -79,10 +82,9 @@ def import_graph(root: Path, *, types: bool = True) -> "nx.DiGraph[str]":
     modules = room_modules(root)
     graph = nx.DiGraph()
     for module, path in modules.items():
-        tree = tree_of(path)
         # What a face shows it imports sooner or later.
         whole = types or path.stem == "__init__"
-        for node in ast.walk(tree) if whole else executed_nodes(tree):
+        for node in (node for node, runs in imports_of(path) if runs or whole):
             for name in import_targets(node, module, path.stem == "__init__"):
                 # `from a import b` depends on the module a.b, or on a where b is a name within it.
                 target = name if name in modules else name.rpartition(".")[0]

@@ -16,7 +16,6 @@ from loops import (
     macroscopic_tangent,
 )
 from loops.arrays import Floats
-from patterns.hard_cases import CaseState, HardCase
 from stability import (
     Path,
     Programme,
@@ -33,6 +32,7 @@ from stability import (
 )
 from stability.directional.branches import edge_contacts
 from tests.oracles.fifty_digits import DIGITS, as_array, tangent_50
+from tests.oracles.hard_cases import CaseState, HardCase
 
 CLOSURES, SUBSPACE = ("affine", "traction"), "symmetric"
 STATUS_LETTERS = {"stable": "s", "unstable": "u", "undetermined": "?"}

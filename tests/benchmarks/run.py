@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from loops import InputError
-from patterns.hard_cases import HARD_CASES
 from studies.study import study
 from studies.style import (
     BLACK,
@@ -28,6 +27,7 @@ from studies.style import (
 )
 from tests.benchmarks.hard_cases import hard_path_rows, loop_letters, read_letters, tangent_rows
 from tests.benchmarks.methods import METHOD_GROUPS, machine, smallest_model_rows
+from tests.oracles.hard_cases import HARD_CASES
 
 HARD, SMALLEST = "hard-cases", "smallest-model"
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"

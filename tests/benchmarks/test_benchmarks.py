@@ -8,7 +8,6 @@ import pytest
 
 from loops import InputError, LinearFrictional, Scene, affine_tangent, traction_tangent
 from patterns import regular_polygon
-from patterns.hard_cases import hard_case
 from stability import Stage, follow, programmes
 from tests.benchmarks.methods import (
     METHOD_GROUPS,
@@ -30,6 +29,7 @@ from tests.oracles.fifty_digits import (
     tangent_50,
     traction_tangent_50,
 )
+from tests.oracles.hard_cases import hard_case
 from tests.studies.snapshot.test_run import run
 
 

@@ -5,10 +5,10 @@ import pytest
 
 from loops import LinearFrictional, traction_tangent
 from patterns import random_loop
-from patterns.hard_cases import HARD_CASES
 from tests.benchmarks.hard_cases import hard_path_rows, tangent_rows
 from tests.benchmarks.methods import METHOD_GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
+from tests.oracles.hard_cases import HARD_CASES
 from tests.tools.scaling.in_place import METHODS, measured
 from tests.tools.settled.__main__ import GROUPS as SETTLED
 

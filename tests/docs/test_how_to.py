@@ -1,5 +1,6 @@
 """Pages of tasks: short, with the evidence apart; their blocks run, their commands are commands."""
 
+import ast
 import re
 import shlex
 
@@ -62,6 +63,16 @@ def test_blocks_on_one_loop_say_what_the_page_says(capsys):
     exec("\n".join(blocks("accuracy")), names)
     said = capsys.readouterr().out.splitlines()
     assert 0.0 < float(said[0]) < 1e-6 and said[2].startswith("unstable")
+
+
+def test_blocks_of_what_is_added_run(capsys):
+    exec("\n".join(blocks("adding")), {})
+    law, boundary, question = capsys.readouterr().out.splitlines()
+    assert law.startswith("finished") and boundary.startswith("outline")
+    assert all(0.0 < share < 1.0 for share in ast.literal_eval(question))
+    files = re.findall(r"`([\w/]+\.(?:py|toml|md))`", page("adding"))
+    assert len(files) > 15
+    assert [name for name in files if not (DOCS.parent / name).is_file()] == []
 
 
 def test_blocks_on_a_series_read_its_tables(tmp_path, monkeypatch, capsys):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from loops import LinearFrictional, contact_state
 from loops.arrays import Floats
 from loops.assembly import contact_regime
-from patterns.hard_cases import CaseState
+from tests.oracles.hard_cases import CaseState
 
 DIGITS = 50
 # Rings up to this long are solved grain by grain; longer ones by their compliance.

@@ -7,7 +7,6 @@ from loops import Scene, affine_tangent, contact_state, traction_tangent
 from loops.arrays import ROUNDING
 from loops.assembly import compliance_growth
 from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from patterns.hard_cases import HARD_CASES, hard_case
 from stability import (
     branch_fraction,
     judge,
@@ -25,6 +24,7 @@ from tests.benchmarks.hard_cases import (
     solve,
     tangent_rows,
 )
+from tests.oracles.hard_cases import HARD_CASES, hard_case
 
 # The longest rings take seconds in 50 digits.
 TANGENTS = [case for case in HARD_CASES if case.kind == "tangent" and case.name != "gear-mode"]

@@ -9,9 +9,9 @@ import pytest
 from loops import affine_tangent, traction_tangent
 from patterns import synthetic_network
 from patterns.diamond import TABLE_1, tangent
-from patterns.hard_cases import hard_case, parallel_half_edges
 from stability import imhof_fraction, restrict, symmetric_spectrum
 from tests.benchmarks.methods import POINT_B, Row, error_at_b, irregular_rings
+from tests.oracles.hard_cases import hard_case, parallel_half_edges
 from tests.tools.settled.__main__ import GROUPS, main
 from tests.tools.settled.closures import least_squares
 from tests.tools.settled.eigenvalues import closed_form, jacobi, sample

@@ -43,17 +43,15 @@ def at_rest(adhesion, bond=0.0, rolls=False):
     return held.graph, held.law
 
 
-def test_without_attraction_the_path_is_that_of_the_linear_law_bit_by_bit():
+@pytest.mark.parametrize("strain", [SHEAR, EXTENSION], ids=["shear", "extension"])
+def test_without_attraction_the_path_is_that_of_the_linear_law_bit_by_bit(strain):
     graph, how = jammed(12, 1), {"closure": "packing", "interval": 4e-5}
-    for strain in (SHEAR, EXTENSION):
-        one, other = (
-            follow(Scene(graph, law), strained(strain), **how) for law in (glued(0.0), LAW)
-        )
-        assert one.events == other.events and len(one.events) > 3
-        for name in ("forces", "x", "closed"):
-            a, b = (getattr(path.states[-1], name) for path in (one, other))
-            np.testing.assert_array_equal(a, b)
-        np.testing.assert_array_equal(one.P, other.P)
+    one, other = (follow(Scene(graph, law), strained(strain), **how) for law in (glued(0.0), LAW))
+    assert one.events == other.events and len(one.events) > 3
+    for name in ("forces", "x", "closed"):
+        a, b = (getattr(path.states[-1], name) for path in (one, other))
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(one.P, other.P)
 
 
 CASES = [(0.1, False, SHEAR), (0.3, True, EXTENSION), (1.0, False, EXTENSION), (3.0, True, SHEAR)]

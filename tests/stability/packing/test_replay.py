@@ -248,7 +248,9 @@ def test_parts_of_a_straight_way_are_the_straight_way():
         np.testing.assert_allclose(parts.state.x, whole.state.x, rtol=0, atol=1e-11)
         for name in ("normal_force", "shear_force"):
             one, two = getattr(parts.state, name), getattr(whole.state, name)
-            np.testing.assert_allclose(one, two, rtol=0, atol=1e-11 * np.abs(two).max())
+            # Overlaps are differences of positions a thousand times as large; rounding of 1,000
+            # steps is 1.3e-11 of the largest force on some processors.
+            np.testing.assert_allclose(one, two, rtol=0, atol=5e-11 * np.abs(two).max())
 
 
 def test_parts_are_reached_at_their_shares_and_take_times_as_their_strains():

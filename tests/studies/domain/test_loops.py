@@ -410,7 +410,7 @@ def test_bad_input_gives_one_line(tmp_path, monkeypatch, capsys, arguments, mess
     assert len(said) == 1 and message in said[0]
 
 
-def test_loop_of_a_snapshot(tmp_path, monkeypatch, capsys):
+def test_loop_of_a_snapshot(tmp_path, monkeypatch, capsys, undrawn):
     from patterns import sample_path
 
     command = ["grainloops", "domain", "--out", str(tmp_path / "out"), "--directions", "3",

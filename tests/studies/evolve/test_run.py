@@ -19,6 +19,7 @@ from studies.reading import plan_series, read_planar, reading
 from tests.packings import BRANCH, LAW, jammed
 from tests.studies.probe.test_run import plain
 from tests.studies.snapshot.test_run import run
+from tests.unsaved import leave_files_empty
 
 CELLS = sample_path("slow/cells.csv")
 SLOW = [sample_path(f"slow/grains_{number}.parquet") for number in (10, 11)]
@@ -29,9 +30,10 @@ FIGURES = {
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """The command on one step of the slow sample, as it was driven, run once."""
+    """The command on one step of the slow sample, as it was driven; its figures are not saved."""
     out = tmp_path_factory.mktemp("results") / "path"
     with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
         status = run(patch, "evolve", *SLOW, "--cells", CELLS, "--shear-increment", "radii",
                      "--axis", "2", "--to", "2e-5", "--rows", "2", "--out", out)  # fmt: skip
     assert status == 0

@@ -26,6 +26,7 @@ from studies.paths.run import run_diamond
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed
+from tests.unsaved import leave_files_empty
 
 EVENT_KEYS = {
     "kind", "E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks"
@@ -60,9 +61,11 @@ FILES = {
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The study of both tables, written once; figures of Table 1 alone."""
+    """The study of both tables, written once; figures of Table 1 alone, which are not saved."""
     folder = tmp_path_factory.mktemp("diamond")
-    found = {1: (folder / "1", run_diamond(DiamondOptions(table=1), folder / "1"))}
+    with pytest.MonkeyPatch.context() as patch:
+        leave_files_empty(patch)
+        found = {1: (folder / "1", run_diamond(DiamondOptions(table=1), folder / "1"))}
     with pytest.MonkeyPatch.context() as patch:
         leave_undrawn(patch)
         found[2] = folder / "2", run_diamond(DiamondOptions(table=2), folder / "2")
@@ -96,14 +99,22 @@ def test_tables_carry_rows_and_provenance(written):
     np.testing.assert_allclose(radius, 2.0 + polar["w2"], rtol=1e-14)
 
 
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """Table 1 with its figures."""
+    folder = tmp_path_factory.mktemp("saved") / "1"
+    run_diamond(DiamondOptions(table=1), folder)
+    return folder
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn_and_say_what_made_them(written, name):
-    folder, _ = written[1]
-    image = matplotlib.image.imread(folder / f"{name}.png")
+def test_figures_are_drawn_and_say_what_made_them(saved, name):
+    image = matplotlib.image.imread(saved / f"{name}.png")
     assert min(image.shape[:2]) > 600
     assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.6
     for end in ("png", "svg"):
-        data = (folder / f"{name}.{end}").read_bytes()
+        data = (saved / f"{name}.{end}").read_bytes()
         assert b"grainloops diamond" in data
         assert b"alpha0_deg" in data
 

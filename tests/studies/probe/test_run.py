@@ -290,8 +290,10 @@ def test_a_snapshot_without_forces_and_one_that_floats_are_refused(monkeypatch, 
 
 
 def test_a_probe_by_increment_is_written_and_bad_options_are_refused(tmp_path):
-    path, cell = sample_path("probe/grains_before.parquet"), state("before")[0].graph.cell
-    how = {"cell": cell.ravel(), "shear_increment": "radii", "directions": 3, "figures": False}
+    path, graph = tmp_path / "grains.parquet", jammed(24, 3, LAW)
+    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    write_snapshot(path, Snapshot(graph, LAW, regime, np.arange(24), 0, ()))
+    how = {"shear_increment": "radii", "directions": 3, "figures": False}
     summary = run_probe(path, tmp_path / "out", amplitude=2e-5, by="increment", **how)
     table = pd.read_parquet(tmp_path / "out" / "probe.parquet")
     assert (summary["by"], summary["candidates_from"]) == ("increment", 0.7)

@@ -20,7 +20,6 @@ import grainloops as gl
 from loops import LinearFrictional, Scene
 from loops.packing import loops_in_place
 from patterns.diamond import TABLE_1, drained_path
-from patterns.hard_cases import HARD_CASES
 from stability import branch_fraction
 from stability.packing import probe as rates
 from stability.packing import replay as replayed
@@ -29,6 +28,7 @@ from stability.packing.amplitudes import probe_to
 from studies import domain as domains
 from studies.paths.options import PolygonOptions
 from studies.series.evolution import fate_columns, track_loops
+from tests.oracles.hard_cases import HARD_CASES
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import yade_rest
 

@@ -12,8 +12,8 @@ from loops import GrainGraph, branch_vectors
 from loops.arrays import Integers
 from loops.faces import next_half_edge
 from patterns import synthetic_network
-from patterns.hard_cases import parallel_half_edges
 from tests.benchmarks.methods import Rows
+from tests.oracles.hard_cases import parallel_half_edges
 
 ORACLE = "orientation by fractions"
 PAIRS = 200

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import GrainGraph
-from patterns.hard_cases import hard_case
 from tests.benchmarks.hard_cases import exact_answer
 from tests.benchmarks.methods import Rows
+from tests.oracles.hard_cases import hard_case
 
 OVERLAPS = (1e-1, 1e-3, 1e-5, 1e-7)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, contact_state, find_faces
-from patterns.hard_cases import HARD_CASES, LETTERS, hard_case
+from tests.oracles.hard_cases import HARD_CASES, LETTERS, hard_case
 
 TANGENTS = [case for case in HARD_CASES if case.kind == "tangent"]
 
