@@ -220,7 +220,8 @@ def following_half_edges(ends: Short, degree: Short, d: Floats) -> tuple[Short, 
         first, n = begin[g], degree[g]
         here = slice(first, first + n)
         if n > COUNTING_SORT_MAX or not _sort_by_angle(edge[here], angle[here], order):
-            order[:n] = edge[here]
+            for k in range(n):
+                order[k] = edge[first + k]
             good &= _sort_exactly(d, n, order, spare)
         for k in range(n):
             following[order[k] ^ 1] = order[k - 1 if k > 0 else n - 1]
@@ -268,7 +269,9 @@ def _sort_exactly(d: Floats, n: int, order: Short, spare: Short) -> bool:
     while run < n:
         for start in range(0, n, 2 * run):
             middle, end = min(start + run, n), min(start + 2 * run, n)
-            spare[start:end] = order[start:end]
+            # A copy of slices would compile numba's message on shapes, for two seconds.
+            for k in range(start, end):
+                spare[k] = order[k]
             a, b = start, middle
             for k in range(start, end):
                 second = a == middle

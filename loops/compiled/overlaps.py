@@ -52,7 +52,8 @@ def overlapping(x: Floats, radii: Floats, least: float) -> Integers:
                     if reach > 0.0 and across * across + up * up < reach * reach:
                         if found == len(pairs):
                             longer = np.empty((2 * found, 2), dtype=np.int64)
-                            longer[:found] = pairs
+                            for p in range(found):
+                                longer[p, 0], longer[p, 1] = pairs[p, 0], pairs[p, 1]
                             pairs = longer
                         pairs[found, 0], pairs[found, 1] = g, h
                         found += 1
