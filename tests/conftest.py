@@ -37,7 +37,7 @@ settings.load_profile("grainloops")
 
 @pytest.fixture
 def unsaved(monkeypatch):
-    """Figures are drawn, their files stay empty: for tests of names."""
+    """Figures are made, not drawn or saved: for tests of names."""
     from tests.unsaved import leave_files_empty
 
     leave_files_empty(monkeypatch)

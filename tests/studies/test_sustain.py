@@ -22,7 +22,7 @@ from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_b
 from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
-HOW = {"directions": 4, "largest": 0.0022, "interval": 4e-5, "shear_increment": "radii"}
+HOW = {"directions": 4, "largest": 0.0022, "interval": 1e-4, "shear_increment": "radii"}
 TABLES = ("sustain", "motions", "paths", "orders", "loops")
 FIGURES = [f"{n}.{k}" for n in ("limits", "work", "paths", "orders", "map") for k in ("png", "svg")]
 
@@ -48,7 +48,7 @@ def results(state, tmp_path_factory):
         leave_files_empty(patch)
         status = run(
             patch, "sustain", state, "--directions", "4", "--largest", "0.0022",
-            "--interval", "4e-5", "--shear-increment", "radii", "--workers", "1", "--out", out,
+            "--interval", "1e-4", "--shear-increment", "radii", "--workers", "1", "--out", out,
         )  # fmt: skip
     assert status == 0
     return out
@@ -81,7 +81,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
 def test_tables_are_the_numerics(results, state):
     read = read_snapshot(state, shear_increment="radii")
     held = gl.hold(gl.Scene(read.graph, read.law))
-    found = sustain_packing(held.graph, held.law, 4, largest=0.0022, interval=4e-5)
+    found = sustain_packing(held.graph, held.law, 4, largest=0.0022, interval=1e-4)
     table = pd.read_parquet(results / "sustain.parquet")
     assert table["status"].tolist() == found.status.tolist()
     assert "held" in found.status and any("large" in one for one in found.status)
@@ -173,7 +173,7 @@ def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
     path = tmp_path / "grains.parquet"
     write_snapshot(path, Snapshot(graph, law, regime, np.arange(grains), len(force), (), walls))
     start = start_state(graph, between(planes, force))
-    how = {"largest": 0.25 * np.trace(start.stress), "interval": 4e-5}
+    how = {"largest": 0.25 * np.trace(start.stress), "interval": 1e-4}
     run_sustain(
         path, tmp_path / "out", directions=2, workers=1, figures=False, shear_increment="radii",
         **how,

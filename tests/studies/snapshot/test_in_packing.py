@@ -22,6 +22,7 @@ from studies.snapshot.table import loop_columns
 from studies.study import captions
 from tests.packings import LAW, packing
 from tests.studies.snapshot.test_run import run
+from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")
 CELL = (0.914723458490276, 0.0, 0.0, 0.897826511170329)
@@ -50,6 +51,7 @@ def results(tmp_path_factory):
             "snapshot_figures",
             lambda *a, **b: (one for one in drawn(*a, **b) if one[0] == "in_packing"),
         )
+        leave_files_empty(patch)
         cell = ",".join(map(repr, CELL))
         asked = ("--cell", cell, "--in-packing", "whole", "--out", out)
         assert run(patch, "snapshot", SLOW, *asked) == 0
@@ -103,8 +105,7 @@ def test_summary_of_loops_in_place(results, place):
 
 
 def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
-    assert (results / "in_packing.png").stat().st_size > 10_000
-    assert (results / "in_packing.svg").exists()
+    assert (results / "in_packing.png").exists() and (results / "in_packing.svg").exists()
     page = (results / "report.html").read_text()
     assert '"colour_by":["order","packing_lambda_min","surroundings_lambda_min"' in page
     cell = ",".join(map(repr, CELL))
