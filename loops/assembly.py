@@ -209,12 +209,17 @@ def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Float
     of the frame; rows the force on j, columns the relative displacement. Of spheres the second
     tangent has the block of the first.
     """
-    local = _stiffness(state, law, regime)
     g, _, _ = law.shear_kinematics(state)
+    local = turning_block(_stiffness(state, law, regime), g, state)
+    return _both_tangents(local) if state.n.shape[-1] == 3 else local
+
+
+def turning_block(local: Floats, g: Floats, state: ContactState) -> Floats:
+    """Return a law's stiffness, changed in place, as the block of a contact whose frame turns."""
     local[..., :, 1] *= g[..., None]
     local[..., 1, 1] -= state.normal_force / state.length
     local[..., 0, 1] += state.shear_force / state.length
-    return _both_tangents(local) if state.n.shape[-1] == 3 else local
+    return local
 
 
 def local_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
-from loops.assembly import local_blocks
+from loops.assembly import turning_block
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
 from loops.closures.tangents import solved
 from loops.compiled import given
@@ -247,13 +247,14 @@ def compiled_packing(
         state = state_of_branches(graph, part, d)
         own = law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
-        rows[part, 2:6] = local_blocks(state, own, regimes[part]).reshape(-1, 4)
-        rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
         stiffness = own.local_stiffness(state, regimes[part])
         shear[part] = stiffness[:, 1, 1]
-        if np.any(stiffness[:, 0, 1]) or np.any(own.rolling_stiffness(state, regimes[part])):
+        coupled = stiffness[:, 0, 1].any() or np.any(own.rolling_stiffness(state, regimes[part]))
+        g, arm, _ = own.shear_kinematics(state)
+        rows[part, 2:6] = turning_block(stiffness, g, state).reshape(-1, 4)
+        rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
+        if coupled:
             return False, False
-        _, arm, _ = own.shear_kinematics(state)
         return np.array_equal(arm, state.radii_i), np.array_equal(arm, state.arm_i)
 
     with ThreadPoolExecutor(threads) as pool:
