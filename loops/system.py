@@ -25,6 +25,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import Boundary, PlaneContacts, boundary_of, plane_stiffness
+from loops.compiled import WIDTH
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors, contact_frame, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime
@@ -98,8 +99,6 @@ REFINED = 1e-15
 REFINEMENTS = 8
 # Right-hand sides that SuperLU solves at a time: fastest with a few.
 PANEL = 4
-# Right-hand sides that the kernel solves together, as many as `loops.compiled.columns.WIDTH`.
-WIDTH = 8
 # Entries of all right-hand sides beyond which the kernel is worth loading.
 LOADS_BY_KERNEL = 1_000_000
 

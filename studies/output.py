@@ -49,8 +49,10 @@ UNITS = {
 SUMMARY = "summary.json"
 # Readers of a folder of Parquet files skip names that begin with a dot.
 UNFINISHED = ".unfinished"
-# File that describes a series in its folder, and folders of its parts.
-SERIES, DATASETS = "series.json", ("loops", "increments", "packing", "fates")
+# File that describes a series in its folder.
+SERIES = "series.json"
+# Folders of its parts.
+DATASETS = ("loops", "increments", "packing", "fates")
 # Seconds in which a folder beside the results may belong to a run that has just started.
 JUST_MADE = 2.0
 PACKAGES = ("loops", "patterns", "stability", "studies")

@@ -28,13 +28,17 @@ GREY, LIGHT_GREY = "#767676", "#D9D9D9"
 ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)
 LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 # Continuous maps that keep their order with any colour vision and in grey.
-SEQUENTIAL, DIVERGING = "cividis", "PuOr"
+SEQUENTIAL = "cividis"
+DIVERGING = "PuOr"
 
-# Widths of one and of two columns of a journal, 86 and 178 mm, in inches; the height of a page.
-ONE_COLUMN, TWO_COLUMNS, PAGE = 86 / 25.4, 178 / 25.4, 9.3
+# Widths of one and of two columns of a journal, 86 and 178 mm, in inches.
+ONE_COLUMN = 86 / 25.4
+TWO_COLUMNS = 178 / 25.4
+# Height of a page, in inches.
+PAGE = 9.3
 WIDTHS = {"single": ONE_COLUMN, "double": TWO_COLUMNS}
-# Speed and resolution of an animation.
-FRAMES_PER_SECOND, FRAME_DPI = 4, 110
+FRAMES_PER_SECOND = 4
+FRAME_DPI = 110
 # Least height of a figure (inches): in a lower one the labels of the axes are cut.
 LOWEST = 2.4
 # Largest number of panels that fit on a page one below the other.

@@ -34,6 +34,13 @@ differ; of a million grains it is several seconds less.
 """
 
 
+WIDTH = 8
+"""Right-hand sides that `loops.compiled.columns.solve_eight` solves at once: a processor's vector.
+
+Its kernels know it from when they were compiled: who changes it removes their cache.
+"""
+
+
 def load_ahead(contacts: int) -> None:
     """Load the kernels on another thread if so many contacts will use them."""
     if use_compiled(None, contacts):

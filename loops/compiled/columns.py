@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from loops.arrays import Floats, Integers
-from loops.compiled import kernel
-
-# Right-hand sides that `solve_eight` solves at once.
-WIDTH = 8
+from loops.compiled import WIDTH, kernel
 
 
 @kernel

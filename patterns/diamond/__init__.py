@@ -4,9 +4,6 @@ Forces, stresses and strains are positive in compression, angles are radians, `T
 `alpha` grows. Numbers in parentheses are the paper's equations.
 """
 
-from patterns.diamond.closed_form import TABLE_1 as TABLE_1
-from patterns.diamond.closed_form import TABLE_2 as TABLE_2
-from patterns.diamond.closed_form import DiamondParameters as DiamondParameters
 from patterns.diamond.closed_form import angle_from_strains as angle_from_strains
 from patterns.diamond.closed_form import critical_strain as critical_strain
 from patterns.diamond.closed_form import determinant_elastic as determinant_elastic
@@ -31,3 +28,6 @@ from patterns.diamond.drained import drained_end as drained_end
 from patterns.diamond.drained import drained_path as drained_path
 from patterns.diamond.drained import drained_states_after_turn as drained_states_after_turn
 from patterns.diamond.drained import printed_states_after_turn as printed_states_after_turn
+from patterns.diamond.states import TABLE_1 as TABLE_1
+from patterns.diamond.states import TABLE_2 as TABLE_2
+from patterns.diamond.states import DiamondParameters as DiamondParameters

@@ -35,7 +35,7 @@ from loops.validation import (
     finite,
     friction_angle,
 )
-from patterns.diamond.closed_form import DiamondParameters
+from patterns.diamond.states import DiamondParameters
 
 Rows = NDArray[np.intp]
 # Rows computed together, so that their quadrature nodes fit the cache.

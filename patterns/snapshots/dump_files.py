@@ -14,6 +14,7 @@ from loops import InputError
 from loops.arrays import Flags, Floats, Integers
 from loops.validation import repeated_contacts
 from patterns.snapshots.checks import repeated
+from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.frame import (
     Frame,
@@ -27,7 +28,7 @@ from patterns.snapshots.frame import (
     require_column,
 )
 from patterns.snapshots.geometry import index_of, places_of, refuse_radii, refuse_repeated
-from patterns.snapshots.tables import Table, Text, line_at, listed, open_text
+from patterns.snapshots.tables import Table, listed
 
 ITEM = b"ITEM: "
 START = b"ITEM: TIMESTEP"

@@ -15,6 +15,7 @@ from loops.errors import check_choice, number
 from loops.laws.frictional import checked_increment
 from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.build import COHESIVE, LawName, Parameters, build_snapshot
+from patterns.snapshots.files import head_of, require_file
 from patterns.snapshots.frame import (
     WALL_COLUMNS,
     Frames,
@@ -31,7 +32,7 @@ from patterns.snapshots.lammps import is_lammps, lammps_frames
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
 from patterns.snapshots.snapshot import Snapshot
-from patterns.snapshots.tables import given_table, head_of, require_file
+from patterns.snapshots.tables import given_table
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
 from patterns.snapshots.yade_vtk import is_yade_vtk, yade_vtk_frames
 

@@ -22,6 +22,7 @@ from loops.arrays import Floats
 from loops.errors import check_choice
 from loops.laws.frictional import ShearIncrement, checked_increment
 from loops.laws.hertz_mindlin import ShearHistory
+from patterns.snapshots.files import Text, beside, require_file, whole_file
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.geometry import WALL
 from patterns.snapshots.snapshot import Snapshot
@@ -30,15 +31,11 @@ from patterns.snapshots.tables import (
     SPREADSHEETS,
     TABLE_ENDINGS,
     Table,
-    Text,
-    beside,
     listed,
     read_arrays,
     read_body,
     read_table,
-    require_file,
     table_of_arrays,
-    whole_file,
 )
 
 GRAIN_COLUMNS = (

@@ -31,9 +31,10 @@ from patterns.snapshots.dump_files import (
     read_atoms,
     space_of,
 )
+from patterns.snapshots.files import beside, head_of
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
 from patterns.snapshots.lammps import AS_WRITTEN, TOLERANCE, named, shares
-from patterns.snapshots.tables import Table, beside, head_of
+from patterns.snapshots.tables import Table
 
 NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.

@@ -22,10 +22,11 @@ from patterns.snapshots.dump_files import (
     normals,
     pairs_of,
 )
+from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.findings import rounding
 from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
 from patterns.snapshots.geometry import PLANE_TOLERANCE
-from patterns.snapshots.tables import Table, Text, line_at, open_text
+from patterns.snapshots.tables import Table
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
 DATA_COLUMNS = {

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import math
-import mmap
-import os
 import re
 import tokenize
 import zipfile
-import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,121 +21,24 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers, in_threads
-from loops.errors import out_of_memory
+from patterns.snapshots.files import (
+    Text,
+    line_at,
+    open_text,
+    require_file,
+    require_line_end,
+    require_room,
+    whole_file,
+)
 
-# Content of a text file: memory-mapped, or unpacked from gzip.
-Text = bytes | mmap.mmap
-HEAD = 4096  # first bytes of a file, by which its format is recognised
-# Highest accepted compression ratio, a guard against zip bombs.
-PACKING = 1100
-UNCOUNTED_BYTES = 1 << 24  # up to this size the ratio is not checked
-SHARE = 0.5  # largest share of the machine's memory for the content of a file
 FLOAT = pyarrow.float64()
 SHOWN = 12  # number of names in a message
-
-
-def require_file(path: Path) -> None:
-    """Raise `InputError` if there is no such file or nothing in it."""
-    if path.is_dir():
-        remedy = "Name the file of the grains; of many snapshots, all of them to grainloops series."
-        raise InputError(str(path), "a folder", "a snapshot's file", remedy)
-    if not path.is_file():
-        raise InputError(str(path), "no such file", "a snapshot's file", "Check the path.")
-    if path.stat().st_size == 0:
-        raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
-
-
-def require_room(path: str | Path, size: int, packed: int) -> None:
-    """Raise `InputError` if `size` bytes exceed the memory, or what `packed` bytes can hold."""
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):
-        memory = 1 << 34
-    room = int(SHARE * memory)
-    if size <= min(room, max(UNCOUNTED_BYTES, PACKING * packed)):
-        return
-    limit = f"{PACKING} times the {packed} of the file" if size <= room else f"{room / 1e9:.3g}e9"
-    expected = f"at most {limit} bytes (half of this machine's memory at most)"
-    remedy = "Export the columns that are needed, or a part of the sample."
-    raise InputError(str(path), f"numbers of {size / 1e9:.3g}e9 bytes", expected, remedy)
-
-
-def beside(path: Path, *names: str) -> Path | None:
-    """The first file of these names beside another, gzip or not; None if there is none."""
-    for name in names:
-        for found in (name, f"{name}.gz", name.removesuffix(".gz")):
-            if path.with_name(found).is_file():
-                return path.with_name(found)
-    return None
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[None]:
-    """Turn errors of libraries on damaged files into one `InputError`; lack of memory is named."""
-    try:
-        yield
-    except InputError:
-        raise
-    except MemoryError as error:
-        raise MemoryError(f"out of memory while {path} was read ({error})") from None
-    except (
-        *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
-        *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
-    ) as error:
-        if out_of_memory(error):
-            raise MemoryError(f"out of memory while {path} was read") from None
-        where = str(path)
-        received = f"an unreadable or truncated file ({str(error)[:200] or type(error).__name__})"
-        raise InputError(where, received, "a complete file", "Export or copy it again.") from None
 
 
 def listed(names: Sequence[str]) -> str:
     """Names for a message; of many the first ones."""
     shown = ", ".join(name if len(name) < 60 else f"{name[:57]}..." for name in names[:SHOWN])
     return shown if len(names) <= SHOWN else f"{shown}, ... ({len(names)} in all)"
-
-
-def open_text(path: Path) -> Text:
-    """Bytes of a text file, plain or gzip, without reading more of a plain one than is used."""
-    require_file(path)
-    with open(path, "rb") as file:
-        zipped = file.read(2) == b"\x1f\x8b"
-        if not zipped:
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    content = bytearray()
-    with whole_file(path), gzip.open(path) as unzipped:
-        while part := unzipped.read(1 << 24):
-            content += part
-            require_room(path, len(content), path.stat().st_size)
-    if not content:
-        raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
-    return bytes(content)
-
-
-def head_of(path: Path) -> bytes:
-    """First bytes of a file, at most `HEAD`, unpacked if it is gzip."""
-    with open(path, "rb") as file:
-        head = file.read(HEAD)
-    if not head.startswith(b"\x1f\x8b"):
-        return head
-    try:
-        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
-    except zlib.error:
-        return head
-
-
-def line_at(text: Text, start: int) -> tuple[bytes, int]:
-    """Return the line that starts there, without its end, and where the next one starts."""
-    stop = text.find(b"\n", start)
-    stop = len(text) if stop < 0 else stop
-    return text[start:stop].rstrip(b"\r"), min(stop + 1, len(text))
-
-
-def require_line_end(where: str, text: Text, stop: int) -> None:
-    """Raise `InputError` unless a line ends there: a number cut short still reads as a number."""
-    if text[stop - 1 : stop] != b"\n":
-        remedy = "Export or copy it again; if the line is complete, end it."
-        raise InputError(where, "a last line without its end", "complete lines", remedy)
 
 
 def read_body(

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from patterns.snapshots.files import require_file, whole_file
 from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
 from patterns.snapshots.geometry import index_of
-from patterns.snapshots.tables import Table, require_file, whole_file
+from patterns.snapshots.tables import Table
 
 ROOT = b"<boost_serialization"
 BINARY = b"serialization::archive"

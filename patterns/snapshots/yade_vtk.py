@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from patterns.snapshots.files import PACKING, open_text, require_line_end, whole_file
 from patterns.snapshots.frame import Frame, Frames, Source, contacts_path, with_plain_names
 from patterns.snapshots.geometry import index_of
-from patterns.snapshots.tables import PACKING, Table, open_text, require_line_end, whole_file
+from patterns.snapshots.tables import Table
 
 LEGACY = b"# vtk DataFile"
 SECTIONS = {

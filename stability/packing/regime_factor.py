@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.compiled import WIDTH
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
-from loops.system import REGULARISATION, WIDTH, Factor, lu_factors
+from loops.system import REGULARISATION, Factor, lu_factors
 
 # Columns from which on the system is factorised anew; from half of the room on it always is.
 RANK = 96

@@ -29,8 +29,10 @@ FORMAT_NAMES = (
 )
 # File endings that are removed where a result folder is named after its input.
 NAME_ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
-# Seconds before the clock is first shown, and between two changes of it.
-PATIENCE, TICK = 2.0, 0.5
+# Seconds before the clock is first shown.
+PATIENCE = 2.0
+# Seconds between two changes of it.
+TICK = 0.5
 CLEAR = "\r\x1b[K"
 
 Out = Annotated[

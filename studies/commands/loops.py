@@ -318,13 +318,8 @@ def domain_command(
     out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
-        from studies.domain import (
-            LONGEST,
-            DomainParameters,
-            LoopDomainParameters,
-            run_domain,
-            run_loop_domains,
-        )
+        from studies.domain import DomainParameters, run_domain
+        from studies.loop_domain import LONGEST, LoopDomainParameters, run_loop_domains
 
         if not given:
             plain = (None, "blocked", "linear", 0.0, "strain")

@@ -284,8 +284,10 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
         yield read_snapshot(path, strict=False, **options | own)
 
 
-# So many notes are printed, and so much of the reason why a snapshot was skipped.
-NOTES, LONGEST_REASON = 8, 300
+# Notes that are printed, at most.
+MOST_NOTES = 8
+# Characters that are printed of the reason why a snapshot was skipped, at most.
+LONGEST_REASON = 300
 PREDICTOR_WORDS = {
     "packing": "its packing over the interval",
     "packing_path": "its packing's path by events",
@@ -356,8 +358,8 @@ def _series_lines(summary: dict[str, Any]) -> list[str]:
         f"skipped: snapshot {one['snapshot']} ({one['name']}): {one['reason'][:LONGEST_REASON]}"
         for one in summary["skipped"]
     ]
-    lines += [f"note: {note}" for note in summary["notes"][:NOTES]]
-    more = len(summary["notes"]) - NOTES
+    lines += [f"note: {note}" for note in summary["notes"][:MOST_NOTES]]
+    more = len(summary["notes"]) - MOST_NOTES
     return lines + ([f"{more} more notes are in summary.json"] if more > 0 else [])
 
 

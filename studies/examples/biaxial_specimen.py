@@ -28,13 +28,25 @@ from stability.material import LoopMaterial, march, oriented
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, SEQUENTIAL, new_panels, styled
 
-COLUMNS, ROWS, WIDTH, HEIGHT = 5, 8, 1.0, 1.6
-CONFINING, WEAK = 1e-2, 12
-END, STEPS = 0.068, 68
+# Elements of the mesh.
+COLUMNS = 5
+ROWS = 8
+# Size of the specimen.
+WIDTH = 1.0
+HEIGHT = 1.6
+# Confining pressure, over kn.
+CONFINING = 1e-2
+# Number of the point whose loops are weaker.
+WEAK = 12
+# Axial strain at the end, and steps up to it.
+END = 0.068
+STEPS = 68
 # Share of a step to which it is halved where there is no equilibrium.
 SHORTEST = 1.0 / 16.0
-# Residual over the first one of a step at which it is solved, and Newton steps at most.
-SOLVED, MOST = 1e-9, 12
+# Residual over the first one of a step at which it is solved.
+SOLVED = 1e-9
+# Newton steps of a step, at most.
+MOST_NEWTON = 12
 # Residual that is rounding, over kn.
 ROUNDING = 1e-13
 
@@ -102,7 +114,7 @@ class Specimen:
         change[basis.nodal_dofs[1, above]] = -top - u[basis.nodal_dofs[1, above]]
         free = np.setdiff1d(np.arange(len(u)), fixed)
         residuals: list[float] = []
-        for _ in range(MOST):
+        for _ in range(MOST_NEWTON):
             K, inner, states = self.respond(u)
             out = self.load - inner
             if residuals:
@@ -115,7 +127,7 @@ class Specimen:
             residuals = residuals or [float(np.linalg.norm(right))]
             step[free] = spsolve(K[free][:, free].tocsc(), right)
             u = u + step
-        raise ArithmeticError(f"no equilibrium after {MOST} steps")
+        raise ArithmeticError(f"no equilibrium after {MOST_NEWTON} steps")
 
     def axial(self) -> float:
         """Return the nominal stress of the upper plate, compression positive."""

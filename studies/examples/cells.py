@@ -30,7 +30,8 @@ from studies.style import BLACK, BLUE, GREY, ORDER_COLOURS, VERMILION, new_panel
 STRETCHES = {"2e-5 apart": range(2, 23), "1e-4 apart": range(22, 33)}
 LOOKS = {"2e-5 apart": (BLUE, "o"), "1e-4 apart": (VERMILION, "s")}
 SAMPLES = "yade-small", "yade-medium", "yade-periodic", "yade-slow"
-LAST_ORDER, FEWEST_EVENTS = 10, 5
+LAST_ORDER = 10
+FEWEST_EVENTS = 5
 
 
 def read(path: Path) -> Snapshot:

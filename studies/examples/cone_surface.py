@@ -34,7 +34,8 @@ from studies.style import BLACK, GREY, SKY, TWO_COLUMNS, VERMILION, new_figure, 
 
 AXES = (r"$\dot E_{11}$", r"$\dot E_{22}$", r"$\sqrt{2}\,\dot E_{12}$")
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=float(np.tan(np.radians(5.0))))
-ISOTROPIC, DRAINED = programmes.isotropic_strain(), programmes.drained_biaxial()
+ISOTROPIC = programmes.isotropic_strain()
+DRAINED = programmes.drained_biaxial()
 PATHS = {
     "isotropic, $E$ = 0.2": [Stage(ISOTROPIC, "H11", 0.2)],
     "drained biaxial, $E_1$ = 0.2": [Stage(ISOTROPIC, "H11", 0.1), Stage(DRAINED, "H11", 0.2)],

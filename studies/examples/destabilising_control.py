@@ -31,7 +31,8 @@ from stability import (
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
-LENGTH, KAPPA = 0.03, 0.2
+LENGTH = 0.03
+KAPPA = 0.2
 CONTROL_BY_NAME: dict[str, Callable[[Floats], LinearControl]] = {
     "isotropic direction": destabilising_control,
     "inside the cone": softening_control,

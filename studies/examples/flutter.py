@@ -23,7 +23,9 @@ from stability import flutter_pairs, operator_norm, restrict, spectrum, statuses
 from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
-ORDERS, FORCES, CONTACTS = (3, 4, 5, 6, 7, 8), ("assigned", "balanced"), ("elastic", "sliding")
+ORDERS = (3, 4, 5, 6, 7, 8)
+FORCES = ("assigned", "balanced")
+CONTACTS = ("elastic", "sliding")
 # Entries of K are taken as known to this: what rounding splits does not count.
 UNCERTAINTY = 1e-10
 

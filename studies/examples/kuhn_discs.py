@@ -30,9 +30,12 @@ from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, new_panels, styled
 
 SIDE = 5.718438216717316
-STIFFNESS, FRICTION = 1.0, 0.5
-# Strain of an interval, and of a row: all of OVAL's strains are rows.
-INTERVAL, ROW = 5e-6, 2.5e-5
+STIFFNESS = 1.0
+FRICTION = 0.5
+# Strain over which the geometry is kept.
+INTERVAL = 5e-6
+# Strain between rows: all of OVAL's strains are rows.
+ROW = 2.5e-5
 END = 1.375e-2
 # Up to the first strain, differences stay below these shares; up to the second, below those.
 BOUNDS = {1.9e-3: (1e-5, 1e-4), END: (3e-4, 5e-4)}

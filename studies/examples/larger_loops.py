@@ -31,8 +31,10 @@ from studies.examples import run_example, save
 from studies.paths.polygon import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
 
-KAPPA, LINEAR = 0.3, LinearFrictional(kn=1.0, kt=0.3)
-ORDERS, POISSON = (5, 6, 8, 12), (0.0, 0.3, 0.5)
+KAPPA = 0.3
+LINEAR = LinearFrictional(kn=1.0, kt=KAPPA)
+ORDERS = (5, 6, 8, 12)
+POISSON = (0.0, 0.3, 0.5)
 ROLLING = (0.003, 0.03, 0.3)
 SIZES = (6, 10, 20, 40, 80, 150, 300, 600, 1000)
 

@@ -40,18 +40,30 @@ from studies.output import as_json
 from studies.reading import cell_reader
 from studies.style import BLACK, BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
-ORDERS, LOOPS, SEED = tuple(range(3, 13)), 200_000, 20261123
-# Deviatoric stress over the mean one, at most; passes of lengths and forces; chords of a draw.
-MOST_DEVIATOR, PASSES, CHORDS = 0.6, 4, 6
-# Spread of the turns (radians) and stretch of the rings that random loops start from, at most.
-MOST_BENT, MOST_STRETCHED = 1.3, 4.0
-NEWTON_STEPS, CENTRE_STEPS = 12, 60
-# Random loops that a real one is ranked among, and how far off they may be: natural logarithm of
-# the elongation and mobilisation.
-NEIGHBOURS, NEAR = 100, 0.15
+ORDERS = tuple(range(3, 13))
+LOOPS = 200_000
+SEED = 20261123
+# Deviatoric stress over the mean one, at most.
+MOST_DEVIATOR = 0.6
+# Passes of lengths and forces.
+PASSES = 4
+# Chords of a draw.
+CHORDS = 6
+# Spread of the turns (radians) of the rings that random loops start from, at most.
+MOST_BENT = 1.3
+# Their stretch, at most.
+MOST_STRETCHED = 4.0
+NEWTON_STEPS = 12
+CENTRE_STEPS = 60
+# Random loops that a real one is ranked among.
+NEIGHBOURS = 100
+# How far off they may be: natural logarithm of the elongation and mobilisation.
+NEAR = 0.15
 RESAMPLES = 400
-# Fewest loops of a bin that is drawn, and the order whose shapes are compared.
-FEWEST, SHOWN = 100, 5
+# Loops of a bin that is drawn, at least.
+FEWEST = 100
+# Order whose shapes are compared.
+SHOWN = 5
 
 
 class Draw(NamedTuple):

@@ -34,8 +34,10 @@ RULE_LOOKS: dict[str, Any] = {
     "coulomb": {"color": BLUE, "label": r"$\dot T = s\mu\dot N$, $s = \mathrm{sign}\,T$"},
     "printed": {"color": VERMILION, "linestyle": (0, (4, 3)), "label": "(8c) as printed"},
 }
-# Strain after B at which the rules are compared, and E1 at the end of the test.
-AFTER_YIELD, LAST_STRAIN = 0.1, 0.6
+# Strain after B at which the rules are compared.
+AFTER_YIELD = 0.1
+# E1 at the end of the test.
+LAST_STRAIN = 0.6
 
 
 def drained_test(table: int, rule: str) -> tuple[pd.DataFrame, float]:

@@ -23,7 +23,8 @@ from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
-LOW, HIGH = np.array([5.0, 0.05, 1.0, 1e-4]), np.array([85.0, 1.5, 35.0, 0.5])
+LOW = np.array([5.0, 0.05, 1.0, 1e-4])
+HIGH = np.array([85.0, 1.5, 35.0, 0.5])
 INTEGRATORS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
 
 

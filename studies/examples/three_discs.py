@@ -24,7 +24,8 @@ from studies.examples import run_example, save
 from studies.style import BLUE, GREY, LIGHT_GREY, VERMILION, new_panels, styled
 
 LAW = LinearFrictional(kn=1.0, kt=1.0, mu=0.5)
-RADIUS, NORMAL_FORCE = 1.0, 1e-3
+RADIUS = 1.0
+NORMAL_FORCE = 1e-3
 # The lower disc is held, the upper one comes down by one and does not turn.
 SUPPORT = Support(held=[True, False, True], motion=[[0, 0, 0], [0, 0, 0], [0, -1, 0]])
 # The cases of the paper, in degrees.

@@ -28,8 +28,13 @@ from patterns.diamond.strain_lines import (
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
-KAPPA, UNIT = 0.2, 1e5 * 0.02  # kt/kn; kn l0 in newton
-CONFINING_STEPS, NO_SLIDING = 3000, 1e6
+# kt/kn of the simulation.
+KAPPA = 0.2
+# kn l0 in newton.
+UNIT = 1e5 * 0.02
+CONFINING_STEPS = 3000
+# Coefficient of friction at which nothing slides.
+NO_SLIDING = 1e6
 
 
 class DiamondProbe(NamedTuple):

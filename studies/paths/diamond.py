@@ -27,14 +27,16 @@ from patterns.diamond import (
 from patterns.diamond.closed_form import (
     OPPOSITE,
     TOUCHING_ATOL,
+    drained_slope,
+    work_compress_then_shear,
+    work_shear_then_compress,
+)
+from patterns.diamond.states import (
     DiamondStates,
     definite_intervals,
     diamond_states,
-    drained_slope,
     graph_of_states,
     touching_strains,
-    work_compress_then_shear,
-    work_shear_then_compress,
 )
 from stability import Path as LoopPath
 from stability import (
@@ -53,13 +55,7 @@ from stability import (
 )
 from studies.output import definitions
 from studies.paths.options import DiamondOptions
-from studies.paths.polygon import (
-    YIELD_RTOL,
-    Followed,
-    follow_path,
-    operator_diagram,
-    plane_columns,
-)
+from studies.paths.polygon import YIELD_RTOL, Followed, follow_path, operator_diagram, plane_columns
 
 # Named states by the event at which each is reached.
 NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
@@ -70,8 +66,10 @@ LISTED_KINDS = (
     "control_limit",
 )  # fmt: skip
 CLOSURES: tuple[Closure, ...] = ("affine", "traction")
-# Compression of Fig. 4 if the confinement is zero, and its largest turn of the branch.
-COMPRESSION, LAST_ANGLE = 0.2, np.pi / 4
+# Compression of Fig. 4 if the confinement is zero.
+COMPRESSION = 0.2
+# Largest turn of the branch in Fig. 4.
+LAST_ANGLE = np.pi / 4
 ROUTES = {
     "shear_then_compress": ("shear", "compress"),
     "compress_then_shear": ("compress", "shear"),

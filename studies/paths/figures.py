@@ -18,15 +18,16 @@ from matplotlib.patheffects import withStroke
 
 from loops import Regime
 from loops.arrays import Flags, Floats, Integers, Regimes
-from patterns.diamond.closed_form import isotropic_tangents
+from patterns.diamond.states import isotropic_tangents
 from stability import (
     PolarDiagram,
     alpha_e,
     spectrum,
     symmetric_spectrum,
 )
+from studies.paths.comparison import Compared
 from studies.paths.diamond import FollowedDiamond
-from studies.paths.polygon import RADIUS, Compared, Followed, operator_diagram
+from studies.paths.polygon import RADIUS, Followed, operator_diagram
 from studies.style import (
     BLACK,
     BLUE,
@@ -54,8 +55,12 @@ DASHED: Any = (0, (4, 3))
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
-# Width of the largest force in points, its arrow in diameters, and the most grains with arrows.
-WIDEST, ARROW, MOST_WITH_ARROWS = 4.0, 0.45, 12
+# Width of the largest force (points).
+LARGEST_FORCE_WIDTH = 4.0
+# Length of its arrow, in diameters of a grain.
+ARROW_LENGTH = 0.45
+# Grains up to which forces are arrows.
+MOST_WITH_ARROWS = 12
 SUBSPACE_LOOKS: tuple[tuple[str, str, Any, str], ...] = (
     ("diagonal", BLUE, "-", "(11, 22)"),
     ("symmetric", VERMILION, (0, (4, 2)), r"(11, 22, (12+21)/$\sqrt{2}$)"),
@@ -320,7 +325,7 @@ def draw_grains(
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
     largest = max(largest, np.finfo(float).tiny)
     colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
-    width = WIDEST * np.hypot(N, T) / largest
+    width = LARGEST_FORCE_WIDTH * np.hypot(N, T) / largest
     ax.add_collection(LineCollection(list(x[pairs]), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
     if len(x) > MOST_WITH_ARROWS:
@@ -337,7 +342,7 @@ def draw_grains(
     along = external[here] / pull[here, None]
     ax.quiver(
         *(x[here] - 0.5 * size[here, None] * along).T, *(external[here] / largest).T, angles="xy",
-        scale_units="xy", scale=1.0 / (ARROW * size.mean()), pivot="tip", width=0.006,
+        scale_units="xy", scale=1.0 / (ARROW_LENGTH * size.mean()), pivot="tip", width=0.006,
     )  # fmt: skip
 
 
@@ -345,15 +350,19 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
     """Handles of the legend: regimes, the force of the widest line, and of the arrows."""
     key = [
         Line2D(
-            [], [], color=REGIME_COLOURS[regime], linewidth=0.5 * WIDEST, label=f"{name} contact"
+            [],
+            [],
+            color=REGIME_COLOURS[regime],
+            linewidth=0.5 * LARGEST_FORCE_WIDTH,
+            label=f"{name} contact",
         )
         for regime, name in REGIME_NAMES.items()
         if regime in regimes
     ]
     width = f"contact force, widest: {largest:.3g} {unit}"
-    key.append(Line2D([], [], color=BLACK, linewidth=WIDEST, label=width))
+    key.append(Line2D([], [], color=BLACK, linewidth=LARGEST_FORCE_WIDTH, label=width))
     if arrows:
-        length = f"external force, {ARROW:g} diameters long: {largest:.3g} {unit}"
+        length = f"external force, {ARROW_LENGTH:g} diameters long: {largest:.3g} {unit}"
         key.append(
             Line2D([], [], color=BLACK, linewidth=0.0, marker=r"$\rightarrow$", label=length)
         )

@@ -57,11 +57,14 @@ PROGRAMMES: dict[str, Callable[..., Programme]] = {
 }
 TABLES = {1: TABLE_1, 2: TABLE_2}
 DIAMOND_PARAMETERS = ("alpha0_deg", "kappa", "phi_deg", "confine")
-# Strain of the diamond's path after A, and its least strain after B.
-AFTER_A, AFTER_B = 0.3, 0.15
+# Strain of the diamond's path after A.
+AFTER_A = 0.3
+# Its least strain after B.
+AFTER_B = 0.15
 # Default end of a polygon's programme: share of the strain between A and 1.
 PROGRAMME_SHARE = 0.4
-LARGEST_ORDER, MOST_ORDERS = 1000, 40
+LARGEST_ORDER = 1000
+MOST_ORDERS = 40
 # Default end of a programme on a snapshot's loop: E1 over the mean overlap.
 PROGRAMME_OVERLAPS = 5.0
 RING_NEWTON_STEPS = 20

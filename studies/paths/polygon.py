@@ -41,7 +41,7 @@ from stability import (
 from stability import Path as LoopPath
 from stability.path import describe
 from studies.output import definitions
-from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
+from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
@@ -50,13 +50,20 @@ TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 MOST_STEPS = 2000
 # Contacts are at yield if |T| lacks at most this share of mu N.
 YIELD_RTOL = 1e-9
-# Slopes of s1 over E1 up to the first, and differences of E1 or s1 up to the second, are zero.
-SLOPE_ATOL, STEP_ATOL = 1e-10, 1e-12
-# Strains between which the threshold is bracketed: the first, the last, their count, and the
-# number of parts in which they are tried.
-FIRST, LAST, COUNT, CHUNKS = 1e-6, 0.99, 100, 9
-# Values printed of an event, and the most lines of events; beyond, one line for each kind.
-VALUES, MOST_LINES = ("E1", "E2", "s1", "s2"), 40
+# Slopes of s1 over E1 up to this are zero.
+SLOPE_ATOL = 1e-10
+# Differences of E1 or s1 up to this are zero.
+STEP_ATOL = 1e-12
+# Strains between which the threshold is bracketed: the first, the last, and their count.
+FIRST_STRAIN = 1e-6
+LAST_STRAIN = 0.99
+STRAINS = 100
+# Parts in which they are tried.
+STRAIN_PARTS = 9
+# Values printed of an event.
+EVENT_VALUES = ("E1", "E2", "s1", "s2")
+# Lines of events, at most; beyond, one line for each kind.
+MOST_LINES = 40
 EVENT_WORDS = {
     "det_K_zero": "det K = 0",
     "det_Ks_zero": "det Ks = 0",
@@ -271,7 +278,7 @@ def event_values(found: Followed, event: Event) -> dict[str, Any]:
     return {
         "kind": event.kind,
         "subspace": event.subspace or None,
-        **dict(zip(VALUES, (event.H[0], event.H[3], event.P[0], event.P[3]), strict=True)),
+        **dict(zip(EVENT_VALUES, (event.H[0], event.H[3], event.P[0], event.P[3]), strict=True)),
         "stage": found.stages[event.stage],
         "parameter": event.parameter,
         "contacts": list(event.contacts),
@@ -305,9 +312,9 @@ def isotropic_threshold(
 ) -> float | None:
     """First isotropic strain at which Ks of a loop that keeps its shape isn't positive definite.
 
-    0 where Ks is not definite from the first load on, None where it stays so up to `LAST`. A root
-    is refined to 1e-15 where an eigenvalue changes sign between two of `COUNT` strains; one that is
-    gained again between them is missed.
+    0 where Ks is not definite from the first load on, None where it stays so up to `LAST_STRAIN`.
+    A root is refined to 1e-15 where an eigenvalue changes sign between two of `STRAINS` strains;
+    one that is gained again between them is missed.
 
     >>> from loops import boundary_of, LinearFrictional
     >>> law = LinearFrictional(kn=1.0, kt=0.25)
@@ -327,10 +334,10 @@ def isotropic_threshold(
         return np.asarray(symmetric_spectrum(K)[..., 0] / np.where(norm > 0.0, norm, 1.0))
 
     # Spheres have no stiffness where they just touch: take the first load instead.
-    if not float(smallest(FIRST)) > DEFINITE_RTOL:
+    if not float(smallest(FIRST_STRAIN)) > DEFINITE_RTOL:
         return 0.0
-    below = FIRST
-    for strains in np.array_split(np.linspace(0.0, LAST, COUNT)[1:], CHUNKS):
+    below = FIRST_STRAIN
+    for strains in np.array_split(np.linspace(0.0, LAST_STRAIN, STRAINS)[1:], STRAIN_PARTS):
         lost = np.flatnonzero(~(smallest(strains) > 0.0))
         if len(lost):
             k = int(lost[0])
@@ -428,11 +435,13 @@ def event_lines(summary: dict[str, Any]) -> list[str]:
     The loss of stability names its subspace; contacts, or pairs of grains that touch, are counted.
     """
     events = summary["events"]
-    places = {(e["kind"], e["subspace"], *(f"{e[key]:.8f}" for key in VALUES)) for e in events}
+    places = {
+        (e["kind"], e["subspace"], *(f"{e[key]:.8f}" for key in EVENT_VALUES)) for e in events
+    }
     by_kind = len(places) > MOST_LINES
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for event in events:
-        place = () if by_kind else tuple(f"{event[key]:.8f}" for key in VALUES)
+        place = () if by_kind else tuple(f"{event[key]:.8f}" for key in EVENT_VALUES)
         groups.setdefault((event["kind"], event["subspace"] or "", *place), []).append(event)
     lines = []
     for group in groups.values():
@@ -440,7 +449,7 @@ def event_lines(summary: dict[str, Any]) -> list[str]:
         pairs = first["kind"] == "opposite_contact"
         count = len(group) if pairs else sum(len(event["contacts"]) for event in group)
         values = []
-        for key in VALUES:
+        for key in EVENT_VALUES:
             start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
             values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
         said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
@@ -533,80 +542,3 @@ def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, Polar
 
 
 # ---- orders side by side
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """Loops of several orders, followed; `loops` holds a row of plain values of each."""
-
-    options: ComparisonOptions
-    found: tuple[Followed, ...]
-    loops: tuple[dict[str, Any], ...]
-
-    @cached_property
-    def table(self) -> pd.DataFrame:
-        """One row per order; NaN where a loop has no such state."""
-        rows = []
-        for loop in self.loops:
-            row: dict[str, Any] = {"order": loop["order"]}
-            for subspace, strain in loop["critical_strain"].items():
-                row[f"critical_strain_{subspace}"] = np.nan if strain is None else strain
-            for name in ("first_yield", "peak"):
-                values = loop[name] or {}
-                row |= {f"{name}_{key}": values.get(key, np.nan) for key in ("E1", "E2", "s1")}
-            rows.append(row | {"end_E1": loop["end"]["E1"], "status": loop["status"]})
-        return pd.DataFrame(rows)
-
-    def curves(self) -> pd.DataFrame:
-        """Strains, stresses, determinants and smallest eigenvalue of Ks along every path."""
-        tables, names = [], ("E1", "E2", "s1", "s2", "det_K", "det_Ks")
-        for order, found in zip(self.options.orders, self.found, strict=True):
-            columns: dict[str, Any] = {"order": order, "stage": found.stage}
-            columns |= {name: getattr(found, name) for name in names}
-            columns["lambda_min"] = found.path.symmetric_eigenvalues[:, 0]
-            tables.append(pd.DataFrame(columns))
-        return pd.concat(tables, ignore_index=True)
-
-    def summary(self) -> dict[str, Any]:
-        """Summary of the study, without its provenance."""
-        early = [str(loop["order"]) for loop in self.loops if loop["status"] != "finished"]
-        notes = [f"paths that end before their target: orders {', '.join(early)}"] if early else []
-        return {
-            "parameters": self.options.described(),
-            "loops": list(self.loops),
-            "notes": notes,
-            "definitions": definitions("polygon", "compare"),
-        }
-
-
-def compare_orders(options: ComparisonOptions) -> Compared:
-    """Follow a loop of every order."""
-    found, rows = [], []
-    for order in options.orders:
-        one = follow_polygon(options.of(order), ("diagonal",))
-        row = {
-            "order": order,
-            "critical_strain": thresholds(options.of(order)),
-            "first_yield": first_yield(one),
-            "peak": one.peak,
-            "status": one.path.status,
-            "message": one.path.message,
-            "end": {name: float(getattr(one, name)[-1]) for name in ("E1", "E2", "s1")},
-        }
-        found.append(one)
-        rows.append(row)
-    return Compared(options, tuple(found), tuple(rows))
-
-
-def first_yield(found: Followed) -> dict[str, Any] | None:
-    """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
-    path, mu = found.path, np.asarray(found.options.law().mu, dtype=float)
-    for event in path.events:
-        contacts = list(event.contacts)
-        reached = event.kind == "yield"
-        if event.kind == "control_limit" and contacts:
-            N, T = path.normal_force[event.index, contacts], path.shear_force[event.index, contacts]
-            reached = bool((np.abs(T) >= mu * N * (1.0 - YIELD_RTOL)).all())
-        if reached:
-            return event_values(found, event)
-    return None

@@ -76,8 +76,10 @@ MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=Tru
 MAPPED_COLUMNS = ("W2", "w2", *PREDICTIONS)
 PACKING_COLUMNS = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
 SMALLEST = "traction_lambda_min"
-# Most maps on a page, and frames of an animation.
-MOST_MAPS, MOST_SCENES = 20, 60
+# Maps on a page, at most.
+MOST_MAPS = 20
+# Frames of an animation, at most.
+MOST_SCENES = 60
 # Width of a panel of the animation, inches.
 PANEL_INCHES = 4.6
 

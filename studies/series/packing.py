@@ -76,8 +76,10 @@ INCREMENT = (
 )
 # Largest number of instabilities that a path passes: more than occur.
 PASSED = 1000
-# Inertial number of a replay where the series tells none, and the most steps of a replay.
-DEFAULT_RATE, MOST_STEPS = 2e-6, 1_000_000
+# Inertial number of a replay where the series tells none.
+DEFAULT_RATE = 2e-6
+# Steps after which a replay is given up.
+MOST_STEPS = 1_000_000
 # A replay that ends farther from the stress of the later snapshot, over its mean stress, is not
 # believed: three of 83 intervals of Yade did, the others by 0.0028 at most
 # (docs/evidence/series.md).

@@ -90,8 +90,10 @@ TAIL = 0.01
 # Largest extension of the axis for negative values beyond that, over its positive part.
 NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
-# Width of the bins of a rose (degrees) for fewer axes than FEW; it divides 180.
-COARSE, FEW = 20.0, 200
+# Axes below which a rose has coarse bins.
+FEW_AXES = 200
+# Width of these bins (degrees); it divides 180.
+COARSE_BIN = 20.0
 # Number of segments that are joined to one line with gaps.
 JOINED = 200
 
@@ -427,7 +429,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, A
         for closure, rows in unstable.items():
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]
-            width = FINE if len(angles) >= FEW else COARSE
+            width = FINE if len(angles) >= FEW_AXES else COARSE_BIN
             label = f"{closure}, {len(angles)} loops"
             density = axes_density(angles, width)["density"]
             _bars(ax, density, CLOSURE_COLOURS[closure], label, filled=False)
@@ -454,7 +456,7 @@ def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
     for name in GROUPS:
         rows = groups[name]
         left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
-                  label=f"order {name}", rasterized=len(alone) > FEW**2)  # fmt: skip
+                  label=f"order {name}", rasterized=len(alone) > FEW_AXES**2)  # fmt: skip
     for value, limits in ((alone, left.set_xlim), (inside, left.set_ylim)):
         edges = _edges(value)
         limits(edges[0], edges[-1])

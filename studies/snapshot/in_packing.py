@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from stability.packing.yielding import YieldResponse
 
 PLACE = "packing"
-# Unbalanced force over the mean contact force: above the first a note says so, above the second
-# the sample flows and isn't followed.
-UNBALANCED, FLOWS = 1e-3, 0.1
+# Unbalanced force over the mean contact force above which a note says so.
+UNBALANCED = 1e-3
+# Unbalanced force over the mean contact force above which the sample flows and isn't followed.
+FLOWS = 0.1
 
 
 def fixed_point(before: Snapshot, after: Snapshot, H: Floats) -> Floats | None:

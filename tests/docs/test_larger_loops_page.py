@@ -15,8 +15,8 @@ from stability import Stage, follow, programmes
 from stability.paths.fan import Fan, LoopStates
 from stability.paths.fan_limits import first_limits
 from stability.paths.model import path_model
-from studies.domain import loop_limits, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
+from studies.loop_domain import loop_limits, unstable_share
 from studies.paths.options import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run

@@ -9,9 +9,9 @@ import pytest
 from loops import InputError
 from patterns.snapshots.build import Parameters, build_snapshot
 from patterns.snapshots.dump_files import contact_names, dump_frames
+from patterns.snapshots.files import beside
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
-from patterns.snapshots.tables import beside
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
 

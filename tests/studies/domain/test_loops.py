@@ -25,17 +25,16 @@ from stability.paths.fan_limits import (
 )
 from stability.paths.model import path_model
 from studies.cli import main
-from studies.domain import (
-    Case,
+from studies.domain import Case, first_losses
+from studies.examples.larger_loops import rolling_threshold
+from studies.loop_domain import (
     LoopDomainParameters,
-    first_losses,
     limit_rows,
     loop_fan,
     loop_limits,
     run_loop_domains,
     unstable_share,
 )
-from studies.examples.larger_loops import rolling_threshold
 from studies.paths.options import PolygonOptions
 
 KAPPA = 0.3

@@ -10,11 +10,7 @@ from scipy.optimize import brentq
 
 from loops import LinearFrictional, affine_tangent
 from patterns import diamond
-from patterns.diamond.closed_form import (
-    added_critical_strain,
-    definite_intervals,
-    isotropic_tangents,
-)
+from patterns.diamond.states import added_critical_strain, definite_intervals, isotropic_tangents
 from stability import restrict, symmetric_spectrum
 from studies.paths.diamond import (
     energy_imbalance,

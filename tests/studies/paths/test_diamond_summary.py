@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
 from patterns import diamond
-from patterns.diamond.closed_form import diamond_states
+from patterns.diamond.states import diamond_states
 from stability import restrict
 from studies.paths.diamond import follow_diamond, verification
 from studies.paths.options import DiamondOptions

@@ -11,6 +11,7 @@ from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_pa
 from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
 from stability import restrict, symmetric_spectrum
+from studies.paths.comparison import first_yield
 from studies.paths.options import (
     PROGRAMMES,
     ComparisonOptions,
@@ -21,7 +22,6 @@ from studies.paths.options import (
 )
 from studies.paths.polygon import (
     event_lines,
-    first_yield,
     follow_polygon,
     polygon_summary,
     polygon_table,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns.snapshots.files import open_text
 from patterns.snapshots.formats import FORMATS
-from patterns.snapshots.tables import open_text
 from patterns.snapshots.yade_vtk import read_vtk
 from tests.patterns.snapshots.yade_samples import BOX, changed, cycles, frame_of, snapshot_of
 

@@ -1,0 +1,296 @@
+"""Bifurcation domains of a loop of any order, or of one of a snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from loops import GrainGraph, InputError, Regime, contact_state
+from loops.arrays import Floats
+from loops.symmetry import loop_symmetry
+from patterns.polygons import opposite_gap
+from stability.paths.fan import Control, Fan, LoopStates
+from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
+from stability.paths.model import path_model
+from studies.domain import OVERLAP_ATOL
+from studies.output import UNITS, definitions
+from studies.paths.options import LoopOptions, PolygonOptions, inside
+from studies.study import one_of, study
+from studies.style import (
+    BLACK,
+    LINE_COLOURS,
+    key_columns,
+    new_figure,
+    new_panels,
+    styled,
+)
+
+# Strain at which the programmes of a virgin loop end.
+FAN_REACH = 0.95
+# Limits that end stability in (11, 22).
+LOST = ("det_Ks_zero", "limit")
+# End of the programmes on a snapshot's loop, over the mean overlap.
+REACH_OVERLAPS = 20.0
+LONGEST = 60
+# Distance of neighbours on a curve, over its extent, beyond which it jumps.
+JUMP = 0.15
+
+
+@dataclass(frozen=True)
+class LoopDomainParameters:
+    """Options of `grainloops domain --order`, `--compare`, `--radii` and `--snapshot`."""
+
+    loops: tuple[PolygonOptions, ...]
+    control: Control = "strain"
+    directions: int = 361
+
+    def __post_init__(self) -> None:
+        one_of("--programmes", self.control, get_args(Control))
+        if self.directions < 3 or self.directions % 2 == 0:
+            raise InputError(
+                "--directions", str(self.directions), "an odd number from 3 on", "Correct it."
+            )
+        for loop in self.loops:
+            if loop.order > LONGEST:
+                expected = f"a whole number from 3 to {LONGEST}"
+                raise InputError("--order", str(loop.order), expected, "Correct it.")
+            inside("--kappa", loop.kappa, lambda k: k > 0.0, "positive ratios")
+            inside("--phi", loop.phi_deg, lambda p: p > 0.0, "degrees in (0, 90]")
+
+    def described(self) -> dict[str, Any]:
+        """Value of every option by its name on the command line."""
+        loops = [_loop_columns(loop) | loop.special() for loop in self.loops]
+        return {"loops": loops, "programmes": self.control, "directions": self.directions}
+
+
+def _loop_columns(loop: PolygonOptions) -> dict[str, Any]:
+    """Columns of the table and the summary that name a loop; of a snapshot's its mean contact."""
+    kappa, phi = loop.kappa, loop.phi_deg
+    if isinstance(loop, LoopOptions):
+        law = loop.law()
+        kappa, phi = float(np.mean(law.kt / law.kn)), float(np.degrees(np.arctan(np.mean(law.mu))))
+    own = {"order": loop.order, "closure": loop.closure, "spins": loop.spins}
+    return {**own, "kappa": kappa, "phi_deg": phi}
+
+
+def loop_fan(d0: Floats, directions: int) -> Floats:
+    """Angles of programmes that compress every branch at first, as the diamond's fan.
+
+    Evenly spread on either side of the isotropic one, measured in half diagonals.
+    """
+    size = np.sqrt((d0**2).sum(axis=0))
+    middle, across = np.arctan2(size[1], size[0]), d0**2 / size
+    # The rate of a branch vanishes a right angle from this direction.
+    toward = np.arctan2(across[:, 1], across[:, 0])
+    low, high = toward.max() - 0.5 * np.pi, toward.min() + 0.5 * np.pi
+    half = directions // 2
+    share = np.arange(-half, half + 1) / (half + 1)
+    turned = middle + np.where(share < 0.0, middle - low, high - middle) * share
+    return np.arctan2(np.sin(turned) / size[1], np.cos(turned) / size[0])
+
+
+def loop_limits(
+    loop: PolygonOptions, control: Control, directions: int, *, friction: bool
+) -> tuple[Fan, FanLimits]:
+    """First limits of one loop along its fan; `follow` takes what the fan cannot settle."""
+    graph, law = loop.graph(), loop.law()
+    reach = FAN_REACH
+    if isinstance(loop, LoopOptions):
+        reach = REACH_OVERLAPS * float(np.mean(graph.normal_force))
+    if not friction:
+        law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
+    contacts = contact_state(graph)
+    model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
+    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
+    fan = Fan(model, control, loop_fan(model.d0, directions), reach)
+    if loop.spins == "blocked" and loop.contact_law == "linear":
+        start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
+        limits = first_limits(fan, start)
+    else:
+        limits = FanLimits.none(directions, model.contact_count)
+        limits.open_question[:] = True
+    for programme in np.flatnonzero(limits.open_question):
+        followed_limits(fan, int(programme), limits, loop.spins, graph)
+    return fan, limits
+
+
+def unstable_share(fan: Fan, limits: FanLimits) -> float:
+    """Share of the strain plane in which the loop has lost stability in (11, 22).
+
+    Of the strains on the programmes of a virgin loop up to the first opening of a contact (that of
+    the programme or, after a loss, of branches that follow the strain), or to `reach`: the part
+    beyond the loss. Areas `int rho^2/2 db` by the trapezoidal rule over the programmes.
+    """
+    direction = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
+    rate = direction[:, None, :] * fan.model.d0
+    # |d0 - rho rate| = |d0|.
+    opening = 2.0 * (rate * fan.model.d0).sum(axis=-1) / (rate**2).sum(axis=-1)
+    end = np.minimum(opening.min(axis=1), fan.reach)
+    strain = {kind: np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T),
+                             np.inf) for kind in (*LOST, "opening")}  # fmt: skip
+    end = np.minimum(end, strain["opening"])
+    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in LOST)))
+    left, whole = (np.trapezoid(0.5 * rho**2, fan.programme) for rho in (stable, end))
+    return float(1.0 - left / whole)
+
+
+def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
+    """Limits of every loop, contacts sticking and with friction; their counts and the shares."""
+    parts, loops = [], []
+    for loop in parameters.loops:
+        own = isinstance(loop, LoopOptions)
+        for friction in (True,) if own else (False, True) if np.isfinite(loop.mu) else (False,):
+            fan, limits = loop_limits(
+                loop, parameters.control, parameters.directions, friction=friction
+            )
+            named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
+            parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
+            counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}
+            found = {kind: count for kind, count in counts.items() if count}
+            loops.append({**named, "limits": found})
+            if parameters.control == "strain" and not own:
+                loops[-1]["unstable_share"] = unstable_share(fan, limits)
+    return pd.concat([part for part in parts if len(part)], ignore_index=True), loops
+
+
+def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
+    """One row for each programme with a limit of this kind: its state and stress."""
+    found, model = np.flatnonzero(limits.found[kind]), fan.model
+    states = limits.states[kind].take(found)
+    contacts = fan.contacts(states)
+    N, T = contacts.normal_force[..., None], contacts.shear_force[..., None]
+    P = np.einsum("bci,cj->bij", N * contacts.n + T * contacts.t, model.d0) / model.volume
+    sliding = (states.regime == Regime.SLIDING).any(axis=1)
+    x = np.cumsum(model.d0 + states.moved, axis=1)
+    ring = GrainGraph(x=x, radii=np.roll(model.radii, -1), contacts=model.contacts)
+    return pd.DataFrame(
+        {
+            **named,
+            "kind": kind,
+            "programme_deg": np.degrees(fan.programme[found]),
+            "regime": np.where(sliding, "sliding", "elastic"),
+            "E1": states.H[:, 0],
+            "E2": states.H[:, 3],
+            "s1": P[:, 0, 0],
+            "s2": P[:, 1, 1],
+            "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
+        }
+    )
+
+
+def run_loop_domains(
+    parameters: LoopDomainParameters, out: Path, *, force: bool = False, csv: bool = False
+) -> dict[str, Any]:
+    """Find the bifurcation domains of loops, and write the table, summary and figures."""
+    with study(
+        "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
+    ) as results:
+        table, loops = loop_domains(parameters)
+        found = {"directions": parameters.directions, "loops": loops}
+        found["definitions"] = definitions("domain")
+        summary = results.write_results({"domain": table}, found)
+        results.save_figures(loop_figures(table, loops, parameters))
+    return summary
+
+
+def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
+    """The first state of each programme at which the loop is lost or parts, by programme."""
+    rows = rows[rows.kind.isin((*LOST, "opening"))]
+    first = np.hypot(rows.E1, rows.E2).groupby(rows.programme_deg).idxmin()
+    return rows.loc[first].sort_values("programme_deg")
+
+
+def contact_forces_of(stress: Any, order: int) -> Any:
+    """Stress of a regular loop as the force `s l0/(2 tan(pi/n))` of a contact across its axis."""
+    return stress / (2.0 * np.tan(np.pi / order))
+
+
+def loop_figures(
+    table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
+) -> list[tuple[str, Figure]]:
+    """The domains over one another, and the unstable share over order if there are several."""
+    figures = [("domain", domains_figure(table, parameters)),
+               ("domain-strain", domains_figure(table, parameters, ("E1", "E2")))]  # fmt: skip
+    if len({loop.order for loop in parameters.loops}) > 1 and "unstable_share" in loops[0]:
+        figures.append(("domain-share", share_figure(pd.DataFrame(loops))))
+    return figures
+
+
+@styled()
+def domains_figure(
+    table: pd.DataFrame, parameters: LoopDomainParameters, plane: tuple[str, str] = ("s1", "s2")
+) -> Figure:
+    """First loss of each programme by order, a panel for each closure and kind of contacts.
+
+    In the plane of the stresses or of the strains (`E1`, `E2`).
+    """
+    closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
+    orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
+    kinds, kappa = list(table.contacts.unique()), table.kappa.iloc[0]
+    figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
+    regular = plane == ("s1", "s2") and all(
+        loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
+    )
+    factor = r"$/(2\tan(\pi/n))$" if regular else ""
+    unit = " over $k_n$ (–)" if plane == ("s1", "s2") else " (–)"
+    names = [f"${name[0]}_{name[1]}${factor}{unit}" for name in plane]
+    colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(orders)))
+    for row, contacts in zip(panels, kinds, strict=True):
+        for ax, closure in zip(row, closures, strict=True):
+            for order, colour in zip(orders, colours, strict=True):
+                own = table[(table.contacts == contacts) & (table.closure == closure)
+                            & (table.order == order) & (table.kappa == kappa)]  # fmt: skip
+                bound = domain_boundary(own)
+                values = bound[list(plane)].to_numpy()
+                values = contact_forces_of(values, order) if regular else values
+                lost = bound.kind.isin(LOST).to_numpy()
+                ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
+                ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
+            ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappa:g}")
+            ax.set(xlabel=names[0], ylabel=names[1])
+    handles = [
+        Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
+    ]
+    styles: tuple[tuple[Any, str], ...] = (("-", "loss"), (":", "a contact opens first"))
+    for style, label in styles:
+        handles.append(Line2D([], [], color=BLACK, linestyle=style, label=label))
+    figure.legend(handles=handles, loc="outside lower center", ncols=key_columns(figure, 6))
+    return figure
+
+
+def _pieces(points: Floats, kept: Any) -> tuple[Floats, Floats]:
+    """Coordinates of a curve, broken where points are left out and where it jumps."""
+    shown = np.where(kept[:, None], points, np.nan)
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    jumps = np.flatnonzero(apart > JUMP * np.ptp(points, axis=0).max(initial=0.0)) + 1
+    x, y = np.insert(shown, jumps, np.nan, axis=0).T
+    return x, y
+
+
+@styled()
+def share_figure(loops: pd.DataFrame) -> Figure:
+    """Share of the strain plane that is unstable over order, a panel for each kind of contacts."""
+    kinds = list(loops.contacts.unique())
+    figure = new_figure(2.9 * len(kinds) + 0.6, 2.9)
+    for ax, contacts in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
+        own = loops[loops.contacts == contacts]
+        for (kappa, colour), closure in product(
+            zip(own.kappa.unique(), LINE_COLOURS, strict=False), own.closure.unique()
+        ):
+            rows = own[(own.kappa == kappa) & (own.closure == closure)]
+            style = "o-" if closure == "affine" else "s--"
+            label = rf"{closure}, $\kappa$ = {kappa:g}"
+            ax.plot(rows.order, rows.unstable_share, style, color=colour, markersize=3, label=label)
+        ax.set(title=contacts, xlabel="order $n$ (–)", ylabel="unstable share (–)", ylim=(0, 1))
+    handles, labels = ax.get_legend_handles_labels()
+    beside = key_columns(figure, 4)
+    figure.legend(handles, labels, loc="outside lower center", ncols=beside)
+    return figure
