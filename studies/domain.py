@@ -112,10 +112,7 @@ class DomainParameters:
         _each("--kappa", self.kappa, lambda k: 0.0 < k < np.inf, "positive ratios")
         phi = None if self.phi_deg is None else (self.phi_deg,)
         _each("--phi", phi, lambda p: 0.0 < p <= 90.0, "degrees in (0, 90]")
-        if self.directions < 3 or self.directions % 2 == 0:
-            raise InputError(
-                "--directions", str(self.directions), "an odd number from 3 on", "Correct it."
-            )
+        require_odd(self.directions)
 
     def cases(self) -> tuple[Case, ...]:
         """The diamonds, in radians."""
@@ -130,6 +127,13 @@ class DomainParameters:
         """Value of every option by its name on the command line."""
         cases = [case.described() for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
+
+
+def require_odd(directions: int) -> None:
+    """Raise `InputError` unless a fan has a programme in its middle."""
+    if directions < 3 or directions % 2 == 0:
+        received, expected = str(directions), "an odd number from 3 on"
+        raise InputError("--directions", received, expected, "Correct it.")
 
 
 def _each(

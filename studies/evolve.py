@@ -30,7 +30,7 @@ from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
-from studies.study import one_of, study
+from studies.study import Results, one_of, study
 
 By = Literal["events", "replay", "both"]
 EVOLVED = (*PROGRAMMES, "proportional-strain", "simple-shear")
@@ -91,15 +91,8 @@ def run_evolve(
     }  # fmt: skip
     numbers = {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
     asked |= {name: value for name, value in numbers.items() if value is not None}
-    one_of("--by", by, get_args(By))
-    if pathologies:
-        asked["pathologies"] = True
-        if by == "replay":
-            remedy = "Follow by events, or both."
-            raise InputError("--pathologies", "--by replay", "a path by events", remedy)
-    if spread and by == "replay":
-        remedy = "Follow by events, or both."
-        raise InputError("--spread", "--by replay", "a path by events", remedy)
+    asked |= {"pathologies": True} if pathologies else {}
+    _require_events(by, {"--pathologies": pathologies, "--spread": spread})
     held_control = hold_control(hold, hold_stress)
     require_reach(programme, to, interval)
     stage, sense = stage_of(programme, axis, to, **numbers), float(np.sign(to))
@@ -110,7 +103,6 @@ def run_evolve(
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]
-        graph, faces = snapshot.graph, snapshot.faces
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         rate, ways = None, dict[str, FollowedPath]()
         if by != "replay":
@@ -128,17 +120,12 @@ def run_evolve(
             ways["replay"] = replace(done, message=said)
         # Tables and map are those of the first way; a replay beside a path has its own.
         way = next(iter(ways.values()))
-        changes = [loop_changes(graph, state, faces) for state in way.states[1:]]
-        tables = {
-            "path": row_table(way, sense),
-            "events": event_table(way, snapshot.ids, sense),
-            "loops": change_table(changes, faces, sense * way.parameter),
-        }
+        changes, rows_of_path, loops = _way_tables(snapshot, way, sense)
+        events = event_table(way, snapshot.ids, sense)
+        tables = {"path": rows_of_path, "events": events, "loops": loops}
         if len(ways) > 1:
-            other = ways["replay"]
-            own = [loop_changes(graph, state, faces) for state in other.states[1:]]
-            tables["replay"] = row_table(other, sense).drop(columns="events")
-            tables["replay_loops"] = change_table(own, faces, sense * other.parameter)
+            _, replayed, tables["replay_loops"] = _way_tables(snapshot, ways["replay"], sense)
+            tables["replay"] = replayed.drop(columns="events")
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         found = path_summary(way, tables, driven) | {"driven": driven, "notes": notes, "held": held}
@@ -149,7 +136,9 @@ def run_evolve(
         if rate is not None:
             found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
             if len(ways) > 1:
-                found["replay"] |= replay_summary(ways, tables, driven, graph.contact_count)
+                found["replay"] |= replay_summary(
+                    ways, tables, driven, snapshot.graph.contact_count
+                )
         summary = results.write_results(tables, asked | found)
         if animation:
             from studies.packing_figures import animate_path
@@ -158,13 +147,43 @@ def run_evolve(
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
         if figures:
-            from studies.packing_figures import path_figures
-            from studies.snapshot.table import loops_for_map
-
-            pictures = results.save_figures(path_figures(snapshot, tables, summary))
-            maps = loops_for_map(snapshot, tables["loops"])
-            results.write_report(f"Path of {readable(planned[0].name)}", summary, pictures, maps)
+            _draw(results, snapshot, f"Path of {readable(planned[0].name)}", tables, summary)
     return summary
+
+
+def _require_events(by: By, asked: Mapping[str, bool]) -> None:
+    """Raise `InputError` for options, by name, that need a path by events where there is none."""
+    one_of("--by", by, get_args(By))
+    for name, wanted in asked.items():
+        if wanted and by == "replay":
+            remedy = "Follow by events, or both."
+            raise InputError(name, "--by replay", "a path by events", remedy)
+
+
+def _way_tables(
+    snapshot: Snapshot, way: FollowedPath, sense: float
+) -> tuple[list[LoopRates], pd.DataFrame, pd.DataFrame]:
+    """Return what happens to the loops up to each row, the table of rows and that of the loops."""
+    faces = snapshot.faces
+    changes = [loop_changes(snapshot.graph, state, faces) for state in way.states[1:]]
+    loops = change_table(changes, faces, sense * way.parameter)
+    return changes, row_table(way, sense), loops
+
+
+def _draw(
+    results: Results,
+    snapshot: Snapshot,
+    title: str,
+    tables: Mapping[str, Any],
+    summary: Mapping[str, Any],
+) -> None:
+    """Draw the figures and the report."""
+    from studies.packing_figures import path_figures
+    from studies.snapshot.table import loops_for_map
+
+    pictures = results.save_figures(path_figures(snapshot, tables, summary))
+    maps = loops_for_map(snapshot, tables["loops"])
+    results.write_report(title, summary, pictures, maps)
 
 
 def require_reach(programme: str, to: float, interval: float) -> None:

@@ -20,7 +20,7 @@ from patterns.polygons import opposite_gap
 from stability.paths.fan import Control, Fan, LoopStates
 from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
 from stability.paths.model import path_model
-from studies.domain import OVERLAP_ATOL
+from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
 from studies.study import one_of, study
@@ -54,10 +54,7 @@ class LoopDomainParameters:
 
     def __post_init__(self) -> None:
         one_of("--programmes", self.control, get_args(Control))
-        if self.directions < 3 or self.directions % 2 == 0:
-            raise InputError(
-                "--directions", str(self.directions), "an odd number from 3 on", "Correct it."
-            )
+        require_odd(self.directions)
         for loop in self.loops:
             if loop.order > LONGEST:
                 expected = f"a whole number from 3 to {LONGEST}"

@@ -78,16 +78,7 @@ def run_probe(
     `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
     among this number of processes, by default one a core, or among the workers of a Dask scheduler.
     """
-    one_of("--by", by, get_args(By))
-    if amplitude is not None:
-        number("amplitude", amplitude, 0.0, open_low=True)
-    elif by == "increment":
-        remedy = "Give --amplitude, or leave --by out."
-        raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
-    if (amplitude is None or by == "increment") and (workers, scheduler) != (None, None):
-        which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
-        received = "rates alone" if amplitude is None else "one solve a direction"
-        raise InputError(which, received, "directions to follow", remedy)
+    _require_followed(amplitude, by, shared=(workers, scheduler) != (None, None))
     asked: dict[str, Any] = {
         "directions": directions,
         "control": control,
@@ -145,6 +136,20 @@ def run_probe(
             title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
             results.write_report(title, summary, pictures, maps)
     return summary
+
+
+def _require_followed(amplitude: float | None, by: By, *, shared: bool) -> None:
+    """Raise `InputError` for a way without an amplitude, and for work that cannot be `shared`."""
+    one_of("--by", by, get_args(By))
+    if amplitude is not None:
+        number("amplitude", amplitude, 0.0, open_low=True)
+    elif by == "increment":
+        remedy = "Give --amplitude, or leave --by out."
+        raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
+    if shared and (amplitude is None or by == "increment"):
+        which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
+        received = "rates alone" if amplitude is None else "one solve a direction"
+        raise InputError(which, received, "directions to follow", remedy)
 
 
 def probe(

@@ -150,10 +150,8 @@ def tangents_of_faces(
         area[loop], growth, stiff = _affine(rows, contacts, forward, begin, end, tangents[0, loop])
         smallest[0, loop] = _smallest(tangents[0, loop])
         norm = _norm(tangents[0, loop])
-        share = 1.0 if stiff == 0.0 else np.inf
-        if norm > 0.0:
-            share = max(1.0, stiff / norm)
-        conditions[0, loop] = share + growth
+        none = 1.0 if stiff == 0.0 else np.inf
+        conditions[0, loop] = (max(1.0, stiff / norm) if norm > 0.0 else none) + growth
         n = end - begin
         if n > LONGEST_LOOP:
             continue
@@ -196,11 +194,7 @@ def tangents_of_faces(
                 continue
             _unscale(other, factor, scale_x, scale_y)
             doubt = ROUNDING * n / (pivot * gear) * _norm(other)
-            in_plane = _towards_zero(
-                _smallest_in_plane(tangents[k, loop]), _smallest_in_plane(other)
-            )
-            symmetric = _towards_zero(smallest[k, loop], _smallest(other))
-            sensitivity[loop] = max(in_plane, symmetric) + doubt
+            sensitivity[loop] = _change(tangents[k, loop], other, smallest[k, loop]) + doubt
     return tangents, conditions, smallest, sensitivity, area
 
 
@@ -269,6 +263,13 @@ def _unscale(a: Floats, factor: float, scale_x: float, scale_y: float) -> None:
 def _towards_zero(own: float, other: float) -> float:
     """Change to another eigenvalue, as far as it leads towards zero or beyond; else 0."""
     return max(0.0, own - other if own > 0.0 else other - own)
+
+
+@kernel
+def _change(own: Floats, other: Floats, smallest: float) -> float:
+    """Largest change towards zero of a smallest eigenvalue, in the plane or of all strains."""
+    in_plane = _towards_zero(_smallest_in_plane(own), _smallest_in_plane(other))
+    return max(in_plane, _towards_zero(smallest, _smallest(other)))
 
 
 @kernel

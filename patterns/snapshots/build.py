@@ -97,31 +97,15 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     else:
         walls, wall_count = _walls_of_table(frame.walls, bodies), len(frame.walls)
     notes = list(frame.notes)
-    no_pull = parameters.adhesion is None and not table.has("adhesion")
-    if parameters.law in COHESIVE and no_pull:
-        received, expected = "none", f"the largest pull of a contact under --law {parameters.law}"
-        raise InputError("adhesion", received, expected, "Give --adhesion, or such a column.")
     if parameters.law is None:
         parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
-    if parameters.law is None and table.has("kn", "ks") and force is not None:
-        kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
-        if _of_hertz(kn, normal, bodies.radii, pairs, branches.length, coarse):
-            parameters = parameters._replace(law="hertz")
-            notes.append(TOLD)
-    if parameters.law is None and table.has("kn", "adhesion") and force is not None:
-        kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
-        if pull.any():
-            overlap = bodies.radii[pairs].sum(axis=1) - branches.length
-            parameters = parameters._replace(law=_cohesive_law(kn * overlap, normal, pull))
-            notes.append(f"law {parameters.law!r}, told by the column 'adhesion' and the forces")
-    hertz = parameters.law == "hertz"
-    wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
-    lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
-    if hertz and (lacks or parameters.young is not None):
-        lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
-    if parameters.law in COHESIVE and no_pull:
-        lacks.append("adhesion")
-    law, regime = None, None
+    else:
+        _require_pull(parameters, table)
+    if parameters.law is None and force is not None:
+        told, said = _told_law(table, rows, bodies, pairs, branches.length, normal)
+        parameters = parameters._replace(law=told)
+        notes += said
+    lacks, law, regime = _lacks(parameters, table), None, None
     if force is None:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
@@ -154,6 +138,51 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         *(bodies.rotation, tuple(lacks), mass, frame.time),
         *((None, None) if bodies.motion is None else (bodies.motion[:, :2], bodies.motion[:, 2])),
     )
+
+
+def _told_law(
+    table: Table,
+    rows: Integers,
+    bodies: Bodies,
+    pairs: Integers,
+    length: Floats,
+    normal: Floats,
+) -> tuple[LawName | None, list[str]]:
+    """Return the law that stiffnesses and forces tell, and a note; None where they tell none."""
+    if table.has("kn", "ks"):
+        kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
+        if _of_hertz(kn, normal, bodies.radii, pairs, length, coarse):
+            return "hertz", [TOLD]
+    if table.has("kn", "adhesion"):
+        kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
+        if pull.any():
+            overlap = bodies.radii[pairs].sum(axis=1) - length
+            law = _cohesive_law(kn * overlap, normal, pull)
+            return law, [f"law {law!r}, told by the column 'adhesion' and the forces"]
+    return None, []
+
+
+def _no_pull(parameters: Parameters, table: Table) -> bool:
+    """Whether nothing tells how far contacts can be pulled."""
+    return parameters.adhesion is None and not table.has("adhesion")
+
+
+def _require_pull(parameters: Parameters, table: Table) -> None:
+    """Raise `InputError` for a cohesive law that was asked for where nothing tells the pull."""
+    if parameters.law in COHESIVE and _no_pull(parameters, table):
+        received, expected = "none", f"the largest pull of a contact under --law {parameters.law}"
+        raise InputError("adhesion", received, expected, "Give --adhesion, or such a column.")
+
+
+def _lacks(parameters: Parameters, table: Table) -> list[str]:
+    """List the options of the law that neither the call nor the table gives."""
+    wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
+    lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
+    if parameters.law == "hertz" and (lacks or parameters.young is not None):
+        lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
+    if parameters.law in COHESIVE and _no_pull(parameters, table):
+        lacks.append("adhesion")
+    return lacks
 
 
 def _of_hertz(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -282,6 +283,29 @@ def read_branches(
             off[name][part] = np.hypot(*(values[part] - wanted).T) / unit
 
     in_threads(fill, range(0, count, BRANCH_BLOCK))
+    made_branches = ContactBranches(
+        *(made, d, length, n),
+        # Normals come first: branches of many files are computed from the centres.
+        of_file.get("normal", of_file.get("branch")),
+    )
+    _require_fitting(table, rows, pairs, bodies, made_branches, of_file, off, reach)
+    return made_branches
+
+
+def _require_fitting(
+    table: Table,
+    rows: Integers,
+    pairs: Integers,
+    bodies: Bodies,
+    branches: ContactBranches,
+    of_file: Mapping[str, Floats],
+    off: Mapping[str, Floats],
+    reach: Floats,
+) -> None:
+    """Raise `InputError` where branches of the file are not those of the centres, or too long.
+
+    `off` is how far each of the file is off, `reach` each length over the sum of the radii.
+    """
 
     def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
         one, two = bodies.grain_ids[pairs[c]].tolist()
@@ -289,13 +313,13 @@ def read_branches(
         raise InputError(where, received, expected, remedy)
 
     of_cell = "Give --cell if the sample is periodic; else take both tables of one snapshot."
-    if cell is not None:
+    if branches.images is not None:
         of_cell = "Give the cell of this snapshot."
     for name, values in of_file.items():
         if off[name].max() <= GEOMETRY_TOLERANCE:
             continue
         c = int(np.argmax(off[name]))
-        expected = d if name == "branch" else n
+        expected = branches.d if name == "branch" else branches.n
         turned = np.abs(values + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
         remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
         refuse(
@@ -309,8 +333,6 @@ def read_branches(
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)
-    # Normals come first: branches of many files are computed from the centres.
-    return ContactBranches(made, d, length, n, of_file.get("normal", of_file.get("branch")))
 
 
 def some(values: Any, rows: Integers) -> Any:

@@ -285,19 +285,7 @@ def probe_edge(
     graph = yielding.system.graph
     found = find_faces(graph) if faces is None else faces
     wanted = probe_directions(directions, subspace)
-    answers: list[DirectionAnswer] = []
-    branches: list[int] = []
-    step = search_step(len(yielding.rows), len(wanted)) if pieces.traced else 1
-    for k, direction in enumerate(wanted):
-        branches.append(len(pieces.branches))
-        answers.append(pieces.at(direction, None if k % step == 0 else 0))
-        if progress is not None:
-            progress(len(answers))
-    # A branch that this or a later direction led to may have more solutions here.
-    for k, direction in enumerate(wanted):
-        if pieces.traced and pieces.sets(direction, branches[k]):
-            again = pieces.at(direction, 0)
-            answers[k] = again if again.piece >= 0 else answers[k]
+    answers = _answers(pieces, wanted, progress)
     rows = [answer.response for answer in answers]
     piece = np.array([answer.piece for answer in answers])
     loop_work = np.array([additive_work(row, found) for row in rows])
@@ -347,6 +335,26 @@ def probe_edge(
         settled=yielding.settled,
         system=yielding.system,
     )
+
+
+def _answers(
+    pieces: RegimeRegions, wanted: Floats, progress: Callable[[int], None] | None
+) -> list[DirectionAnswer]:
+    """Answer all directions; `progress` is told how many are done."""
+    answers: list[DirectionAnswer] = []
+    branches: list[int] = []
+    step = search_step(len(pieces.rates.every), len(wanted)) if pieces.traced else 1
+    for k, direction in enumerate(wanted):
+        branches.append(len(pieces.branches))
+        answers.append(pieces.at(direction, None if k % step == 0 else 0))
+        if progress is not None:
+            progress(len(answers))
+    # A branch that this or a later direction led to may have more solutions here.
+    for k, direction in enumerate(wanted):
+        if pieces.traced and pieces.sets(direction, branches[k]):
+            again = pieces.at(direction, 0)
+            answers[k] = again if again.piece >= 0 else answers[k]
+    return answers
 
 
 def search_step(candidates: int, directions: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -319,7 +320,7 @@ def domain_command(
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
         from studies.domain import DomainParameters, run_domain
-        from studies.loop_domain import LONGEST, LoopDomainParameters, run_loop_domains
+        from studies.loop_domain import LoopDomainParameters, run_loop_domains
 
         if not given:
             plain = (None, "blocked", "linear", 0.0, "strain")
@@ -357,12 +358,7 @@ def domain_command(
             if compare is not None:
                 closures = (closure,) if closure else ("affine", "traction")
             orders = orders_of(compare) if compare else (order or len(sizes or ()),)
-            for n in orders:
-                if not 3 <= n <= LONGEST:
-                    where = "number of --radii" if sizes else given[0]
-                    expected = f"a whole number from 3 to {LONGEST}"
-                    expected += " for each order" if compare else ""
-                    raise InputError(where, str(n), expected, "Correct it.")
+            _require_orders(orders, "number of --radii" if sizes else given[0], each=bool(compare))
             angle: Any = {} if phi is None else {"phi_deg": phi}
             words |= {"radii": sizes, "contact_law": law, "rolling": rolling, **angle}
             loops = [
@@ -375,6 +371,16 @@ def domain_command(
         )
         summary = run_loop_domains(wanted, out, **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary))
+
+
+def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:
+    """Raise `InputError` for an order of which no domain is drawn; `each`: there are several."""
+    from studies.loop_domain import LONGEST
+
+    for n in orders:
+        if not 3 <= n <= LONGEST:
+            expected = f"a whole number from 3 to {LONGEST}{' for each order' if each else ''}"
+            raise InputError(where, str(n), expected, "Correct it.")
 
 
 def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:

@@ -39,7 +39,7 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
-from studies.study import one_of, study
+from studies.study import Results, one_of, study
 
 Row = Mapping[str, Any]
 
@@ -94,14 +94,7 @@ def run_series(
     if in_packing:
         share = checked_band(candidates, "candidates", CANDIDATES)
     rate = {"inertial_number": inertial_number, "time_step": time_step, "mean_mass": mean_mass}
-    one_of("--past", past, get_args(Past))
-    for name, value in rate.items():
-        if value is not None:
-            number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
-    number("--damping", damping, 0.0)
-    table = None if programme in WAYS else read_strains(Path(programme))
-    way = str(programme) if table is None else table.name
-    following = Following(past, **rate, damping=damping, programme=way, table=table)
+    following = _following(past, rate, damping, programme)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
@@ -148,25 +141,52 @@ def run_series(
                 for name, parted in (parts | whole).items():
                     write_csv(parted, results.folder / f"{name}.csv")
             summary = results.write_summary(summary)
-            evolution, mapped = tables["evolution"], mapped_interval(tables["evolution"])
-            pictures: list[Path] = []
-            # matplotlib is loaded only when there is something to draw.
-            if animation:
-                from studies.series.figures import animate_series, animation_frames
-
-                frames = animation_frames(series, evolution)
-                pictures = animate_series(results.folder, frames, results.source)
-            if figures:
-                from studies.series import figures as drawing
-
-                interval = None if mapped is None else drawing.map_data(series.intervals[mapped])
-                drawn = drawing.series_figures(tables, drawing.joined_increments(series), interval)
-                pictures = results.save_figures(drawn) + pictures
-                maps = drawing.maps_of(series, evolution["loops"].tolist(), mapped or 0)
-                largest = int(evolution["loops"].max())
-                title = f"Loops of {summary['snapshots']} snapshots"
-                results.write_report(title, summary, pictures, maps, largest)
+            _draw(results, series, tables, summary, animation=animation, figures=figures)
     return summary
+
+
+def _following(
+    past: Past, rate: Mapping[str, float | None], damping: float, programme: str | Path
+) -> Following:
+    """Return how paths and replays go on, from the options of a series."""
+    one_of("--past", past, get_args(Past))
+    for name, value in rate.items():
+        if value is not None:
+            number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
+    number("--damping", damping, 0.0)
+    table = None if programme in WAYS else read_strains(Path(programme))
+    way = str(programme) if table is None else table.name
+    return Following(past, **rate, damping=damping, programme=way, table=table)
+
+
+def _draw(
+    results: Results,
+    series: Series,
+    tables: Mapping[str, Any],
+    summary: Mapping[str, Any],
+    *,
+    animation: bool,
+    figures: bool,
+) -> None:
+    """Draw the animation, the figures and the report of a series that is written."""
+    evolution, pictures = tables["evolution"], list[Path]()
+    # matplotlib is loaded only when there is something to draw.
+    if animation:
+        from studies.series.figures import animate_series, animation_frames
+
+        frames = animation_frames(series, evolution)
+        pictures = animate_series(results.folder, frames, results.source)
+    if figures:
+        from studies.series import figures as drawing
+
+        mapped = mapped_interval(evolution)
+        interval = None if mapped is None else drawing.map_data(series.intervals[mapped])
+        drawn = drawing.series_figures(tables, drawing.joined_increments(series), interval)
+        pictures = results.save_figures(drawn) + pictures
+        maps = drawing.maps_of(series, evolution["loops"].tolist(), mapped or 0)
+        largest = int(evolution["loops"].max())
+        title = f"Loops of {summary['snapshots']} snapshots"
+        results.write_report(title, summary, pictures, maps, largest)
 
 
 def finished_parts(series: Series) -> dict[str, list[dict[str, Any]]]:
