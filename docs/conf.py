@@ -46,7 +46,10 @@ intersphinx_mapping = {
 }
 # Types in docstrings that become links: the classes of the rooms and of these inventories. `Path`
 # does not, for it is a file's or a loop's.
-ROOMS = ("stability.packing", "stability", "patterns", "loops.packing", "loops", "grainloops")
+ROOMS = (
+    *("stability.packing", "stability", "patterns", "loops.boundary", "loops.system"),
+    *("loops.in_place", "loops", "grainloops"),
+)
 numpydoc_xref_param_type = True
 numpydoc_xref_ignore = "all"
 numpydoc_xref_aliases = {word: word for word in DEFAULT_LINKS} | {"ndarray": "numpy.ndarray"}

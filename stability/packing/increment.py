@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats
 from loops.graph import branch_vectors, contact_state
 from loops.laws.frictional import Regime, edge_rates
-from loops.packing import balancing_forces, relative_motion
 from loops.scene import Scene, of_scene
+from loops.system import balancing_forces, relative_motion
 from stability.complementarity import RaisedLoad, positive_definite, raise_load
 from stability.packing.controls import HeldAndDriven, component_control
 from stability.packing.response import (

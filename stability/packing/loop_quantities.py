@@ -23,13 +23,13 @@ from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph, branch_vectors, contact_state
+from loops.in_place import inverse_at_contacts
 from loops.laws.frictional import Regime
 from loops.loop_batches import LoopBatch, loop_batches
-from loops.packing import System, packing_system, stiffness_matrix
-from loops.packing.in_place import inverse_at_contacts
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
+from loops.system import System, packing_system, stiffness_matrix
 from stability.packing.response import PackingResponse
 
 QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])

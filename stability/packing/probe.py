@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError, check_choice, whole_number
-from loops.packing import System
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
+from loops.system import System
 from stability.complementarity import STARTS
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works

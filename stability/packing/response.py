@@ -20,10 +20,10 @@ from loops.boundary import Boundary, boundary_of, former_boundary
 from loops.graph import GrainGraph, branch_vectors
 from loops.laws.frictional import ContactLaw, Regime
 from loops.lazy import warn_of_old_name
-from loops.packing import REFINEMENTS, System, balancing_forces, packing_stress
 from loops.scene import Scene
 from loops.shown import Shown
 from loops.stress_strain import cauchy_rate
+from loops.system import REFINEMENTS, System, balancing_forces, packing_stress
 from stability.complementarity import (
     SIGN,
     STARTS,

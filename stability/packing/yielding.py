@@ -15,7 +15,7 @@ from loops.contacts import AT_YIELD
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
-from loops.packing import (
+from loops.system import (
     REFINEMENTS,
     Changed,
     Factor,

@@ -16,7 +16,7 @@ from studies.snapshot.table import loop_columns
 from studies.study import one_of, study
 
 if TYPE_CHECKING:
-    from loops.packing import Method
+    from loops.in_place import Method
 
 
 def run_snapshot(
@@ -38,7 +38,7 @@ def run_snapshot(
     """
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
-        from loops.packing import METHODS
+        from loops.in_place import METHODS
 
         one_of("--in-packing", in_packing, METHODS)
         configuration["in_packing"] = in_packing

@@ -18,7 +18,7 @@ from studies.output import Columns
 from studies.snapshot.table import EIGENVALUES
 
 if TYPE_CHECKING:
-    from loops.packing import LoopsInPlace, Method
+    from loops.in_place import LoopsInPlace, Method
     from stability.packing.hold import HeldPacking, HoldControl
     from stability.packing.yielding import YieldResponse
 
@@ -82,7 +82,7 @@ def add_in_packing(
 ) -> tuple[dict[str, Any], list[str]]:
     """Add the columns of the loops in place to the table; return the method used, and notes."""
     # Loaded only when loops are judged in place.
-    from loops.packing import loops_in_place
+    from loops.in_place import loops_in_place
 
     scene, (_, notes) = snapshot.scene, sample_boundary(snapshot)
     place = loops_in_place(scene, method=method)

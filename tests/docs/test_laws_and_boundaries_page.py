@@ -16,7 +16,7 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.packing import loops_in_place
+from loops.in_place import loops_in_place
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.amplitudes import probe_to

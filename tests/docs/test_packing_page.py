@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from loops import Scene
-from loops.boundary import boundary_of
-from loops.packing import loops_in_place, outline_grains
-from loops.packing.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE
+from loops.boundary import boundary_of, outline_grains
+from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
 from studies.examples import packing_skill
 from studies.series.run import run_series

@@ -7,7 +7,7 @@ import grainloops as gl
 import stability
 from loops import InputError
 from loops.boundary import boundary_of
-from loops.packing import loops_in_place
+from loops.in_place import loops_in_place
 from loops.scene import of_scene, scene_of
 from patterns.snapshots.snapshot import sample_boundary
 from stability import programmes

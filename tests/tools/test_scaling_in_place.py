@@ -3,7 +3,7 @@
 import numpy as np
 
 from loops import Scene, branch_vectors, find_faces
-from loops.packing import loops_in_place
+from loops.in_place import loops_in_place
 from tests.tools.scaling.in_place import METHODS, PEERS, in_place_figure, peer, replicated
 
 

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Scene, assemble_tangent, find_faces
+from loops import GrainGraph, LinearFrictional, Scene, assemble_tangent, find_faces, in_place
 from loops.arrays import frobenius
 from loops.boundary import Boundary
-from loops.packing import in_place, loops_in_place, packing_system
-from loops.packing.in_place import (
+from loops.in_place import (
     _edges,
     _truncation,
     inverse_at_contacts,
+    loops_in_place,
     packing_blocks,
     polygons_of,
 )
+from loops.system import packing_system
 from patterns.synthetic import synthetic_network
 from tests.packings import LAW, packing
 

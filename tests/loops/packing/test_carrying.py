@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.packing import Factor, PlaneContacts, factorised, loops_in_place, packing_system
-from loops.system import carrying_grains
+from loops.boundary import PlaneContacts
+from loops.in_place import loops_in_place
+from loops.system import Factor, carrying_grains, factorised, packing_system
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5)

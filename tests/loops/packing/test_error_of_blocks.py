@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime, Scene, find_faces
+from loops import LinearFrictional, Regime, Scene, find_faces, in_place
 from loops.arrays import frobenius
-from loops.packing import in_place, loops_in_place
+from loops.in_place import loops_in_place
 from patterns import read_snapshot, sample_path, synthetic_network
 from stability import restrict, symmetric_part
 from studies.snapshot.in_packing import sample_boundary

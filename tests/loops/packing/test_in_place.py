@@ -16,15 +16,16 @@ from loops import (
     assemble_tangent,
     contact_state,
     find_faces,
+    in_place,
     loop_batches,
+    multifrontal,
     traction_tangent,
 )
 from loops.arrays import frobenius
 from loops.boundary import boundary_of
+from loops.gears import NEARLY, UNKNOWN, spin_modes
 from loops.geometry import boundary_vectors, polygon_area
-from loops.packing import in_place, loops_in_place, multifrontal, packing_system
-from loops.packing.gears import NEARLY, UNKNOWN, spin_modes
-from loops.packing.in_place import (
+from loops.in_place import (
     SWEPT,
     Polygons,
     _compliances,
@@ -32,9 +33,11 @@ from loops.packing.in_place import (
     _sketches,
     _solve_again,
     inverted,
+    loops_in_place,
     polygons_of,
 )
-from loops.packing.multifrontal import _vertex_cover, dissection, frontal_lu
+from loops.multifrontal import _vertex_cover, dissection, frontal_lu
+from loops.system import packing_system
 from patterns import read_snapshot, sample_path
 from patterns.synthetic import synthetic_network
 from tests.loops.packing.whole_operators import CASES

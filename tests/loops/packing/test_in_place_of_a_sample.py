@@ -8,10 +8,10 @@ import pytest
 
 from loops import LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import frobenius
+from loops.gears import spin_modes
 from loops.geometry import boundary_vectors, polygon_area
-from loops.packing import factorised, loops_in_place, packing_system
-from loops.packing.gears import spin_modes
-from loops.packing.in_place import inverted, polygons_of
+from loops.in_place import inverted, loops_in_place, polygons_of
+from loops.system import factorised, packing_system
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.reading import cells_by_number

@@ -5,9 +5,9 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
 from loops.arrays import frobenius
-from loops.packing import loops_in_place, packing_system
-from loops.packing.gears import HIDDEN, UNKNOWN, spin_modes
-from loops.packing.in_place import inverse_at_contacts
+from loops.gears import HIDDEN, UNKNOWN, spin_modes
+from loops.in_place import inverse_at_contacts, loops_in_place
+from loops.system import packing_system
 from tests.tools.loops_in_place import SIGNS, campaign, closing_packing, compared
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import Boundary
-from loops.packing import PlaneContacts, outline_grains, plane_contacts
+from loops.boundary import Boundary, PlaneContacts, outline_grains, plane_contacts
 from patterns.synthetic import synthetic_network
 from stability import rates_at
 from tests.stability.packing.walled_packings import between

@@ -9,17 +9,10 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import Boundary
-from loops.packing import (
-    PlaneContacts,
-    factorised,
-    loops_in_place,
-    outline_grains,
-    packing_system,
-    plane_contacts,
-)
-from loops.packing.multifrontal import Front, _tasks, frontal_lu
-from loops.system import Factor, carrying_grains
+from loops.boundary import Boundary, PlaneContacts, outline_grains, plane_contacts
+from loops.in_place import loops_in_place
+from loops.multifrontal import Front, _tasks, frontal_lu
+from loops.system import Factor, carrying_grains, factorised, packing_system
 from tests.loops.packing.whole_operators import CASES
 from tests.packings import packing
 

@@ -12,21 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
-from loops.boundary import Boundary, boundary_of
-from loops.packing import (
-    PlaneContacts,
-    factorised,
-    loops_in_place,
-    outline_grains,
-    packing_system,
-    plane_contacts,
-)
-from loops.packing.gears import spin_modes
-from loops.packing.in_place import inverse_at_contacts
+from loops.boundary import Boundary, PlaneContacts, boundary_of, outline_grains, plane_contacts
+from loops.gears import spin_modes
+from loops.in_place import inverse_at_contacts, loops_in_place
 from loops.system import (
     balancing_forces,
+    factorised,
     in_freedoms,
     packing_stress_rate,
+    packing_system,
     relative_motion,
     stiffness_matrix,
 )

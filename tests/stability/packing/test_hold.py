@@ -15,7 +15,7 @@ from loops import (
     love_weber_stress,
     match_contacts,
 )
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from patterns import read_snapshot, sample_path
 from stability.packing import equations_of_motion, hold
 from studies.snapshot.in_packing import box_area

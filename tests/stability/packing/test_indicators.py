@@ -14,8 +14,8 @@ from loops import (
 )
 from loops.assembly import contact_tangent
 from loops.graph import contact_state
-from loops.packing import packing_system, stiffness_matrix
-from loops.packing.in_place import inverse_at_contacts
+from loops.in_place import inverse_at_contacts
+from loops.system import packing_system, stiffness_matrix
 from stability.packing.loop_quantities import (
     EXPECTED,
     indicators,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, Scene, contact_state
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability import Stage, follow
 from stability.programmes import drained_biaxial
 from tests.oracles.lattices import lattice

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability import Stage, follow, programmes, rates_at
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 

@@ -7,7 +7,7 @@ import pytest
 
 from loops import InputError, LinearFrictional, Scene, affine_tangent, find_faces
 from loops.boundary import Boundary
-from loops.packing import factorised
+from loops.system import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import complementarity, plane_cone, rates_at, restrict

@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
 from loops.contacts import contacts_of, start_state
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability import Stage, follow, programmes
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver

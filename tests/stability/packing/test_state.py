@@ -8,7 +8,7 @@ import pytest
 from loops import GrainGraph
 from loops.contacts import start_state
 from loops.laws.of_pairs import as_known
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability.packing.state import jumped
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import between

@@ -17,7 +17,7 @@ from loops import (
     find_faces,
 )
 from loops.contacts import start_state
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability import Stage
 from stability.packing import replay, sustain
 from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN

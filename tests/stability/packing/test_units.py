@@ -11,7 +11,8 @@ import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
 from loops.contacts import start_state
-from loops.packing import PlaneContacts, loops_in_place
+from loops.boundary import PlaneContacts
+from loops.in_place import loops_in_place
 from loops.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes, rates_at

@@ -15,7 +15,7 @@ from loops import (
     contact_state,
 )
 from loops.contacts import start_state
-from loops.packing import PlaneContacts
+from loops.boundary import PlaneContacts
 from stability import Programme, Stage, follow, programmes, rates_at
 from stability.packing import hold, probe, replay
 from stability.packing.amplitudes import probe_to

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces
-from loops.packing import loops_in_place, outline_grains
+from loops.boundary import outline_grains
+from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import restrict, symmetric_part
 from studies.output import definitions

@@ -18,7 +18,7 @@ import numpy as np
 
 import grainloops as gl
 from loops import LinearFrictional, Scene
-from loops.packing import loops_in_place
+from loops.in_place import loops_in_place
 from patterns.diamond import TABLE_1, drained_path
 from stability import branch_fraction
 from stability.packing import probe as rates

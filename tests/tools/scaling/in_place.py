@@ -22,7 +22,8 @@ from scipy.sparse.linalg import spsolve
 from loops import Faces, GrainGraph, LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import Floats
 from loops.geometry import boundary_vectors
-from loops.packing import loops_in_place, packing_system, stiffness_matrix
+from loops.in_place import loops_in_place
+from loops.system import packing_system, stiffness_matrix
 from patterns import read_snapshot, sample_path
 from studies.output import provenance, result_folder, write_table
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled

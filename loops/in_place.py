@@ -21,18 +21,14 @@ from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, fro
 from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
+from loops.gears import RegularMatrix, regular_matrix
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.loop_batches import loop_batches
-from loops.packing.gears import RegularMatrix, regular_matrix
-from loops.packing.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
+from loops.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
-from loops.system import (
-    System,
-    factorised,
-    packing_system,
-)
+from loops.system import System, factorised, packing_system
 
 # Number of random vectors by which norms are estimated, for all loops at once.
 SKETCH = 16
