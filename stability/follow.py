@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 from loops import InputError
 from loops.closures import Closure
-from loops.errors import check_choice, whole_number
+from loops.errors import whole_number
 from loops.scene import Scene, of_scene
 from stability.path import Path
 from stability.paths.loop_path import LoopPathOptions
-from stability.paths.of_graph import follow_loop
+from stability.paths.of_graph import closure_of, follow_loop
 from stability.programmes import Stage
 
 Options = TypeVar("Options")
@@ -156,17 +156,6 @@ def follow(
         return follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
     chosen = _options(LoopPathOptions, options, closure)
     return follow_loop(scene, stages, closure, chosen, rows=rows, max_steps=max_steps)
-
-
-def closure_of(
-    scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
-) -> Closure | Literal["packing"]:
-    """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
-    if closure is None and scene.boundary.kind not in packings:
-        expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
-        raise InputError("closure", "none", expected, remedy)
-    check_choice("closure", closure or "packing", (*get_args(Closure), "packing"))
-    return closure or "packing"
 
 
 def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:

@@ -25,7 +25,7 @@ class HeldAndDriven(NamedTuple):
     stress: Floats
 
 
-class Mixed(NamedTuple):
+class MixedControl(NamedTuple):
     """`stress @ P' + strain @ H' = rate`, rows of either or of both."""
 
     stress: Floats
@@ -33,7 +33,7 @@ class Mixed(NamedTuple):
     rate: Floats
 
 
-Control = HeldAndDriven | Mixed
+Control = HeldAndDriven | MixedControl
 
 
 def controlled(
@@ -47,7 +47,7 @@ def controlled(
     """Return `q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
     unit = complementary_rates(yielding, active, answer.relative)[chosen]
     matrix, stress = pair
-    if isinstance(control, Mixed):
+    if isinstance(control, MixedControl):
         A = control.stress @ answer.stress + control.strain
         solved = np.linalg.solve(A, np.column_stack([control.rate, -control.stress @ stress]))
         q, driven = unit @ solved[:, 0], unit @ solved[:, 1:]
@@ -83,7 +83,7 @@ def control_of(programme: Programme, stress: Floats) -> Control:
     stress, strain, rate = programme.equations(np.zeros(4), stress.ravel())
     driven, held = stress.any(axis=1), strain.any(axis=1)
     if (driven & held).any():
-        return Mixed(stress, strain, rate)
+        return MixedControl(stress, strain, rate)
     return HeldAndDriven(
         *_orthonormal(strain[held], rate[held]), *_orthonormal(stress[driven], rate[driven])
     )
@@ -99,7 +99,7 @@ def _orthonormal(rows: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def controlled_strain(answer: LinearAnswer, control: Control) -> Floats:
     """Return the strain rate (4,), its driven part as the stress asks for."""
-    if isinstance(control, Mixed):
+    if isinstance(control, MixedControl):
         A = control.stress @ answer.stress + control.strain
         return np.asarray(np.linalg.solve(A, control.rate))
     held, B = control.held.T @ control.strain, control.driven

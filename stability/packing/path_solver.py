@@ -19,7 +19,6 @@ from loops.laws.movable import require_movable
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.pathologies import pathologies
-from stability.packing.pivots import MixedControl
 from stability.packing.rattlers import free_rattlers
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.state import jumped

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from loops.arrays import Floats, Integers
 from stability.complementarity import solve_complementarity
+from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, ROOM, SLIDING, Combination, RegimeFactor
 
 # Grains that move by more than this share of the largest displacement are in an unstable mode.
@@ -37,14 +38,6 @@ class UnsolvedError(Exception):
             "sign_changes": self.turns,
             "grains": tuple(np.flatnonzero(size > MODE_SHARE * size.max()).tolist()),
         }
-
-
-class MixedControl(NamedTuple):
-    """`stress @ P' + strain @ H' = rate` in the current geometry."""
-
-    stress: Floats
-    strain: Floats
-    rate: Floats
 
 
 def pivot(

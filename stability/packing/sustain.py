@@ -19,6 +19,7 @@ from loops.laws.movable import require_movable
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.amplitudes import stage_along
+from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     Moving,
@@ -35,7 +36,6 @@ from stability.packing.motion import Motion, MotionStatus
 from stability.packing.past import Passed, Standing
 from stability.packing.path import halved
 from stability.packing.path_solver import PackingPathSolver, Stop
-from stability.packing.pivots import MixedControl
 from stability.packing.probe import probe_directions
 from stability.packing.regime_regions import Subspace
 from stability.path import LARGE_MOTION, Event, Path, PathStatus

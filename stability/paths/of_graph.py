@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
 from loops import InputError, RollingResistance, Scene, contact_state
 from loops.closures import Closure, Spins
+from loops.errors import check_choice
 from loops.laws.frictional import require_law
 from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
@@ -66,3 +68,14 @@ def rates_of_loop(
     model = path_model(graph, contacts, law, closure, spins, scene.given_volume)
     mode, state = start_mode(model, contacts), unpack(model, initial_state(model, contacts))
     return edge_problem(model, state, mode, programme, preferred={}, direction=None, held=regime)
+
+
+def closure_of(
+    scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
+) -> Closure | Literal["packing"]:
+    """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
+    if closure is None and scene.boundary.kind not in packings:
+        expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
+        raise InputError("closure", "none", expected, remedy)
+    check_choice("closure", closure or "packing", (*get_args(Closure), "packing"))
+    return closure or "packing"

@@ -14,9 +14,10 @@ from stability import Stage, follow
 from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
+from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import Snap, masses_of
 from stability.packing.path_solver import PackingPathSolver
-from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
+from stability.packing.pivots import UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, SLIDING
 from stability.packing.response import PackingRates
 from stability.packing.strain_increment import InstabilityError, StrainIncrement

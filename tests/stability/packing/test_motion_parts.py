@@ -10,6 +10,7 @@ from loops import InputError, LinearFrictional, RollingResistance
 from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage
 from stability.packing import equations_of_motion
+from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import (
     Moving,
     _affine_stiffness,
