@@ -174,8 +174,8 @@ def _draw(
     results: Results,
     snapshot: Snapshot,
     title: str,
-    tables: Mapping[str, Any],
-    summary: Mapping[str, Any],
+    tables: dict[str, Any],
+    summary: dict[str, Any],
 ) -> None:
     """Draw the figures and the report."""
     from studies.packing_figures import path_figures

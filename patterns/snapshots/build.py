@@ -102,9 +102,9 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     else:
         _require_pull(parameters, table)
     if parameters.law is None and force is not None:
-        told, said = _told_law(table, rows, bodies, pairs, branches.length, normal)
+        told, words = _told_law(table, rows, bodies, pairs, branches.length, normal)
         parameters = parameters._replace(law=told)
-        notes += said
+        notes += words
     lacks, law, regime = _lacks(parameters, table), None, None
     if force is None:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
