@@ -16,7 +16,7 @@ from loops.contacts import Contacts, PackingState
 from loops.errors import InputError
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
-from stability.packing.pivots import MixedControl
+from stability.packing.controls import MixedControl
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo

@@ -15,8 +15,8 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.contacts import Contacts
+from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
-from stability.packing.pivots import MixedControl
 from stability.packing.state import jumped
 from stability.packing.strain_increment import RELEASED, Within
 from stability.path import Event, How, Past

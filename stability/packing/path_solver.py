@@ -16,6 +16,7 @@ from loops.contacts import AT_YIELD, Contacts, contacts_of, start_state
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.laws.movable import require_movable
+from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.pathologies import pathologies

@@ -8,7 +8,8 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from stability.complementarity import positive_definite, solve_complementarity
 from stability.p_matrix import has_definite_scaling, is_p_matrix
-from stability.packing.pivots import MixedControl, edges_of_pushes
+from stability.packing.controls import MixedControl
+from stability.packing.pivots import edges_of_pushes
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.path import Pathologies
 

@@ -13,7 +13,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
-from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
+from stability.packing.controls import MixedControl
+from stability.packing.pivots import UnsolvedError, disagreeing, pivot
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,

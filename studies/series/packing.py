@@ -20,8 +20,8 @@ from loops import InputError, loop_batches
 from loops.arrays import Floats
 from loops.contacts import PackingState, contacts_of, start_state
 from loops.graph import branch_vectors
-from loops.laws.movable import require_movable
 from loops.in_place import loops_in_place
+from loops.laws.movable import require_movable
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot

@@ -24,7 +24,6 @@ from stability.packing.equations_of_motion import (
     steered,
     work_of,
 )
-from stability.packing.pivots import MixedControl
 from stability.packing.replay import _span
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
+from loops.boundary import PlaneContacts
 from loops.contacts import AT_YIELD, contacts_of, start_state
 from loops.laws.of_pairs import law_of
 from loops.neighbours import codes, near_pairs, ordered
-from loops.boundary import PlaneContacts
 from tests.stability.packing.test_own_laws import Stiffening
 from tests.stability.packing.walled_packings import between
 

@@ -11,7 +11,8 @@ from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
 from stability.compiled import packing_rates
 from stability.packing import pivots, regime_factor, strain_increment
-from stability.packing.pivots import MixedControl, UnsolvedError, disagreeing, pivot
+from stability.packing.controls import MixedControl
+from stability.packing.pivots import UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from tests.packings import LAW, jammed, packing, strained
 

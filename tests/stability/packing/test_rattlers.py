@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
-from loops.contacts import contacts_of, start_state
 from loops.boundary import PlaneContacts
+from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver

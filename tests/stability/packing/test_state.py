@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph
+from loops.boundary import PlaneContacts
 from loops.contacts import start_state
 from loops.laws.of_pairs import as_known
-from loops.boundary import PlaneContacts
 from stability.packing.state import jumped
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import between

@@ -16,8 +16,8 @@ from loops import (
     Scene,
     find_faces,
 )
-from loops.contacts import start_state
 from loops.boundary import PlaneContacts
+from loops.contacts import start_state
 from stability import Stage
 from stability.packing import replay, sustain
 from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN

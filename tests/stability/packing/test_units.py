@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
-from loops.contacts import start_state
 from loops.boundary import PlaneContacts
+from loops.contacts import start_state
 from loops.in_place import loops_in_place
 from loops.system import plane_stiffness
 from patterns import random_loop

@@ -14,8 +14,8 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.contacts import start_state
 from loops.boundary import PlaneContacts
+from loops.contacts import start_state
 from stability import Programme, Stage, follow, programmes, rates_at
 from stability.packing import hold, probe, replay
 from stability.packing.amplitudes import probe_to
