@@ -486,7 +486,7 @@ def test_lack_of_memory_is_named(tmp_path, monkeypatch):
             patched.setattr(name, refuse)
             with pytest.raises(MemoryError, match="malloc of size 800 failed"):
                 read_snapshot(path)
-    monkeypatch.setattr("patterns.snapshots.tables.gzip.open", lambda path: refuse())
+    monkeypatch.setattr("patterns.snapshots.files.gzip.open", lambda path: refuse())
     with pytest.raises(MemoryError, match=r"out of memory while .*grains_1.csv.gz was read"):
         read_snapshot(write(tmp_path, ending="csv.gz"))
     for said in ("can't start new thread", "Failed to launch worker thread: Resource temporarily"):
