@@ -456,7 +456,8 @@ class LoopsInPlace(Shown):
         Stated error of `matrix` in its Frobenius norm, relative to that norm. Whole packing: a
         bound on rounding, amplified by soft modes of the packing and by the inversion of `C_in`.
         Blocks: more, from the distance to the nearest held grain; meant to hold for 99 in 100
-        loops, infinite for a loop that reaches beyond its buffer.
+        loops, infinite for a loop that reaches beyond its buffer or where held grains may change
+        the whole packing's operator by its norm.
     alone_error : (L,) array
         Bound on the rounding error of `alone` (force per length).
     system : System
@@ -533,7 +534,11 @@ def loops_in_place(
         method = "whole" if graph.grain_count <= WHOLE else "blocks"
     side = np.inf if method == "whole" else block
     found = inverted(system, polygons, side, buffer, threads or available_cores())
-    error = found.error + _truncation(system, polygons, found.matrix, found.rho)
+    share = _truncation(system, polygons, found.matrix, found.rho)
+    # A change within a share of the whole's norm is within s / (1 - s) of the blocks' own.
+    error = np.full_like(share, np.inf)
+    np.divide(share, 1.0 - share, out=error, where=share < 1.0)
+    error += found.error
     row = np.zeros(len(faces.kind), dtype=np.int64)
     row[faces.loops] = np.arange(len(faces.loops))
     alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
@@ -546,7 +551,10 @@ def loops_in_place(
 
 
 def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats) -> Floats:
-    """(L,) relative error that held grains make, by loops that are solved in the whole packing."""
+    """(L,) error that held grains make, over the norm of the whole packing's operator.
+
+    By loops that are solved in the whole packing.
+    """
     with np.errstate(divide="ignore"):
         shape = rho**-DECAY
     some = np.flatnonzero(np.isfinite(matrix[:, 0, 0]) & (0 < shape) & (shape < np.inf))

@@ -370,8 +370,9 @@ class Path(Shown):
         1 %. nan of paths that end otherwise than by 'control_limit' or a first instability.
         Under a growing load: stress along the direction, less that of the start, of the last state
         before the equilibrium was first lost by a motion of 1e-5 or more; and how much it changed
-        as the interval was halved over the second half of the path and by other numberings, over
-        itself. nan if it never was. Errors of the first half are not in it (docs/sustaining.md).
+        as the interval was halved over the second half of the path, by other numberings, and where
+        motions of a third or three times 1e-5 count, over itself. nan if it never was.
+        Errors of the first half are not in it (docs/sustaining.md).
     stress_spread : float
         Packings, where it was asked for: largest difference of the stress, over its largest change,
         to the same path with the other choice past instabilities, as far as both go; 0 where none

@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.compiled import kernel
 
 # Gauss's first point of two on (0, 1): exact to the third power of time.
-FIRST = 0.5 - math.sqrt(3.0) / 6.0
+GAUSS = 0.5 - math.sqrt(3.0) / 6.0
 # Columns of the rates of pairs: n . d', N', T' and the shear rate.
 UN, DN, DT, UT = range(4)
 
@@ -267,7 +267,7 @@ def add_work(
         return
     count = len(released)
     force = np.empty((2, len(u)))
-    times = step * FIRST, step * (1.0 - FIRST)
+    times = step * GAUSS, step * (1.0 - GAUSS)
     turns = (
         _velocity_gradient(strain, h, times[0]),
         _velocity_gradient(strain, h, times[1]),
@@ -352,7 +352,7 @@ def overlaps_on_the_way(
     out: Floats,
 ) -> None:
     """Overlaps (4, P) at the start of a step, at the two points of `add_work`, and at the end."""
-    times = 0.0, step * FIRST, step * (1.0 - FIRST), step
+    times = 0.0, step * GAUSS, step * (1.0 - GAUSS), step
     for p in range(len(pairs)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]

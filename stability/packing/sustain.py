@@ -357,6 +357,8 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         message = "no large motion up to the largest load"
     elif status == "large motion, at rest again":
         message = motions[-1].cause
+    if not math.isnan(limit):
+        spread = max(spread, _spread_of_the_threshold(motions, limit))
     path = solver.path(status, message)
     resting = np.ones(len(path), dtype=bool)
     resting[-1] = not motions or motions[-1].status == "at rest"
@@ -370,6 +372,16 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         resting=resting,
         states=(),
     )
+
+
+def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
+    """Return how far the limit is from that of motions above a third and three times the strain."""
+    strains = [np.linalg.norm(motion.strain) for motion in motions]
+    found = 0.0
+    for least in (MICRO_STRAIN / 3.0, 3.0 * MICRO_STRAIN):
+        losses = [one.lost for one, strain in zip(motions, strains, strict=True) if strain >= least]
+        found = max(found, abs(losses[0] / limit - 1.0) if losses else 0.0)
+    return found
 
 
 def _along(solver: PackingPathSolver, stage: Stage) -> float:

@@ -43,6 +43,7 @@ def loads_beside_yade() -> Iterator[dict[str, object]]:
             largest = BEYOND * high
             along = [[np.cos(theta), np.sin(theta)]]
             (path,) = sustain(Scene(graph, law), along, largest=largest).paths
+            print(state, degrees, low, high, path.status, path.limit, path.limit_spread, flush=True)
             yield {
                 "state": state,
                 "degrees": degrees,
@@ -65,9 +66,12 @@ def limits_anew(table: pd.DataFrame) -> pd.DataFrame:
     theta = np.radians(degrees)
     after = []
     for row in table.itertuples():
-        one = renumbered(graph, law, None, row.numbering)[:2] if row.numbering else (graph, law)
+        scene = Scene(graph, law)
+        if row.numbering:
+            scene = renumbered(scene, row.numbering)
         how = {"largest": largest, "interval": row.interval, "spread": False}
-        (path,) = sustain(Scene(*one), [[np.cos(theta), np.sin(theta)]], **how).paths
+        (path,) = sustain(scene, [[np.cos(theta), np.sin(theta)]], **how).paths
+        print(row.interval, row.numbering, path.limit, flush=True)
         after.append(path.limit)
     return table.assign(after=after)
 

@@ -7,10 +7,21 @@ import pandas as pd
 import pytest
 
 import loops
+from loops import GrainGraph, find_faces
 from stability.packing import regime_factor
 from tests.tools.knobs import __main__ as knobs
 from tests.tools.knobs.compare import moved
-from tests.tools.knobs.numbers import ROOT, change, changed, code_called, edited, frozen, numbers_of
+from tests.tools.knobs.numbers import (
+    ROOT,
+    change,
+    changed,
+    code_called,
+    edited,
+    frozen,
+    kernels_that_read,
+    numbers_of,
+    reads,
+)
 
 PLANTED = '''"""Numbers that decide, one that does not, one frozen as a default, a tolerance."""
 
@@ -101,6 +112,24 @@ def test_numbers_are_changed_where_they_are_imported():
     change(numbers["RANK"], 11)
     assert strain_increment.RANK == regime_factor.RANK == 11
     change(numbers["RANK"], old)
+
+
+def test_a_number_of_a_kernel_is_read_where_one_that_calls_it_runs():
+    """`CLOSE` stands in a kernel that two others lead to; numba shows the outermost alone."""
+    numbers = {one.name: one for one in numbers_of(ROOT, ["loops/compiled", "stability/material"])}
+    names = {name for _, name in kernels_that_read(numbers["CLOSE"])}
+    assert names == {"_sort_by_angle", "following_half_edges", "plane_faces"}
+    assert {"SHORT", "TOUCH", "BALANCED", "SINGULAR", "WIDTH", "GEAR"} <= numbers.keys()
+    assert frozen(numbers["SHORT"]) and not frozen(numbers["MOST_FAILED"])
+    assert not {"ANSWER", "SUMS", "WEIGHT", "FX", "BINS"} & numbers.keys()
+    ring = GrainGraph(
+        x=[[0, 0], [1, 0], [0, 1]], radii=[0.5] * 3, contacts=[[0, 1], [1, 2], [2, 0]]
+    )
+    find_faces(ring, compiled=True)
+    for compiled in (True, False):
+        _, codes = code_called(lambda compiled=compiled: find_faces(ring, compiled=compiled))
+        assert reads(numbers["CLOSE"], codes) == compiled
+        assert not reads(numbers["WIDTH"], codes) and not reads(numbers["SHORT"], codes)
 
 
 def test_sources_are_edited_behind_the_assignment(planted):

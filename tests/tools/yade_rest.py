@@ -3,7 +3,8 @@
 `yade -n -x -j1 tests/tools/yade_rest.py CONFIG.json`, with Yade 2023.02a (package of Debian 12):
 
     state               npz with the arrays of a GrainGraph: x, radii, contacts, images, cell
-                        (upright), normal_force, shear_force
+                        (upright), normal_force, shear_force; levels that it has in other
+                        directions are kept
     thickness           of the periodic cell; the spheres stand in one plane
     density, kn, kt, mu, dt
     out                 folder of the results
@@ -11,6 +12,8 @@
     first, largest      first load of the levels, and the last one at most (N/m)
     coarse, fine        load of a level over that before, far from the limit and near it (1.5, 1.08)
     ramp, most_steps    steps in which a level is put on, and after which it is left (1000, 20,000)
+    moved               in place of first to ramp: {degrees: load under which it moved before}, see
+                        below
 
 The law is Cundall and Strack's with Yade's default shear increment. The cell is held until the
 unbalanced force is 1e-7 (damping 0.4), and `held.npz` is written. Every direction starts from a
@@ -24,6 +27,10 @@ where it strains by 1e-2.
 The next level is `coarse` times the load, tried in a fork. Where it isn't quiet (no rest in half of
 the steps, or 2.5 times the strain per load before it) the fork is dropped, and the load grows by
 `fine` a level. So each level starts from rest under the one before, and the last one found no rest.
+With `moved` a direction is loaded again, more gently and by no number of a path. Of the load L
+under which Yade moved before, levels of a tenth are put on, up to half of L in 20,000 steps each,
+up to 0.9 L in 40,000, then levels of a hundredth in 8,000, until one moves: no rest, or a
+strain above 1e-4 and ten times that of the level before, per load.
 `levels_DEGREES.json` has an entry a level; `yade_rest.npz` holds the state and all of them.
 """
 
@@ -51,6 +58,10 @@ RAMP = CONFIG.get("ramp", 1000)
 MOST_STEPS = CONFIG.get("most_steps", 20_000)
 # Unbalanced force at rest of the held state and of a level.
 HELD, REST = 1e-7, 1e-6
+# Levels of a direction that is loaded again: to which share of its load, by which, in which steps.
+GENTLE = ((0.5, 0.1, 20_000), (0.9, 0.1, 40_000), (1.5, 0.01, 8_000))
+# Strain of a level that moves, and its strain per load over that of the level before.
+MOVES, SOFTER = 1e-4, 10.0
 # Error of the stress over the load at rest; below the second one (N/m) it does not count.
 WITHIN, LEAST = 1e-3, 5e-4
 # Strain of a level that is a flow.
@@ -149,13 +160,13 @@ def steer():
     triax.goal = (-P[0] / F2 / thickness, -P[1] / F1 / thickness, 0)
 
 
-def at_level(before, load, angle, expected):
+def at_level(before, load, angle, expected, ramp=RAMP):
     """One level from the load before: its entry, and whether it is quiet."""
     global P
     e0 = np.subtract(1, stretch())
     steps, kinetic, late, quiet_looks, begin = 0, 0.0, 0.0, 0, time.time()
     while True:
-        now = before + (load - before) * min(1.0, (steps + LOOK) / RAMP)
+        now = before + (load - before) * min(1.0, (steps + LOOK) / ramp)
         P = (P0[0] + now * math.cos(angle), P0[1] + now * math.sin(angle))
         O.run(LOOK, True)
         steps += LOOK
@@ -164,9 +175,9 @@ def at_level(before, load, angle, expected):
         error = max(abs(own[0] - P[0]), abs(own[1] - P[1]))
         unbalanced, energy = utils.unbalancedForce(), utils.kineticEnergy()
         kinetic = max(kinetic, energy)
-        late = max(late, energy) if steps > 2 * RAMP else 0.0
+        late = max(late, energy) if steps > 2 * ramp else 0.0
         strain = float(np.linalg.norm(e - e0))
-        good = steps > RAMP and unbalanced < REST and error < max(WITHIN * load, LEAST)
+        good = steps > ramp and unbalanced < REST and error < max(WITHIN * load, LEAST)
         quiet_looks = quiet_looks + 1 if good else 0
         most = MOST_STEPS if expected is None else MOST_STEPS // 2
         rest, lost = quiet_looks == 2, steps >= most or strain > FLOWS
@@ -219,9 +230,30 @@ def go(degrees):
         own = entry["strain"] / (following - load)
         slope = own if slope is None else min(own, COARSE * slope)
         levels.append(entry)
+    write_levels(degrees, levels)
+
+
+def write_levels(degrees, levels):
     with open(f"{CONFIG['out']}/levels_{degrees:g}.json", "w") as file:
         json.dump(levels, file, indent=1)
     os._exit(0)
+
+
+def go_gently(degrees, moved):
+    """Levels by shares of the load under which the direction moved before."""
+    angle, levels, share, slope = math.radians(degrees), [], 0.0, math.inf
+    newton.damping, triax.dead, steering.dead = 0.2, False, False
+    for end, rise, ramp in GENTLE:
+        while share < end - 1e-9:
+            before, share = share * moved, share + rise
+            entry, _ = at_level(before, share * moved, angle, None, ramp)
+            print(degrees, "gentle", entry, flush=True)
+            levels.append(entry)
+            own = entry["strain"] / (rise * moved)
+            if not entry["at_rest"] or (entry["strain"] > MOVES and own > SOFTER * slope):
+                write_levels(degrees, levels)
+            slope = own
+    write_levels(degrees, levels)
 
 
 def pack():
@@ -233,6 +265,11 @@ def pack():
     for name in glob.glob(f"{CONFIG['out']}/levels_*.json"):
         degrees = float(name.split("_")[-1].removesuffix(".json"))
         rows += [{"degrees": degrees, **entry} for entry in json.load(open(name))]
+    if "level degrees" in (known := np.load(CONFIG["state"])):
+        stored |= {name: known[name] for name in known if not name.startswith("level ")}
+        again = {row["degrees"] for row in rows}
+        old = zip(*(known[f"level {column}"] for column in COLUMNS), strict=True)
+        rows += [dict(zip(COLUMNS, row, strict=True)) for row in old if row[0] not in again]
     rows.sort(key=lambda row: (row["degrees"], row["load"]))
     stored |= {f"level {column}": np.array([row[column] for row in rows]) for column in COLUMNS}
     np.savez_compressed(f"{CONFIG['out']}/yade_rest.npz", **stored)
@@ -252,6 +289,8 @@ h0 = (O.cell.hSize[0, 0], O.cell.hSize[1, 1])
 for degrees in CONFIG["degrees"]:
     child = os.fork()
     if child == 0:
+        if "moved" in CONFIG:
+            go_gently(degrees, CONFIG["moved"][f"{degrees:g}"])
         go(degrees)
     os.waitpid(child, 0)
 pack()

@@ -70,8 +70,7 @@ def judged(sample, monkeypatch, **numbers):
         change = frobenius((part.matrix - whole)[known])
         if not change.max() > 1e-9 * frobenius(whole[known]).max():
             continue  # a single block is the whole
-        # Over the norm of the whole sample's operator, as the factor is found.
-        shares.append(np.mean(change <= part.error[known] * frobenius(whole[known])))
+        shares.append(np.mean(change <= part.matrix_error[known]))
         told, true = smallest(part.matrix[known]), smallest(whole[known])
         sure = np.abs(told) > part.matrix_error[known]
         claimed += int(np.count_nonzero(sure))

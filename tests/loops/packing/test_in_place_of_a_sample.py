@@ -132,10 +132,12 @@ def test_the_stated_error_of_blocks_holds(request, name, buffer):
     """Sheared far, the elastic packing is no longer definite: soft modes reach through it."""
     state = request.getfixturevalue(name.replace(" ", "_"))
     found = state.by(method="blocks", block=25.0, buffer=buffer)
-    assert (found.error > 0).all() and np.isfinite(found.error).all()
-    assert np.mean(state.error(found) <= found.error) >= 0.99
+    assert (found.error > 0).all()
+    own = frobenius(found.matrix - state.whole.matrix)
+    assert np.mean(own <= found.matrix_error) >= 0.99
     # A bound says something only where it is not far above; soft modes leave nothing to say.
     if "sheared" not in name:
+        assert np.isfinite(found.error).all()
         assert np.median(found.error / state.error(found)) < 200
 
 

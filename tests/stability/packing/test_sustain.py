@@ -2,6 +2,7 @@
 
 import functools
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,13 @@ from loops.boundary import PlaneContacts
 from loops.contacts import start_state
 from stability import Stage
 from stability.packing import replay, sustain
-from stability.packing.sustain import FLOW_STRAIN, LARGE, MODE_STRAIN
+from stability.packing.sustain import (
+    FLOW_STRAIN,
+    LARGE,
+    MICRO_STRAIN,
+    MODE_STRAIN,
+    _spread_of_the_threshold,
+)
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
@@ -151,6 +158,21 @@ def test_the_limit_is_a_stress_of_the_last_state_in_equilibrium():
     rise = path.P[row, [0, 3]] - path.P[0, [0, 3]]
     assert path.limit == pytest.approx(rise @ path.direction, rel=1e-12)
     assert path.limit != path.parameter[row]
+
+
+@pytest.mark.parametrize(
+    ("strains", "spread"),
+    [((5e-6, 2e-5), 0.5), ((2e-6, 2e-5, 4e-5), 0.5), ((2e-6, 4e-5), 0.0), ((1e-6, 2e-5), 0.0)],
+)
+def test_a_limit_that_hangs_on_the_strain_of_a_motion_says_so(strains, spread):
+    """Motions under 1, 2, 3 N/m: the loss is that of 1e-5; a third and three times that count."""
+    loads = range(1, 1 + len(strains))
+    motions = [
+        SimpleNamespace(lost=float(k), strain=np.array([e, 0.0, 0.0, 0.0]))
+        for k, e in zip(loads, strains, strict=True)
+    ]
+    limit = next(one.lost for one in motions if one.strain[0] >= MICRO_STRAIN)
+    assert _spread_of_the_threshold(motions, limit) == spread
 
 
 def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():

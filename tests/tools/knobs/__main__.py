@@ -33,13 +33,15 @@ from tests.tools.knobs.numbers import (
     code_called,
     edited,
     frozen,
+    holders,
     numbers_of,
     reads,
 )
 from tests.tools.mutation.__main__ import copied
 
-# Seconds of processor time after which an answer is given up.
+# Seconds of processor time after which an answer is given up; of a copy, which compiles, seconds.
 PATIENCE = 60.0
+LONGEST = 1200.0
 COLUMNS = ("number", "place", "value", "factor", "answer", "entry", "size", "effect")
 
 
@@ -140,11 +142,18 @@ def in_copy(number: Number, value: Any, names: list[str], place: Path) -> dict[s
         copied(place)
     source = (place / number.file).read_text()
     (place / number.file).write_text(edited(source, number, value))
+    # Numba notices changes of a kernel's own file alone.
+    for module in holders(number):
+        (place / Path(module.__file__ or "").relative_to(ROOT)).touch()
     kernels = {"NUMBA_CACHE_DIR": str(place / "kernels"), "PYTHONPATH": str(place)}
     command = [sys.executable, "-m", "tests.tools.knobs.answers", *names]
-    environment = {**os.environ, **kernels}
-    done = subprocess.run(command, cwd=place, env=environment, capture_output=True, check=False)
-    (place / number.file).write_text(source)
+    how: dict[str, Any] = {"env": {**os.environ, **kernels}, "timeout": LONGEST}
+    try:
+        done = subprocess.run(command, cwd=place, capture_output=True, check=False, **how)
+    except subprocess.TimeoutExpired:
+        return {name: {"error": [f"more than {LONGEST:g} s"]} for name in names}
+    finally:
+        (place / number.file).write_text(source)
     if done.returncode:
         said = done.stderr.decode().strip().splitlines()[-1:] or ["died"]
         return {name: {"error": said} for name in names}

@@ -13,13 +13,19 @@ from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import grainloops as gl
-from loops import LinearFrictional, Scene
+import loops.compiled
+from loops import LinearFrictional, Scene, find_crossings, find_faces
+from loops.compiled.network import following_half_edges
 from loops.in_place import loops_in_place
+from loops.loop_batches import compiled_packing
 from patterns.diamond import TABLE_1, drained_path
+from patterns.snapshots.missing import overlapping_pairs
+from patterns.synthetic import synthetic_network
 from stability import branch_fraction
 from stability.packing import probe as rates
 from stability.packing import replay as replayed
@@ -96,6 +102,99 @@ def _walked(path: Any) -> Answers:
         "events": [event.kind for event in path.events],
         "work": path.work[-1],
     }
+
+
+def kernels() -> Answers:
+    """The sample through the kernels of large packings, and what lies near their tolerances."""
+    with patch.multiple(loops.compiled, COMPILED_FROM=1, PASSES_FROM=1):
+        found = table()
+        rng = np.random.default_rng(0)
+        for size in (1e-1, 1e-3, 1e-8):
+            graph, law, regime = stiff_network(size)
+            faces = find_faces(graph)
+            packing = compiled_packing(graph, faces, law, regime)
+            tangents, poor = packing.tangents(loops.compiled.given(faces.loops, np.int64))
+            for k, tangent in enumerate(tangents):
+                bad = ~tangent.trusted | (poor.any(axis=0) if k else False)
+                found[f"{size:g} tangents {k}"] = np.nan_to_num(tangent.matrix)
+                found[f"{size:g} tangents {k}~"] = np.where(bad, np.inf, tangent.error)
+        for count in (15, 17, 33):
+            found[f"wheel {count}"] = find_faces(rim(10.0, count)).grains
+        slope = 1.7 * (1 + np.arange(-4, 5) * 2.0**-52)
+        for spread, ways in (("rounding", slope), ("1e-14", 1.7 + 1e-14 * np.arange(9))):
+            fan = rng.uniform(0.1, 10, 9)[:, None] * np.column_stack([np.ones(9), ways])
+            star = np.column_stack([np.zeros(9), np.arange(1, 10)]).astype(np.int32)
+            degree = np.array([9, *[1] * 9], dtype=np.int32)
+            found[f"star {spread}"] = following_half_edges(star, degree, fan)[0]
+        folded = rng.integers(0, 7, (60, 2)).astype(float)
+        ends = np.unique(np.sort(rng.integers(0, 60, (90, 2)), axis=1), axis=0)
+        ends = ends[(folded[ends[:, 0]] != folded[ends[:, 1]]).any(axis=1)]
+        grid = gl.GrainGraph(x=folded, radii=np.full(60, 0.5), contacts=ends)
+        found["crossings"] = find_crossings(grid)
+        x, radii = rng.uniform(0, 30, (3000, 2)), rng.uniform(0.1, 0.4, 3000)
+        x[:3] += 1e4
+        for least in (0.0, 0.2):
+            pairs, overlap = overlapping_pairs(x, radii, None, least)
+            found[f"overlaps {least}"] = np.sort(overlap)
+            found[f"pairs {least}"] = np.unique(pairs, axis=0)
+    return found
+
+
+def stiff_network(size: float) -> tuple[Any, Any, Any]:
+    """A network with forces of the mean `N/(kn l)`, a tenth of its contacts sliding."""
+    graph = synthetic_network(600, seed=2)
+    rng = np.random.default_rng(0)
+    slides = rng.random(graph.contact_count) < 0.1
+    normal = graph.normal_force * (size / 1e-3)
+    share = np.where(slides, np.sign(graph.shear_force), rng.uniform(-0.9, 0.9, len(normal)))
+    graph = graph.replace(normal_force=normal, shear_force=0.5 * share * normal)
+    regime = np.where(slides, gl.Regime.SLIDING, gl.Regime.ELASTIC).astype(np.int8)
+    return graph, LinearFrictional(1.0, 0.4, 0.5), regime
+
+
+def rim(radius: float, count: int) -> Any:
+    """A grain in the middle of a ring of grains that touch it and each other."""
+    angle = 2 * np.pi * np.arange(count) / count
+    x = np.vstack([[0.0, 0.0], radius * np.column_stack([np.cos(angle), np.sin(angle)])])
+    ring = np.arange(count)
+    spokes = np.column_stack([0 * ring, 1 + ring])
+    contacts = np.vstack([spokes, np.column_stack([1 + ring, 1 + (ring + 1) % count])])
+    return gl.GrainGraph(x=x, radii=np.full(count + 1, 0.5), contacts=contacts)
+
+
+def material() -> Answers:
+    """Material points of loops: every compiled law and closure, loops of a packing."""
+    mu, found = np.tan(np.radians(30)), {}
+    laws = {
+        "linear": LinearFrictional(1.0, 0.5, mu),
+        "radii": LinearFrictional(1.0, 0.5, mu, "radii"),
+        "hertz": gl.HertzMindlin(young=1.0, poisson=0.3, mu=mu),
+        "displacement": gl.HertzMindlin(
+            young=1.0, poisson=0.3, mu=mu, shear_history="displacement"
+        ),
+    }
+    drained = [
+        gl.Stage(gl.programmes.isotropic_stress(), "P11", 1e-2),
+        gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.07),
+    ]
+    for name, law in laws.items():
+        for closure in ("affine", "traction", "cell"):
+            # Spheres that only touch have no stiffness to start with.
+            hexagon = gl.regular_polygon(
+                6, strain=0.0 if isinstance(law, LinearFrictional) else 1e-3
+            )
+            loops_of_it = gl.oriented(hexagon, 6 if closure != "cell" else 1)
+            one = gl.march(gl.LoopMaterial(loops_of_it, None, law, closure=closure), drained, 70)
+            key = f"{name} {closure}"
+            found |= {f"{key} {part}": getattr(one, part) for part in ("H", "P", "A", "regimes")}
+            found[f"{key} status"] = [one.status]
+    packing = gl.loops_of(sample_state(10), orders=[4, 5, 6], count=60)
+    state = (point := gl.LoopMaterial(packing, closure="affine")).start(1)
+    for k in range(1, 11):
+        answer = point.update(np.diag([1 + 1e-5 * k, 1 - 1e-5 * k])[None], state)
+        state = answer.state
+    found |= {"loops stress": answer.stress, "loops tangent": answer.tangent}
+    return found | {"loops failed": answer.failed.astype(int)}
 
 
 def _biaxial(amount: float, axis: int = 2) -> Any:
@@ -282,6 +381,8 @@ ANSWERS: dict[str, Callable[[], Answers]] = {
         verdicts,
         tracking,
         check,
+        kernels,
+        material,
     )
 }
 

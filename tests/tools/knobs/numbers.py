@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -23,7 +24,7 @@ FIXED = re.compile(
     r"_?TURN|_?HALF|_?SPLITTER|_?EPS|GOLDEN|TOP|WALL(_ID)?|SPHERE|OUTSIDE|SLIP|INCREMENT|RELEASED|NONE"
     r"|UNDECIDED|OPEN|ELASTIC|SLIDING|ROLLS|SLIDES|HEADERS|COMMENT_LINES|OPPOSITE|RADII|KAPPA\w*"
     r"|MU\w*|SPOKES|OVERLAPS|SMALL|FLAT|ROW_HEIGHT|LARGEST_JITTER|UNLOADING|LARGEST|COLUMNS|BINS"
-    r"|ANGLE_STEPS|BITS|FIRST|DENSE_STAGES|STAGES|WALL_NUMBERS|LONGEST_REPR|FEW|MOST_WORDS|SHOWN|EXPECTED|HERTZ|NUMBERINGS|[UD][NT]"
+    r"|ANGLE_STEPS|BITS|GAUSS|P11|A11|STUCK|OPENED|WEIGHT|ANSWER|SUMS|DENSE_STAGES|STAGES|WALL_NUMBERS|LONGEST_REPR|FEW|MOST_WORDS|SHOWN|EXPECTED|HERTZ|NUMBERINGS|[UD][NT]"
 )
 
 
@@ -121,7 +122,7 @@ def holders(number: Number) -> list[ModuleType]:
 
 def _sources(module: ModuleType, name: str) -> set[str]:
     """Modules from which a module imports a name."""
-    nodes = ast.walk(ast.parse(Path(module.__file__ or "").read_text()))
+    nodes = ast.walk(_parsed(module.__file__ or ""))
     return {
         node.module or ""
         for node in nodes
@@ -131,10 +132,13 @@ def _sources(module: ModuleType, name: str) -> set[str]:
 
 def frozen(number: Number) -> bool:
     """Whether it is used while its modules load, or by kernels: then the source is to be edited."""
-    if ".compiled." in number.module:
-        return True
+    return bool(kernels_that_read(number)) or _read_at_load(number)
+
+
+def _read_at_load(number: Number) -> bool:
+    """Whether its modules use it while they load: other numbers, defaults, decorators, classes."""
     for module in holders(number):
-        for node in ast.parse(Path(module.__file__ or "").read_text()).body:
+        for node in _parsed(module.__file__ or "").body:
             outside = [node]
             if isinstance(node, ast.FunctionDef):
                 outside = [node.args, *node.decorator_list]
@@ -142,15 +146,38 @@ def frozen(number: Number) -> bool:
                 methods = [one for one in node.body if isinstance(one, ast.FunctionDef)]
                 outside = [one for one in node.body if one not in methods]
                 outside += [one.args for one in methods]
-            names = (one for part in outside for one in ast.walk(part))
-            if any(
-                isinstance(one, ast.Name)
-                and one.id == number.name
-                and isinstance(one.ctx, ast.Load)
-                for one in names
-            ):
+            if any(number.name in _loaded(part) for part in outside):
                 return True
     return False
+
+
+def kernels_that_read(number: Number) -> set[tuple[str, str]]:
+    """File and name of the kernels that have frozen it, and of those that call them."""
+    found = set()
+    for module in holders(number):
+        file = module.__file__ or ""
+        names = {
+            node.name: _loaded(node)
+            for node in _parsed(file).body
+            if isinstance(node, ast.FunctionDef)
+            and any("kernel" in _loaded(one) for one in node.decorator_list)
+        }
+        reading = {name for name, loaded in names.items() if number.name in loaded}
+        while more := {name for name, loaded in names.items() if loaded & reading} - reading:
+            reading |= more
+        found |= {(file, name) for name in reading}
+    return found
+
+
+@cache
+def _parsed(file: str) -> ast.Module:
+    return ast.parse(Path(file).read_text())
+
+
+def _loaded(node: ast.AST) -> set[str]:
+    """Names that a part of the source reads."""
+    names = (one for one in ast.walk(node) if isinstance(one, ast.Name))
+    return {one.id for one in names if isinstance(one.ctx, ast.Load)}
 
 
 def change(number: Number, value: Any) -> None:
@@ -186,16 +213,16 @@ def code_called(work: Callable[[], Any]) -> tuple[Any, set[CodeType]]:
 
 
 def reads(number: Number, codes: set[CodeType]) -> bool:
-    """Whether one of the called functions reads the number.
+    """Whether one of the called functions reads the number, or is a kernel that has frozen it.
 
-    Of a frozen number: whether one was called of a module that holds it or names its kernels.
+    Of a number used at load: whether one was called of a module that holds it.
     """
     files = {module.__file__ for module in holders(number)}
-    if not frozen(number):
-        return any(number.name in code.co_names for code in codes if code.co_filename in files)
-    if ".compiled." in number.module:
-        package, _, kernels = number.module.rpartition(".")
-        word = re.compile(rf"{package}\.{kernels}\b|{package} import .*\b{kernels}\b")
-        called = {code.co_filename for code in codes if f"{ROOT}/" in code.co_filename}
-        files |= {file for file in called if word.search(Path(file).read_text())}
-    return any(code.co_filename in files for code in codes)
+    called = {code for code in codes if code.co_filename in files}
+    if _read_at_load(number):
+        return bool(called)
+    kernels = kernels_that_read(number)
+    return any(
+        number.name in code.co_names or (code.co_filename, code.co_name) in kernels
+        for code in called
+    )

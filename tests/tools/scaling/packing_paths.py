@@ -4,6 +4,8 @@
 
 - `skill`: AUC of every predictor over the strain of a step (Yade's slow compression, `yade-slow` of
   the collection of DEM samples);
+- `steps`: path, by both ways past an instability, over every step of 2e-5 to 5e-4 of `yade-slow`:
+  skill for W2 < 0, contacts closed and opened of Yade's, events, unstable contacts;
 - `probes`: a path against replays at three rates and against Yade, over the amplitude;
 - `rates`: replays at four rates, against path and Yade;
 - `growth`: time of an event and of a replay, and memory, over the number of grains;
@@ -64,6 +66,8 @@ STEPS: dict[float, tuple[Sequence[int], ...]] = {
     2e-4: ((*range(2, 22, 10), *range(22, 33, 2)),),
     5e-4: tuple((2 + 5 * k, 23 + k, 28 + k) for k in range(5)),
 }
+# Steps that both ways past an instability are followed over.
+BOTH_WAYS = (2e-5, 1e-4)
 SHOWN = ("replay", "packing_path", "packing", "persistence", "traction_free", "order")
 TARGETS = {
     "W2_negative": "$W_2 < 0$",
@@ -103,6 +107,37 @@ def _predicted(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
             shear_increment="radii", in_packing="events", figures=False,
         )  # fmt: skip
         return pd.read_parquet(Path(folder) / "out/skill.parquet")
+
+
+def by_single_step(collection: Path) -> Iterator[dict[str, Any]]:
+    """What the path foretells of each step, by both ways past an instability."""
+    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    for step, series in STEPS.items():
+        for number, after in [pair for numbers in series for pair in pairwise(numbers)]:
+            one, two = (_slow(collection, cells, k) for k in (number, after))
+            graph, law = one.graph, one.mechanics()[0]
+            was, now = _contacts(graph), _contacts(two.graph)
+            row: dict[str, Any] = {"step": step, "before": number, "after": after}
+            row |= {"opened": len(was - now), "closed": len(now - was)}
+            for past in ("viscous", "dynamic") if step in BOTH_WAYS else ("viscous",):
+                how = {"instabilities": 1000, "past": past}
+                path, spent = _spent(
+                    followed, Scene(graph, law), strained(_strain(one, two)), **how
+                )
+                end, unstable = path.states[-1], path.of_kind("instability")
+                work = loop_changes(graph, end, one.faces).normalised_work
+                carries = _contacts(end.graph())
+                yield row | {
+                    "past": past,
+                    "status": path.status,
+                    **{key: _skill(one, two, work)[key] for key in ("auc", "rank_correlation")},
+                    "opened_too": len((was - now) & (was - carries)),
+                    "closed_too": len((now - was) & (carries - was)),
+                    "events": len(path.events),
+                    "instabilities": len(unstable),
+                    "unstable": len({event.contacts for event in unstable}),
+                    "cpu_seconds": spent,
+                }
 
 
 @styled()
@@ -502,16 +537,20 @@ def _strain(one: Snapshot, two: Snapshot) -> Floats:
 
 
 def _auc(one: Snapshot, two: Snapshot | None, work: Floats) -> float:
-    if two is None:
-        return float("nan")
+    return float("nan") if two is None else float(_skill(one, two, work)["auc"])
+
+
+def _skill(one: Snapshot, two: Snapshot, work: Floats) -> dict[str, Any]:
+    """Skill of the work told for W2 < 0 between two snapshots."""
     table = loop_increments(one, two, track_loops(one, two))
     actual = np.full(len(work), np.nan)
     actual[table["loop_before"]] = table["w2"]
-    return float(score_skill(-work, actual, signed=True)["auc"])
+    return score_skill(-work, actual, signed=True)
 
 
 STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]] = {
     "skill": (by_step, skill_figure),
+    "steps": (by_single_step, None),
     "probes": (lambda _: probed("before"), probes_figure),
     "rates": (by_rate, rates_figure),
     "growth": (lambda _: growth(), growth_figure),
@@ -535,7 +574,7 @@ def main(
     with result_folder(out, force=force) as folder:
         rows: Rows = []
         for row in measure(collection):
-            print(row)
+            print(row, flush=True)
             rows.append(row)
         made = provenance("packing-paths study", {"what": what}, UNITS)
         table = pd.DataFrame(rows)
