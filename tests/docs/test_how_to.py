@@ -45,6 +45,15 @@ def test_a_page_is_short_and_names_its_evidence(name):
     assert f"(evidence/{name}.md)" in text and f"(../{name}.md)" in page(f"evidence/{name}")
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_what_a_page_is_worth_stands_in_its_evidence(name):
+    worth = " ".join(
+        re.findall(r"\*\*What it is worth:\*\*(.*?)\n\n", page(name) + "\n\n", re.DOTALL)
+    )
+    told = set(re.findall(r"\d+[.,]\d+", re.sub(r"\([^)]*\)", "", worth)))
+    assert worth and [n for n in sorted(told) if n not in page(f"evidence/{name}")] == []
+
+
 @pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
 def test_blocks_on_a_packing_run_wherever_a_sample_ends(ends):
     code = "\n".join(blocks("packing"))
