@@ -286,9 +286,9 @@ class Contacts(PackingState):
         frame["rotation"][self.at_wall] = 0.0
         frame["growth"] = 0.5 * T / unit
         springs = law.tangent(law.touching - length, T, reach)
-        for name, values in springs._asdict().items():
+        for name, values in zip(springs._fields, springs, strict=True):
             frame[name] = values
-        frame["slides"], frame["at_touch"], frame["push"] = np.isfinite(law.mu), law.at_touch, 1.0
+        frame["slides"], frame["at_touch"], frame["push"] = law.slides, law.at_touch, 1.0
         if law.springs == 1:
             return frame
         # A spring against rolling slides at a share of the N of its pair, and shears by the spins.

@@ -132,14 +132,14 @@ class PairLaw:
         units = ((self.kn, old, fresh), (self.kt, old, fresh), (self.mu, 1.0, 1.0))
         for k, one, other in units:
             k = k / one
-            added = np.full(len(wall), np.median(k[between]))
+            added = np.full(len(wall), median(k[between]))
             for number in np.unique(wall[wall >= 0]):
                 of, own = self.wall == number, wall == number
                 added[own] = as_known(k[of], self.radii[0, of], radii[0, own])
             numbers.append(np.append(k * one, added * other))
         kn, kt, mu = numbers
         k_r, mu_r = (
-            np.append(k, np.where(wall >= 0, 0.0, np.median(k[between])))
+            np.append(k, np.where(wall >= 0, 0.0, median(k[between])))
             for k in (self.k_r, self.mu_r)
         )
         law = self._with_typical(int(np.count_nonzero(wall < 0)))
@@ -189,6 +189,16 @@ class PairLaw:
         """(P,) shear force that pairs can carry where they open."""
         return np.zeros(len(self))
 
+    @cached_property
+    def slides(self) -> Flags:
+        """(P,) pairs whose strength is finite."""
+        return np.isfinite(self.mu)
+
+    @cached_property
+    def friction(self) -> Floats:
+        """(P,) `mu`, zero where pairs never slide."""
+        return np.where(self.slides, self.mu, 0.0)
+
     # ---- forces, energies and stiffnesses at overlaps (P,), zero where a pair is apart
 
     def normal_force(self, overlap: Floats) -> Floats:
@@ -209,8 +219,7 @@ class PairLaw:
 
     def strength(self, overlap: Floats, N: Floats) -> Floats:
         """Return the shear force (P,) that pairs can carry, infinite where they never slide."""
-        finite = np.isfinite(self.mu)
-        return np.where(finite, np.where(finite, self.mu, 0.0) * N, np.inf)
+        return np.where(self.slides, self.friction * N, np.inf)
 
     def tangent(self, overlap: Floats, T: Floats, reach: float) -> Tangent:
         """Return the springs of an interval, at overlaps that are negative where a pair is apart.
@@ -219,8 +228,8 @@ class PairLaw:
         which may open, `N` over the overlap: so they open where the grains part. Open ones have
         those at it.
         """
-        finite, none = np.isfinite(self.mu), np.zeros(len(self))
-        return Tangent(self.kn, self.kt, none, np.where(finite, self.mu, 0.0), none)
+        none = np.zeros(len(self))
+        return Tangent(self.kn, self.kt, none, self.friction, none)
 
     # ---- springs against rolling
 
@@ -328,12 +337,11 @@ class HertzPairs(PairLaw):
         """Return tangents, near touch the secant; `T/(2 overlap)` of shear that goes with `kt`."""
         closed = overlap > 0
         kn, kt = self.stiffnesses(np.where(closed, overlap, reach))
-        coupling = 0.0 * T
+        coupling = none = np.zeros(len(self))
         if self.remembers:
             coupling = np.where(closed, T / (2.0 * np.where(closed, overlap, 1.0)), 0.0)
-        springs = super().tangent(overlap, T, reach)
         kn = np.where(overlap > reach, kn, HERTZ * kn)
-        return springs._replace(kn=kn, kt=kt, coupling=coupling)
+        return Tangent(kn, kt, coupling, self.friction, none)
 
     def filling(self, compile_own: bool) -> Filling | str:
         """Return one of Hertz's kernels."""
@@ -445,9 +453,8 @@ class FormulaPairs(PairLaw):
     def strength_at_touch(self) -> Floats:
         """(P,) shear force that pairs can carry where they open; rounding is none."""
         rows, most = self.rows, np.zeros(len(self))
-        finite = np.isfinite(self.mu[rows])
-        at_touch = np.where(finite, self.law.strength(self.parting()), 0.0)
-        least = AT_TOUCH * np.where(finite, self.mu[rows], 0.0) * np.abs(self.at_touch[rows])
+        at_touch = np.where(self.slides[rows], self.law.strength(self.parting()), 0.0)
+        least = AT_TOUCH * self.friction[rows] * np.abs(self.at_touch[rows])
         most[rows] = np.where(at_touch > least, at_touch, 0.0)
         return most
 
@@ -484,25 +491,24 @@ class FormulaPairs(PairLaw):
         """Return the strength of the law, at walls `mu N`."""
         rows, (touch, state) = self.rows, self.contacts(overlap)
         most = super().strength(overlap, N)
-        there = touch & np.isfinite(self.mu[rows])
+        there = touch & self.slides[rows]
         most[rows] = np.where(there, self.law.strength(state), most[rows])
         return most
 
     def tangent(self, overlap: Floats, T: Floats, reach: float) -> Tangent:
         """Return tangents; near touch secants of the force and of the strength to those there."""
-        springs = super().tangent(overlap, T, reach)
         at, far = np.where(overlap > 0, overlap, reach), overlap > reach
         rows, (touch, state) = self.rows, self.contacts(at, 1.0)
         kn, kt, coupling = self._elastic(at, T)
         N0, most0 = self.at_touch[rows], self.strength_at_touch[rows]
         deep, N = np.where(touch, at[rows], 1.0), np.where(touch, state.normal_force, N0)
-        slides, far = np.isfinite(self.mu[rows]), far[rows]
+        slides, far = self.slides[rows], far[rows]
         most = np.where(slides & touch, self.law.strength(state), 0.0)
         rise, D = N - N0, self.local_stiffness(state, Regime.SLIDING)
         slope = np.divide(most - most0, rise, out=0.0 * N, where=slides & (rise > 0))
         steep = D[:, 1, 0] / np.where(D[:, 0, 0] > 0, D[:, 0, 0], 1.0)
         slope = np.where(far & slides, steep, slope)
-        mu, cohesion = springs.mu, springs.cohesion
+        mu, cohesion = self.friction.copy(), np.zeros(len(self))
         kn[rows] = np.where(far, kn[rows], rise / deep)
         mu[rows] = slope
         cohesion[rows] = np.where(far, most - slope * N, most0 - slope * N0)
@@ -572,6 +578,11 @@ def effective_radii(radii: Floats) -> Floats:
     """Return `r_i r_j/(r_i + r_j)` (P,) of radii (2, P); of the grain alone at a wall."""
     i, j = radii
     return np.asarray(np.where(j > 0, i * j / (i + j), i))
+
+
+def median(values: Floats) -> float:
+    """Return the median; at once where all are equal."""
+    return float(values[0] if len(values) and (values == values[0]).all() else np.median(values))
 
 
 def as_known(values: Floats, radii: Floats, others: Floats) -> Floats:

@@ -27,6 +27,7 @@ from studies.snapshot.in_packing import sample_boundary, sample_edge
 from tests.docs.pages import page
 from tests.packings import LAW
 from tests.stability.packing.walled_packings import small_sample
+from tests.stability.test_every_law import REFUSED
 
 BAND = 1 - 1e-6
 
@@ -172,3 +173,18 @@ def test_a_cell_works_or_ends_in_its_error(name, column):
             message = re.search(rf"^- {re.escape(said)}: `(.*)`", page("laws-and-boundaries"), re.M)
             with pytest.raises(gl.InputError, match=re.escape(message[1])):
                 DONE[name](one)
+
+
+def test_laws_that_loops_and_materials_refuse_are_told():
+    """The table of single loops, beside what `test_every_law` runs."""
+    text = page("laws-and-boundaries")
+    lines = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines()]
+    kinds = "linear Hertz attraction bond own rolling".split()
+    column = {"bonds": "bond", "anew_mindlin": "own", "limited": "rolling"}
+    refused = {(tool, column[law.__name__]): said for (tool, law), said in REFUSED.items()}
+    for tool in ("tangents", "path of a loop", "material"):
+        (cells,) = (cells[1:] for cells in lines if cells[0].startswith(f"{tool}: "))
+        for kind, cell in zip(kinds, cells, strict=True):
+            said = refused.get((tool, kind))
+            assert (cell == "yes") == (said is None)
+            assert said is None or re.search(rf"^- {cell}.*: `got {said}`$", text, re.M)

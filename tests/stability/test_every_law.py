@@ -1,0 +1,258 @@
+"""Every law through every tool: without its own term a law answers as the known one does.
+
+An attraction or a bond of nothing, a rolling spring of no stiffness and a stiffening law that does
+not stiffen are linear springs; Hertz's law written anew is `HertzMindlin`. Each law is fitted to
+the forces that a small packing, or a hexagon, rests in.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import grainloops as gl
+from loops import (
+    CohesiveFrictional,
+    FrictionalLaw,
+    HertzMindlin,
+    InputError,
+    LinearFrictional,
+    RollingResistance,
+    Scene,
+    affine_tangent,
+    contact_state,
+    traction_tangent,
+)
+from loops.in_place import loops_in_place
+from patterns import Snapshot, regular_polygon
+from stability import Stage, follow, programmes
+from stability.material import LoopMaterial, oriented
+from stability.packing import hold, replay
+from tests.packings import BRANCH, jammed
+from tests.stability.packing.walled_packings import between, jammed_in_box
+
+KT, MU, POISSON = 0.5, 0.5, 0.2
+# Attraction, pull of a bond, stiffness against rolling and its limit, stiffening.
+PULL, ROLLING, LIMIT, BEND = 1e-4, 0.02, 0.1, 2.0
+
+
+class Stiffening(FrictionalLaw):
+    """Springs that stiffen with the overlap, under friction that falls with the force."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap * (1.0 + self.b * state.overlap)
+
+    def strength(self, state):
+        return self.mu * state.normal_force / (1.0 + self.b * state.normal_force)
+
+    def strength_slope(self, state):
+        return self.mu / (1.0 + self.b * state.normal_force) ** 2
+
+
+class Spheres(FrictionalLaw):
+    """Hertz and Mindlin's law, written anew."""
+
+    def closed_force(self, state):
+        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length)
+        return 2 / 3 * self.modulus * root * state.overlap * np.sqrt(np.maximum(state.overlap, 0.0))
+
+    def stiffnesses(self, state):
+        reduced = state.radii_i * state.radii_j / state.touching_length
+        root = np.sqrt(reduced * np.maximum(state.overlap, 0.0))
+        return self.modulus * root, self.ratio * self.modulus * root
+
+
+class ByDisplacement(Spheres):
+    """The same, with a shear force that goes with `kt`."""
+
+    def coupling(self, state):
+        return state.shear_force / (2 * state.overlap)
+
+
+def fitted(graph, pull=0.0, power=1.0, bend=0.0):
+    """Modulus under which contacts have their forces; one number where all are equal."""
+    delta = contact_state(graph).overlap
+    k = (graph.normal_force + pull) / (delta**power * (1.0 + bend * delta))
+    return float(k[0]) if np.ptp(k) < 1e-12 * k[0] else k
+
+
+def linear(graph, term=1.0):
+    return LinearFrictional(fitted(graph), KT, MU, "radii")
+
+
+def attraction(graph, term=1.0):
+    return CohesiveFrictional(
+        fitted(graph, term * PULL), KT, MU, term * PULL, shear_increment="radii"
+    )
+
+
+def bonds(graph, term=1.0):
+    how = {"bonded": True, "shear_increment": "radii"}
+    return CohesiveFrictional(fitted(graph), KT, MU, term * PULL, **how)
+
+
+def rolling(graph, term=1.0):
+    return RollingResistance(linear(graph), term * ROLLING)
+
+
+def limited(graph, term=1.0):
+    return RollingResistance(linear(graph), term * ROLLING, LIMIT)
+
+
+def stiffening(graph, term=1.0):
+    how = {"kt": KT, "mu": MU, "shear_increment": "radii"}
+    return Stiffening(k=fitted(graph, bend=term * BEND), b=term * BEND, **how)
+
+
+def young(graph):
+    state = contact_state(graph)
+    reduced = state.radii_i * state.radii_j / state.touching_length
+    k = np.asarray(1.5 * (1.0 - POISSON**2) * fitted(graph, power=1.5)) / np.sqrt(reduced)
+    return float(k[0]) if np.ptp(k) < 1e-12 * k[0] else k
+
+
+def hertz(graph, term=1.0):
+    return HertzMindlin(young(graph), POISSON, MU)
+
+
+def mindlin(graph, term=1.0):
+    return HertzMindlin(young(graph), POISSON, MU, shear_history="displacement")
+
+
+def anew(graph, term=1.0, kind=Spheres):
+    ratio = float(hertz(graph).stiffness_ratio)
+    return kind(modulus=young(graph) / (1 - POISSON**2), ratio=ratio, mu=MU)
+
+
+def anew_mindlin(graph, term=1.0):
+    return anew(graph, kind=ByDisplacement)
+
+
+# Each law, and the one that it is without its own term.
+LAWS = {
+    attraction: linear, bonds: linear, rolling: linear, limited: linear, stiffening: linear,
+    anew: hertz, anew_mindlin: mindlin,
+}  # fmt: skip
+
+
+def in_cell(law):
+    graph = jammed(12, 1)
+    return Scene(graph, law(graph))
+
+
+def in_box(law):
+    graph, planes, force = jammed_in_box(12, 6, BRANCH)
+    return Scene(graph, law(graph), between(planes, force, volume=16.0))
+
+
+def hexagon(law):
+    graph = regular_polygon(6, strain=0.02)
+    return Scene(graph, law(graph))
+
+
+def path(scene):
+    stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
+    return follow(scene, stage, closure="packing").P
+
+
+def loop_path(law):
+    stage = Stage(programmes.oedometric(), "H11", 0.021)
+    return follow(hexagon(law), stage, closure="traction").P[-1]
+
+
+def material(law):
+    scene = hexagon(law)
+    point = LoopMaterial(oriented(scene.graph, 3), None, scene.law, closure="affine")
+    return point.update(np.diag([0.999, 1.0005])[None], point.start(1)).stress
+
+
+def tangents(law):
+    scene = hexagon(law)
+    how = (scene.graph, scene.law)
+    return [affine_tangent(*how).matrix, traction_tangent(*how).matrix]
+
+
+def moved(scene):
+    return replay(scene, 1e-5 * np.diag([1.0, -0.5]), inertial_number=1e-4).state.stress
+
+
+def in_place(scene):
+    return loops_in_place(scene, scene.faces).matrix
+
+
+def loop_table(law):
+    scene = in_cell(law)
+    regime, ids = np.ones(scene.graph.contact_count, dtype=np.int8), np.arange(12)
+    snapshot = Snapshot(scene.graph, scene.law, regime, ids, 0, ())
+    return gl.loop_table(snapshot)["traction_lambda_min"]
+
+
+TOOLS = {
+    "loop table": loop_table,
+    "loops in their packing": lambda law: in_place(in_cell(law)),
+    "tangents": tangents,
+    "path of a loop": loop_path,
+    "material": material,
+    "path in a cell": lambda law: path(in_cell(law)),
+    "path between walls": lambda law: path(in_box(law)),
+    "probe": lambda law: gl.probe(in_cell(law), 4).elastic_stress,
+    "hold": lambda law: hold(in_cell(law)).stress,
+    "hold between walls": lambda law: hold(in_box(law)).stress,
+    "replay": lambda law: moved(in_cell(law)),
+    "sustain": lambda law: gl.sustain(in_cell(law), 2, largest=2e-4, spread=False).paths[0].P,
+}
+# What no tool can do for a law, and why.
+REFUSED = {
+    ("material", bonds): "bonds, which break for good",
+    ("material", anew_mindlin): "a stiffness between normal and shear",
+    ("path of a loop", limited): "a finite mu_r",
+}
+SLOW = ("sustain",)
+
+
+def numbers(tool, law):
+    return np.asarray(TOOLS[tool](law), dtype=float)
+
+
+@cache
+def known(tool, law):
+    return numbers(tool, law)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize(
+    "tool", [pytest.param(tool, marks=[pytest.mark.slow] * (tool in SLOW)) for tool in TOOLS]
+)
+def test_a_tool_takes_a_law_which_without_its_term_is_the_known_one(tool, law):
+    if (tool, law) in REFUSED:
+        with pytest.raises(InputError, match=REFUSED[tool, law]):
+            TOOLS[tool](law)
+        return
+    # The whole law is taken, and answered as far as the known one.
+    wanted, whole = known(tool, LAWS[law]), numbers(tool, law)
+    assert np.isfinite(whole).sum() == np.isfinite(wanted).sum() > 0
+    none = numbers(tool, lambda graph: law(graph, term=0.0))
+    if tool == "path between walls" and law in (anew, anew_mindlin):
+        # Walls beside a law of one's own are linear springs; those of `HertzMindlin` are Hertz's.
+        return
+    size = np.nanmax(np.abs(wanted))
+    np.testing.assert_allclose(none, wanted, rtol=1e-6, atol=1e-7 * size)
+
+
+# Tools that see each law's own term in these states: what else is equal to the known law is so by
+# the state (a spring against rolling in a hexagon whose grains don't turn, a bond that holds).
+ACTS = {
+    attraction: {"path in a cell", "path between walls", "replay"},
+    rolling: {"path in a cell", "loops in their packing", "probe", "replay"},
+    limited: {"path in a cell", "replay"},
+    stiffening: {"tangents", "path of a loop", "material", "path in a cell", "probe", "replay"},
+}
+
+
+@pytest.mark.parametrize(
+    ("law", "tool"), [(law, tool) for law, tools in ACTS.items() for tool in sorted(tools)],
+    ids=lambda one: one if isinstance(one, str) else one.__name__,
+)  # fmt: skip
+def test_a_tool_sees_the_term_of_a_law(law, tool):
+    wanted, whole = known(tool, LAWS[law]), numbers(tool, law)
+    assert np.nanmax(np.abs(whole - wanted)) > 1e-6 * np.nanmax(np.abs(wanted))
