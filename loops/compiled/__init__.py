@@ -68,7 +68,7 @@ def on_parts(work: Callable[[slice], Any], count: int) -> None:
     in_threads(work, [slice(k, k + size) for k in range(0, count, size)])
 
 
-def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+def kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """Compile a function at its first call, without the interpreter's lock.
 
     The machine code is kept beside the module, in the user's cache folder if that cannot be
@@ -77,10 +77,21 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     import numba
 
+    options |= {"nogil": True, "error_model": "numpy"}
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba raises it where it finds no place for the cache
-        return numba.njit(nogil=True, error_model="numpy")(function)
+        return numba.njit(**options)(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function into the kernels that call it, whose loops are then vectorised."""
+    return kernel(function, forceinline=True)
+
+
+def inlined_sum(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As `inlined`; the function adds up, and the order of its sums may change."""
+    return kernel(function, forceinline=True, fastmath={"reassoc"})
 
 
 def given(values: ArrayLike, dtype: Any) -> NDArray[Any]:

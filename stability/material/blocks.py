@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -21,14 +22,18 @@ from stability.material.contact_model import (
 )
 from stability.material.kernels import (
     BALANCED,
+    DENSITY,
     FX,
     KXX,
     LOST,
     MOVING,
     OPEN,
     REGIME,
+    SHARE,
     SHEAR,
     SUMS,
+    X,
+    Y,
     affine_steps,
     affine_sums,
     relax,
@@ -107,6 +112,18 @@ class Block:
     dead: Floats
     cells: Cells | None = field(default=None)
 
+    @cached_property
+    def columns(self) -> Floats:
+        """Return the columns (8, m) of the contacts under the affine closure."""
+        count, known = np.diff(self.offsets), self.steps.compiled
+        columns = np.zeros((8, len(self.branches)))
+        if known is not None:
+            columns[:X] = known.parameters.T
+        columns[X], columns[Y] = self.branches.T
+        columns[DENSITY] = np.repeat(self.share * self.weight / self.size**2, count)
+        columns[SHARE] = np.repeat(self.weight / count, count)
+        return columns
+
 
 def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> list[Block]:
     """Return the loops in blocks, the laws of their contacts checked."""
@@ -173,21 +190,18 @@ def _balance_start(block: Block, answer: Floats) -> None:
 
 def affine(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step under `d = U d0`; fill the new state, return the sums (q, 24) of the loops."""
-    sums = np.zeros((len(U), SUMS))
-    density = block.share * block.weight / block.size**2
-    known = block.steps.compiled
+    sums, known = np.zeros((len(U), SUMS)), block.steps.compiled
     if known is not None:
         affine_steps(
-            known.kind, known.by_radii, known.parameters, block.branches, block.offsets, density,
-            block.weight, old.stretch.reshape(-1, 4), U.reshape(-1, 4), old.shear_force,
-            new.shear_force, sums,
+            known.kind, known.by_radii, known.parameters, block.columns, old.stretch.reshape(-1, 4),
+            U.reshape(-1, 4), old.shear_force, new.shear_force, sums,
         )  # fmt: skip
         return sums
     end = block.branches @ np.swapaxes(U, 1, 2)
     start = block.branches @ np.swapaxes(old.stretch, 1, 2)
     answer = block.steps(start, end, old.shear_force)
     new.shear_force[:] = answer[..., SHEAR]
-    affine_sums(answer, block.branches, block.offsets, density, block.weight, sums)
+    affine_sums(answer, block.columns, sums)
     return sums
 
 

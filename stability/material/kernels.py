@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from loops.compiled import kernel
+from loops.compiled import inlined, inlined_sum, kernel
 
 # Columns of a contact's answer: force, tangent -df/dd, shear force, regime.
 FX, FY, KXX, KXY, KYX, KYY, SHEAR, REGIME = range(8)
@@ -19,6 +19,14 @@ ANSWER = 8
 # Columns of a contact's parameters: length at touch; kn, or the factor a of N = a delta^(3/2);
 # kt, or kt/kn; friction.
 TOUCHING, NORMAL, TANGENTIAL, FRICTION = range(4)
+# Columns of a contact under the affine closure: its parameters, its branch at the start, the weight
+# of its loop over the area, its share of the regimes.
+X, Y, DENSITY, SHARE = range(4, 8)
+# Rows of a chunk of contacts at work: those columns, the answer, the shear force at the start, and
+# whether `_contact` takes it.
+OUT, BEFORE, TAKEN, ROWS = 8, 16, 17, 18
+# Contacts taken together: their columns and answers stay in the nearest cache.
+CHUNK = 256
 LINEAR, HERTZ_FORCE, HERTZ_DISPLACEMENT = range(3)
 OPEN, ELASTIC, SLIDING = 0.0, 1.0, 2.0
 # Columns of the sums of a point: stress, tangent, shares stuck, sliding and open, weight.
@@ -40,10 +48,10 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
 NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
 
 
-@kernel
-def _segment(q2: float) -> tuple[float, float]:
-    """Return `atanh(q)/q` and its derivative over q, from `q^2`."""
-    if q2 < SHORT:
+@inlined
+def _segment(q2: float, short: bool) -> tuple[float, float]:
+    """Return `atanh(q)/q` and its derivative over q, over q, from `q^2`."""
+    if short or q2 < SHORT:
         # Sums of q2^k / (2 k + 1) and of 2 k q2^(k - 1) / (2 k + 1), k up to 8.
         value = 1 / 15 + q2 / 17
         value = 1 / 9 + q2 * (1 / 11 + q2 * (1 / 13 + q2 * value))
@@ -56,6 +64,126 @@ def _segment(q2: float) -> tuple[float, float]:
     return value, (1.0 / (1.0 - q2) - value) / q2
 
 
+@inlined
+def _angle(z: float, short: bool) -> float:
+    """Return `2 atan(z)`."""
+    z2 = z * z
+    if short or z2 < SHORT:
+        value = 1 / 9 - z2 * (1 / 11 - z2 * (1 / 13 - z2 * (1 / 15 - z2 / 17)))
+        return 2.0 * z * (1 - z2 * (1 / 3 - z2 * (1 / 5 - z2 * (1 / 7 - z2 * value))))
+    return 2.0 * math.atan(z)
+
+
+@inlined
+def _slid(
+    by_radii: bool, short: bool, touching: float, px: float, py: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """Return the integral of `g t . dd` from the branch `p` to `d`, and its gradient over `d`.
+
+    Over `p` it has minus the gradient of the way back. `short`: the way is short (`SHORT`).
+    """
+    first, length = math.sqrt(px * px + py * py), math.sqrt(dx * dx + dy * dy)
+    turn = px * dy - py * dx
+    if by_radii:
+        ratio = touching / (length * length)
+        angle = _angle(turn / (first * length + px * dx + py * dy), short)
+        return touching * angle, -ratio * dy, ratio * dx
+    nx, ny, inverse = dx / length, dy / length, 1.0 / (first + length)
+    ex, ey = (dx - px) * inverse, (dy - py) * inverse
+    q2 = ex * ex + ey * ey
+    value, slope = _segment(q2, short)
+    mean, stretch = 2.0 * value * inverse, 2.0 * slope * inverse * inverse
+    shorter = stretch * q2 + mean * inverse
+    along_x = stretch * ex - shorter * nx
+    along_y = stretch * ey - shorter * ny
+    return turn * mean, turn * along_x - py * mean, turn * along_y + px * mean
+
+
+@kernel
+def _hertz_shear(
+    by_radii: bool, touching: float, stiffness: float, px: float, py: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """Return the integral of `kt g t . dd` of spheres by Gauss points, otherwise as `_slid`.
+
+    `stiffness` is kt over the root of the overlap.
+    """
+    turn, power = px * dy - py * dx, 2.0 if by_radii else 1.0
+    total, total_x, total_y = 0.0, 0.0, 0.0
+    for g in range(5):
+        s = NODES[g]
+        gx, gy = px + s * (dx - px), py + s * (dy - py)
+        r = math.sqrt(gx * gx + gy * gy)
+        depth = max(touching - r, 0.0)
+        root = math.sqrt(depth)
+        share = WEIGHTS[g] * (touching / (r * r) if by_radii else 1.0 / r)
+        total += stiffness * root * share
+        slope = -stiffness * root * share * power / r
+        if depth > 0.0:
+            slope -= 0.5 * stiffness / root * share
+        total_x += slope * s * gx / r
+        total_y += slope * s * gy / r
+    return turn * total, turn * total_x - py * total, turn * total_y + px * total
+
+
+@kernel
+def _shear(
+    kind: int, by_radii: bool, touching: float, stiffness: float, px: float, py: float, dx: float,
+    dy: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return what shear force a contact loses from `p` to `d`, and its gradient over `d`."""
+    if kind == HERTZ_FORCE:
+        return _hertz_shear(by_radii, touching, stiffness, px, py, dx, dy)
+    slid, slid_x, slid_y = _slid(by_radii, False, touching, px, py, dx, dy)
+    return stiffness * slid, stiffness * slid_x, stiffness * slid_y
+
+
+@kernel
+def _since_touch(
+    touching: float, far: float, px: float, py: float, dx: float, dy: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return where an open branch that goes from `p` to `d` touches, and its derivatives over `d`.
+
+    `far` is `p^2` less the square of the length at touch. The touch is at `p + s (d - p)`; the
+    derivatives are those of x, then of y.
+    """
+    ex, ey = dx - px, dy - py
+    approach = px * ex + py * ey
+    root = approach * approach - (ex * ex + ey * ey) * far
+    root = math.sqrt(max(root, TOUCH * approach * approach))
+    s = far / (root - approach)
+    px, py = px + s * ex, py + s * ey
+    share = s / root
+    return (
+        px, py, s + share * ex * px, share * ex * py, share * ey * px, s + share * ey * py
+    )  # fmt: skip
+
+
+@inlined
+def _answer(
+    dx: float, dy: float, length: float, force: float, kn: float, mu: float, trial: float,
+    trial_x: float, trial_y: float,
+) -> tuple[float, float, float, float, float, float, float, float]:  # fmt: skip
+    """Return the columns of a closed contact, its trial shear force cut to the strength."""
+    nx, ny, limit = dx / length, dy / length, mu * force
+    slides = abs(trial) > limit or mu == 0.0
+    side = 1.0 if trial > 0.0 else -1.0
+    T = side * limit if slides else trial
+    slope = side * mu * kn
+    T_x = -slope * nx if slides else trial_x
+    T_y = -slope * ny if slides else trial_y
+    a, b = force / length, T / length
+    return (
+        force * nx - T * ny,
+        force * ny + T * nx,
+        kn * nx * nx - a * ny * ny + ny * T_x - b * nx * ny,
+        kn * nx * ny + a * ny * nx + ny * T_y + b * nx * nx,
+        kn * ny * nx + a * nx * ny - nx * T_x - b * ny * ny,
+        kn * ny * ny - a * nx * nx - nx * T_y + b * ny * nx,
+        T,
+        SLIDING if slides else ELASTIC,
+    )
+
+
 @kernel
 def _contact(
     kind: int, by_radii: bool, parameters: Floats, px: float, py: float, dx: float, dy: float,
@@ -63,107 +191,43 @@ def _contact(
 ) -> None:  # fmt: skip
     """Write the answer of a contact that moves from the branch `p` to `d`, `before` its shear."""
     touching, normal = parameters[TOUCHING], parameters[NORMAL]
-    tangential, mu = parameters[TANGENTIAL], parameters[FRICTION]
     length = math.sqrt(dx * dx + dy * dy)
     # A linear contact that just touches has its stiffness; a Hertzian one has none yet.
-    reach = touching * (1.0 + TOUCH) if kind == LINEAR else touching
-    if not length < reach:
-        for column in range(REGIME):
-            row[column] = 0.0
-        row[REGIME] = OPEN
+    if not length < (touching * (1.0 + TOUCH) if kind == LINEAR else touching):
+        row[:REGIME], row[REGIME] = 0.0, OPEN
         return
-    nx, ny = dx / length, dy / length
     overlap = max(touching - length, 0.0)
-    if kind == LINEAR:
-        force, kn = normal * overlap, normal
-    else:
-        kn = 1.5 * normal * math.sqrt(overlap)
-        force = kn * overlap / 1.5
-    # A contact that was open shears from its touch at p = d_n + s (d - d_n) on;
-    # `m` is dp/dd.
-    m00, m01, m10, m11 = 0.0, 0.0, 0.0, 0.0
+    kn = normal if kind == LINEAR else 1.5 * normal * math.sqrt(overlap)
+    force = kn * overlap if kind == LINEAR else kn * overlap / 1.5
+    kt = parameters[TANGENTIAL]
+    if kind != LINEAR:
+        kt *= 1.5 * normal if kind == HERTZ_FORCE else kn
+    # A contact that was open shears from its touch on, a point that moves with d.
     far = px * px + py * py - touching * touching
-    if far > 2.0 * TOUCH * touching * touching:
-        ex, ey = dx - px, dy - py
-        approach = px * ex + py * ey
-        root = approach * approach - (ex * ex + ey * ey) * far
-        root = math.sqrt(max(root, TOUCH * approach * approach))
-        s = far / (root - approach)
-        px, py, before = px + s * ex, py + s * ey, 0.0
-        m00, m01 = s * (1.0 + ex * px / root), s * ex * py / root
-        m10, m11 = s * ey * px / root, s * (1.0 + ey * py / root)
-    ex, ey = dx - px, dy - py
-    turn = px * dy - py * dx
-    turn_x = m00 * dy - m10 * dx - py
-    turn_y = m01 * dy - m11 * dx + px
-    first = math.sqrt(px * px + py * py)
-    if kind == HERTZ_FORCE:
-        total, total_x, total_y = 0.0, 0.0, 0.0
-        for g in range(5):
-            s = NODES[g]
-            gx, gy = px + s * ex, py + s * ey
-            r = math.sqrt(gx * gx + gy * gy)
-            depth = max(touching - r, 0.0)
-            root = math.sqrt(depth)
-            share = touching / (r * r) if by_radii else 1.0 / r
-            power = 2.0 if by_radii else 1.0
-            kt = 1.5 * tangential * normal * root
-            total += WEIGHTS[g] * kt * share
-            slope = -kt * share * power / r
-            if depth > 0.0:
-                slope -= 0.75 * tangential * normal / root * share
-            slope *= WEIGHTS[g] / r
-            ahead = 1.0 - s
-            total_x += slope * (gx * (ahead * m00 + s) + gy * ahead * m10)
-            total_y += slope * (gx * ahead * m01 + gy * (ahead * m11 + s))
-        trial = before - turn * total
-        trial_x = -(turn_x * total + turn * total_x)
-        trial_y = -(turn_y * total + turn * total_y)
-    else:
-        # slid: the integral of g t . dd along the branch's line.
-        if by_radii:
-            slid = touching * math.atan2(turn, px * dx + py * dy)
-            ratio, r2 = touching / length, touching / (first * first)
-            slid_x = -ratio * ny - r2 * (px * m10 - py * m00)
-            slid_y = ratio * nx - r2 * (px * m11 - py * m01)
-        else:
-            ends = first + length
-            q2 = (ex * ex + ey * ey) / (ends * ends)
-            value, slope = _segment(q2)
-            mean = 2.0 * value / ends
-            ends_x = nx + (px * m00 + py * m10) / first
-            ends_y = ny + (px * m01 + py * m11) / first
-            e_x = (ex - ex * m00 - ey * m10) / ends
-            e_y = (ey - ex * m01 - ey * m11) / ends
-            stretch = 2.0 * slope / (ends * ends)
-            slid = turn * mean
-            slid_x = turn_x * mean + turn * (stretch * (e_x - q2 * ends_x) - mean * ends_x / ends)
-            slid_y = turn_y * mean + turn * (stretch * (e_y - q2 * ends_y) - mean * ends_y / ends)
-        kt = tangential if kind == LINEAR else tangential * kn
-        trial = before - kt * slid
-        trial_x, trial_y = -kt * slid_x, -kt * slid_y
-        if kind == HERTZ_DISPLACEMENT:
-            # T = -kt(delta) xi: what was there changes with kt.
-            kept = 0.0
-            if before != 0.0:
-                kept = before / math.sqrt(max(touching - first, 0.0) / overlap)
-            growth = -0.5 * (kept - kt * slid) / overlap
-            trial += kept - before
-            trial_x += growth * nx
-            trial_y += growth * ny
-    regime = ELASTIC
-    limit = mu * force
-    if abs(trial) > limit or mu == 0.0:
-        side = 1.0 if trial > 0.0 else -1.0
-        trial, regime = side * limit, SLIDING
-        trial_x, trial_y = -side * mu * kn * nx, -side * mu * kn * ny
-    a, b = force / length, trial / length
-    row[FX], row[FY] = force * nx - trial * ny, force * ny + trial * nx
-    row[KXX] = kn * nx * nx - a * ny * ny + ny * trial_x - b * nx * ny
-    row[KXY] = kn * nx * ny + a * ny * nx + ny * trial_y + b * nx * nx
-    row[KYX] = kn * ny * nx + a * nx * ny - nx * trial_x - b * ny * ny
-    row[KYY] = kn * ny * ny - a * nx * nx - nx * trial_y + b * ny * nx
-    row[SHEAR], row[REGIME] = trial, regime
+    opened = far > 2.0 * TOUCH * touching * touching
+    xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
+    if opened:
+        before = 0.0
+        px, py, xx, xy, yx, yy = _since_touch(touching, far, px, py, dx, dy)
+    lost, lost_x, lost_y = _shear(kind, by_radii, touching, kt, px, py, dx, dy)
+    if opened:
+        _, back_x, back_y = _shear(kind, by_radii, touching, kt, dx, dy, px, py)
+        lost_x -= back_x * xx + back_y * yx
+        lost_y -= back_x * xy + back_y * yy
+    if kind == HERTZ_DISPLACEMENT:
+        # T = -kt(delta) xi: what was there changes with kt.
+        kept = 0.0
+        if before != 0.0:
+            first = math.sqrt(px * px + py * py)
+            kept = before / math.sqrt(max(touching - first, 0.0) / overlap)
+        growth = 0.5 * (kept - lost) / overlap
+        before = kept
+        lost_x += growth * dx / length
+        lost_y += growth * dy / length
+    mu, trial = parameters[FRICTION], before - lost
+    columns = _answer(dx, dy, length, force, kn, mu, trial, -lost_x, -lost_y)
+    for column in range(ANSWER):
+        row[column] = columns[column]
 
 
 @kernel
@@ -195,67 +259,133 @@ def count_regimes(answer: Floats, begin: int, end: int, share: float, sums: Floa
     sums[WEIGHT] += share
 
 
-@kernel
-def _add_affine(row: Floats, x: float, y: float, w: float, sums: Floats) -> None:
-    """Add stress and tangent of one contact of reference branch (x, y), `w` times."""
-    xx, xy, yy = w * x * x, w * x * y, w * y * y
-    for i in range(2):
-        sums[P11 + 2 * i] += w * row[FX + i] * x
-        sums[P11 + 2 * i + 1] += w * row[FX + i] * y
-        for k in range(2):
-            stiffness, at = row[KXX + 2 * i + k], A11 + 8 * i + 2 * k
-            sums[at] += stiffness * xx
-            sums[at + 1] += stiffness * xy
-            sums[at + 4] += stiffness * xy
-            sums[at + 5] += stiffness * yy
+@inlined
+def _stays(by_radii: bool, count: int, u: Floats, v: Floats, work: Floats) -> int:
+    """Write the answers of linear contacts that are closed all along, or open at the end.
 
-
-@kernel
-def affine_sums(
-    answer: Floats, branches: Floats, offsets: Integers, density: Floats, weight: Floats,
-    sums: Floats,
-) -> None:  # fmt: skip
-    """Add stress and tangent of loops whose centres follow the strain to the sums (q, 24).
-
-    `density` (L,) is the weight over the area, for forces.
+    Branches go from `u d0` to `v d0`, u and v the four components. Returns the number of contacts
+    that `_contact` has to take, marked in the row TAKEN. Without branches, so that it is
+    vectorised.
     """
-    for q in range(answer.shape[0]):
-        for loop in range(len(density)):
-            begin, end = offsets[loop], offsets[loop + 1]
-            for c in range(begin, end):
-                x, y = branches[c, 0], branches[c, 1]
-                _add_affine(answer[q, c], x, y, density[loop], sums[q])
-            count_regimes(answer[q], begin, end, weight[loop], sums[q])
+    left = 0
+    for c in range(count):
+        x, y, touching = work[X, c], work[Y, c], work[TOUCHING, c]
+        px, py = u[0] * x + u[1] * y, u[2] * x + u[3] * y
+        dx, dy = v[0] * x + v[1] * y, v[2] * x + v[3] * y
+        p2, length = px * px + py * py, math.sqrt(dx * dx + dy * dy)
+        closed = length < touching * (1.0 + TOUCH)
+        opened = p2 - touching * touching > 2.0 * TOUCH * touching * touching
+        ends, way2 = math.sqrt(p2) + length, (dx - px) * (dx - px) + (dy - py) * (dy - py)
+        takes = closed and (opened or way2 >= SHORT * ends * ends)
+        slid, slid_x, slid_y = _slid(by_radii, True, touching, px, py, dx, dy)
+        kn, kt = work[NORMAL, c], work[TANGENTIAL, c]
+        force = kn * max(touching - length, 0.0)
+        row = _answer(
+            dx, dy, length, force, kn, work[FRICTION, c], work[BEFORE, c] - kt * slid, -kt * slid_x,
+            -kt * slid_y,
+        )  # fmt: skip
+        work[OUT + FX, c] = row[FX] if closed else 0.0
+        work[OUT + FY, c] = row[FY] if closed else 0.0
+        work[OUT + KXX, c] = row[KXX] if closed else 0.0
+        work[OUT + KXY, c] = row[KXY] if closed else 0.0
+        work[OUT + KYX, c] = row[KYX] if closed else 0.0
+        work[OUT + KYY, c] = row[KYY] if closed else 0.0
+        work[OUT + SHEAR, c] = row[SHEAR] if closed else 0.0
+        work[OUT + REGIME, c] = row[REGIME] if closed else OPEN
+        work[TAKEN, c] = 1.0 if takes else 0.0
+        left += takes
+    return left
+
+
+@inlined_sum
+def _add(count: int, work: Floats, sums: Floats) -> None:
+    """Add stress, tangent and shares of the regimes of contacts."""
+    p11, p12, p21, p22 = 0.0, 0.0, 0.0, 0.0
+    xx1, xx2, xx3, xy1, xy2, xy3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    yx1, yx2, yx3, yy1, yy2, yy3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    stuck, slides, opened = 0.0, 0.0, 0.0
+    for c in range(count):
+        x, y = work[X, c], work[Y, c]
+        wx, wy = work[DENSITY, c] * x, work[DENSITY, c] * y
+        p11 += work[OUT + FX, c] * wx
+        p12 += work[OUT + FX, c] * wy
+        p21 += work[OUT + FY, c] * wx
+        p22 += work[OUT + FY, c] * wy
+        w11, w12, w22 = wx * x, wx * y, wy * y
+        xx1 += work[OUT + KXX, c] * w11
+        xx2 += work[OUT + KXX, c] * w12
+        xx3 += work[OUT + KXX, c] * w22
+        xy1 += work[OUT + KXY, c] * w11
+        xy2 += work[OUT + KXY, c] * w12
+        xy3 += work[OUT + KXY, c] * w22
+        yx1 += work[OUT + KYX, c] * w11
+        yx2 += work[OUT + KYX, c] * w12
+        yx3 += work[OUT + KYX, c] * w22
+        yy1 += work[OUT + KYY, c] * w11
+        yy2 += work[OUT + KYY, c] * w12
+        yy3 += work[OUT + KYY, c] * w22
+        share, regime = work[SHARE, c], work[OUT + REGIME, c]
+        stuck += share if regime == ELASTIC else 0.0
+        slides += share if regime == SLIDING else 0.0
+        opened += share if regime == OPEN else 0.0
+    # A_ijkl: k_ik d_j d_l, so the row of ij and the column of kl.
+    found = (
+        p11, p12, p21, p22,
+        xx1, xx2, xy1, xy2, xx2, xx3, xy2, xy3,
+        yx1, yx2, yy1, yy2, yx2, yx3, yy2, yy3,
+        stuck, slides, opened, stuck + slides + opened,
+    )  # fmt: skip
+    for k in range(SUMS):
+        sums[k] += found[k]
 
 
 @kernel
 def affine_steps(
-    kind: int, by_radii: bool, parameters: Floats, branches: Floats, offsets: Integers,
-    density: Floats, weight: Floats, start: Floats, end: Floats, shear: Floats, new: Floats,
-    sums: Floats,
+    kind: int, by_radii: bool, parameters: Floats, columns: Floats, start: Floats, end: Floats,
+    shear: Floats, new: Floats, sums: Floats,
 ) -> None:  # fmt: skip
-    """Take the steps from the stretch `start` to `end`, (q, 4), and add up as `affine_sums`.
+    """Take the steps of contacts whose centres follow the strain; add up in sums (q, 24).
 
-    The shear forces at the end are written to `new` (q, m).
+    From the stretch `start` to `end`, (q, 4); the shear forces at the end are written to `new`
+    (q, m).
     """
-    longest = 0
-    for loop in range(len(offsets) - 1):
-        longest = max(longest, offsets[loop + 1] - offsets[loop])
-    rows = np.empty((longest, ANSWER))
-    for q in range(start.shape[0]):
-        u, v = start[q], end[q]
-        for loop in range(len(density)):
-            begin, stop = offsets[loop], offsets[loop + 1]
-            for c in range(begin, stop):
-                x, y = branches[c, 0], branches[c, 1]
-                row = rows[c - begin]
-                _contact(
-                    kind, by_radii, parameters[c], u[0] * x + u[1] * y, u[2] * x + u[3] * y,
-                    v[0] * x + v[1] * y, v[2] * x + v[3] * y, shear[q, c], row,
-                )  # fmt: skip
-                new[q, c] = row[SHEAR]
-                _add_affine(row, x, y, density[loop], sums[q])
-            count_regimes(rows, 0, stop - begin, weight[loop], sums[q])
+    work, row = np.empty((ROWS, CHUNK)), np.empty(ANSWER)
+    for begin in range(0, columns.shape[1], CHUNK):
+        count = min(CHUNK, columns.shape[1] - begin)
+        work[:OUT, :count] = columns[:, begin : begin + count]
+        for q in range(start.shape[0]):
+            u, v, left = start[q], end[q], count
+            for c in range(count):
+                work[BEFORE, c], work[TAKEN, c] = shear[q, begin + c], 1.0
+            if kind == LINEAR:
+                left = _stays(by_radii, count, u, v, work)
+            for c in range(count if left > 0 else 0):
+                if work[TAKEN, c] > 0.0:
+                    x, y = work[X, c], work[Y, c]
+                    _contact(
+                        kind, by_radii, parameters[begin + c], u[0] * x + u[1] * y,
+                        u[2] * x + u[3] * y, v[0] * x + v[1] * y, v[2] * x + v[3] * y,
+                        work[BEFORE, c], row,
+                    )  # fmt: skip
+                    for k in range(ANSWER):
+                        work[OUT + k, c] = row[k]
+            for c in range(count):
+                new[q, begin + c] = work[OUT + SHEAR, c]
+            _add(count, work, sums[q])
+
+
+@kernel
+def affine_sums(answer: Floats, columns: Floats, sums: Floats) -> None:
+    """Add up the answers (q, m, 8) of contacts whose centres follow the strain, in sums (q, 24)."""
+    work = np.empty((ROWS, CHUNK))
+    for begin in range(0, columns.shape[1], CHUNK):
+        count = min(CHUNK, columns.shape[1] - begin)
+        work[:OUT, :count] = columns[:, begin : begin + count]
+        for q in range(answer.shape[0]):
+            for c in range(count):
+                for k in range(ANSWER):
+                    work[OUT + k, c] = answer[q, begin + c, k]
+            _add(count, work, sums[q])
 
 
 @kernel
