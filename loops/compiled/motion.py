@@ -84,7 +84,9 @@ class Servo(NamedTuple):
 
     With the error `r` of that, `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`, critically
     damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False `L` is
-    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none.
+    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none; `cauchy` a row, 0 or 3,
+    whose `r` is the change of the Cauchy stress 11 or 22 and of the pressure of a fluid of modulus
+    `fluid` in the pores, -1 for none.
     """
 
     on: bool
@@ -95,6 +97,8 @@ class Servo(NamedTuple):
     gain: Floats  # (4, 4)
     lag: float
     isochoric: int
+    cauchy: int
+    fluid: float
     start: Floats  # (4,) nominal
     z: Floats  # (4,) changed in place
     ask: Floats  # (4,) changed in place
@@ -376,6 +380,11 @@ def _steer(motion: MovingDiscs, servo: Servo, dt: float) -> None:
             left += servo.stress[row, k] * (P[k] - servo.start[k]) + servo.strain[row, k] * H[k]
         if row == servo.isochoric:
             left = 1.0 - det
+        if row == servo.cauchy:
+            # sigma = P F^T / det F, by the row of P and of F.
+            k = row - row % 2
+            sigma = (P[k] * F[k] + P[k + 1] * F[k + 1]) / det
+            left = sigma - servo.start[row] - servo.fluid * math.log(det)
         servo.z[row] += left * dt / (4.0 * servo.lag * servo.lag)
         servo.ask[row] = pace * servo.rate[row] - left / servo.lag - servo.z[row]
     L = motion.gradient

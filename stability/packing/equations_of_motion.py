@@ -202,7 +202,8 @@ def servo_of(state: Contacts, masses: Floats) -> Servo:
     none, nothing = np.zeros((4, 4)), np.zeros(4)
     start, z, ask = np.zeros((3, 4))
     steering = (none, none, nothing, none)
-    return Servo(False, back, *steering, lag, -1, start, z, ask, np.inf, np.zeros(1))
+    rows = (-1, -1, 0.0)
+    return Servo(False, back, *steering, lag, *rows, start, z, ask, np.inf, np.zeros(1))
 
 
 def steered(servo: Servo, state: Contacts, stress: Floats, strain: Floats, rate: Floats) -> Servo:

@@ -192,17 +192,14 @@ def _steering(start: Contacts, masses: Floats, strain: ArrayLike | Stage) -> tup
     servo = servo_of(start, masses)
     if isinstance(strain, Stage):
         programme, span = strain.programme, _span(strain)
-        if programme.fluid_bulk_modulus:
-            received, expected = f"{programme.fluid_bulk_modulus:g}", "infinite, or none"
-            remedy = "Follow it by events."
-            raise InputError("fluid_bulk_modulus of a replay", received, expected, remedy)
-        # Without shear the Cauchy row of the start holds to the end: P22 = sigma22 (1 - H11).
         at_start = programme.equations(NOTHING, start.stress.ravel())
         stress, rows, rate = (np.array(part) for part in at_start)
         require_upright(start, stress, rows, rate)
         servo = steered(servo, start, stress, rows, rate * span)
-        row = programme.isochoric_row
-        servo = servo._replace(isochoric=-1 if row is None else row)
+        held = (programme.isochoric_row, programme.cauchy_row)
+        isochoric, cauchy = (-1 if row is None else row for row in held)
+        fluid = programme.fluid_bulk_modulus
+        servo = servo._replace(isochoric=isochoric, cauchy=cauchy, fluid=fluid)
         return servo, (servo.gain @ servo.rate).reshape(1, 2, 2)
     ends = np.asarray(strain, dtype=float)
     ends = ends[None] if ends.ndim == 2 else ends

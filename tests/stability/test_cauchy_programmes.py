@@ -159,3 +159,19 @@ def test_replay_holds_the_cauchy_stress():
     assert sigma[-1] == pytest.approx(sigma[0], rel=2e-3)
     exact = packing_path("biaxial")
     assert path.P[-1] == pytest.approx(exact.P[-1], rel=0.02, abs=1e-6)
+
+
+@pytest.mark.parametrize(("axis", "across"), [(1, 3), (2, 0)])
+def test_replay_with_a_fluid_holds_the_total_stress(axis, across):
+    stiffness = float(np.mean(PACKED.kn))
+    programme = programmes.undrained(axis, fluid_bulk_modulus=stiffness)
+    path = replay(Scene(jammed(12), PACKED), Stage(programme, f"H{axis}{axis}", 2e-3),
+                  inertial_number=1e-5)  # fmt: skip
+    area = np.linalg.det(np.eye(2) - path.H.reshape(-1, 2, 2))
+    total = cauchy(path)[:, across] - stiffness * np.log(area)
+    assert total[-1] == pytest.approx(total[0], rel=1e-3)
+    # Strains are between those of the drained and of the undrained replay, and the path's.
+    exact = packing_path(programme) if axis == 1 else None
+    if exact is not None:
+        assert path.H[-1] == pytest.approx(exact.H[-1], rel=0.02, abs=1e-7)
+        assert path.P[-1] == pytest.approx(exact.P[-1], rel=0.02, abs=1e-6)
