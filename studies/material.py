@@ -17,9 +17,9 @@ from patterns import hexagon, regular_polygon
 from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, restrict
 from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
-from stability.material.loop_set import LoopSet, loop_set, loops_of
+from stability.material.loop_set import LoopSet, loops_of
 from studies.output import definitions, readable
-from studies.paths.options import PROGRAMMES, programme_named
+from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
 from studies.study import one_of, study
 from studies.style import BLUE, GREY, VERMILION, new_panels, styled
@@ -37,7 +37,9 @@ class MaterialOptions:
     `order`: Of a regular loop, or 6 with `alpha0_deg`, the angle of the H-model's hexagon;
     `orientations`: Copies turned evenly over half a turn; `kappa`, `phi_deg`, `confine`: Stiffness
     ratio, friction angle, isotropic stress over kn before the programme. Of a snapshot: loops of
-    some `orders`, at most `count`, from the stress that they have.
+    some `orders`, at most `count`, from the stress that they have. `fluid_bulk_modulus` and
+    `strain_ratio` as of `programme_named`, the modulus in the units of kn. `single`: Number of the
+    loop that is marched alone beside the mean; if left out see `_single`.
     """
 
     order: int = 6
@@ -52,6 +54,9 @@ class MaterialOptions:
     steps: int = 200
     orders: tuple[int, ...] | None = None
     count: int | None = None
+    fluid_bulk_modulus: float | None = None
+    strain_ratio: float | None = None
+    single: int | None = None
 
     def __post_init__(self) -> None:
         whole_number("--order", self.order, 3)
@@ -61,7 +66,8 @@ class MaterialOptions:
         number("--confine", self.confine, 0.0, open_low=True)
         number("--end", self.end, 0.0, open_low=True)
         one_of("--closure", self.closure, get_args(MaterialClosure))
-        one_of("--programme", self.programme, tuple(PROGRAMMES))
+        one_of("--programme", self.programme, get_args(ProgrammeName))
+        self.loading_programme()
         number("--phi", self.phi_deg, 0.0)
         if not self.phi_deg <= 90.0:
             expected = "degrees from 0 to 90 (nothing slides)"
@@ -69,6 +75,11 @@ class MaterialOptions:
         if self.alpha0_deg is not None and self.order != 6:
             received = f"given with --order {self.order}"
             raise InputError("--alpha0", received, "a hexagon", "Leave one of them out.")
+
+    def loading_programme(self) -> Programme:
+        """Return the programme after the confinement."""
+        modulus, ratio = self.fluid_bulk_modulus, self.strain_ratio
+        return programme_named(self.programme, fluid_bulk_modulus=modulus, strain_ratio=ratio)
 
     @property
     def loop(self) -> GrainGraph:
@@ -102,15 +113,15 @@ def run_material(
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
     with study("material", out, source | asdict(options), UNITS, force=force, csv=csv) as results:
         loops, law, notes = _loops(options, snapshot, how)
-        alone = _one(loops)
+        number = _single(loops, options.single)
         paths = {
             name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
-            for name, each in zip(SETS, (loops, alone), strict=True)
+            for name, each in zip(SETS, (loops, loops.one(number)), strict=True)
         }
         table = pd.concat([path_table(name, path) for name, path in paths.items()])
         summary = results.write_results(
             {"path": table, "loops": loop_columns(loops)},
-            material_summary(options, loops, table, paths) | {"notes": notes},
+            material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
         )
         if figures:
             pictures = results.save_figures(material_figures(table))
@@ -131,26 +142,27 @@ def _loops(
     return loops, None, [*read.notes, f"loops as they stand in the packing; {half}"]
 
 
-def _one(loops: LoopSet) -> LoopSet:
-    """Return the first loop of a set as a set of its own."""
-    end = int(loops.offsets[1])
-    first = GrainGraph(
-        x=loops.x[:end],
-        radii=loops.radii[:end],
-        contacts=np.column_stack([np.arange(end), np.roll(np.arange(end), -1)]),
-        normal_force=loops.normal_force[:end],
-        shear_force=loops.shear_force[:end],
-    )
-    single = loop_set(first)
-    return LoopSet(
-        single.offsets, single.x, single.radii, single.normal_force, single.shear_force,
-        single.weights, loops.contacts[:end], loops.share, loops.law,
-    )  # fmt: skip
+def _single(loops: LoopSet, number: int | None) -> int:
+    """Return the number of the loop that stands for all.
+
+    If none is asked for: of the loops of the median order the one whose stress at the start is
+    nearest to the mean of all; the first of equal ones.
+    """
+    count = len(loops.weights)
+    if number is not None:
+        if not 0 <= number < count:
+            expected = f"a number from 0 to {count - 1}"
+            raise InputError("--single", str(number), expected, "See loop in loops.parquet.")
+        return number
+    stress, order = loops.stress, np.sort(loops.orders)[(count - 1) // 2]
+    away = stress - np.average(stress, axis=0, weights=loops.weights)
+    size = np.linalg.norm(away, axis=(1, 2))
+    return int(np.argmin(np.where(loops.orders == order, size, np.inf)))
 
 
 def _march(options: MaterialOptions, material: LoopMaterial, snapshot: Path | None) -> MaterialPath:
     """Compress to the confining stress, unless the loops have their own, and go on from there."""
-    programme = programme_named(options.programme)
+    programme = options.loading_programme()
     if snapshot is not None:
         return march(material, _stage(programme, 0.0, options.end), options.steps)
     confining = Stage(programmes.isotropic_stress(), "P11", options.confine)
@@ -267,7 +279,7 @@ def draw_material(table: pd.DataFrame) -> Figure:
     figure, panels = new_panels(2, 2, 4.6)
     looks: tuple[tuple[str, str, str, Any], ...] = (
         ("mean", "mean of the loops", BLUE, {}),
-        ("single", "first loop alone", VERMILION, {"linestyle": "--", "linewidth": 1.0}),
+        ("single", "one loop alone", VERMILION, {"linestyle": "--", "linewidth": 1.0}),
     )
     quantities = (
         ("stress_ratio", "stress ratio $P_{11}/P_{22}$ (–)"),
@@ -297,6 +309,8 @@ def draw_material(table: pd.DataFrame) -> Figure:
         ax.set_xlabel("axial strain since confinement (%)")
         ax.set_xlim(left=0.0)
     axes[0].legend(loc="best")
+    if axes[3].get_legend_handles_labels()[0]:
+        axes[3].legend(loc="best")
     return figure
 
 

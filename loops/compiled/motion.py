@@ -84,9 +84,9 @@ class Servo(NamedTuple):
 
     With the error `r` of that, `H' = gain @ (rate - r / lag - z)`, `z' = r / (2 lag)^2`, critically
     damped where `gain` is the inverse of the true `stress @ C + strain`. With `on` False `L` is
-    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none; `cauchy` a row, 0 or 3,
-    whose `r` is the change of the Cauchy stress 11 or 22 and of the pressure of a fluid of modulus
-    `fluid` in the pores, -1 for none.
+    constant. `isochoric` is a row whose `r` is the loss of area, -1 for none; `cauchy` a row, 0 or
+    3, whose `r` is the change of the Cauchy stress 11 or 22 and of the pressure of a fluid of
+    modulus `fluid` in the pores, -1 for none.
     """
 
     on: bool

@@ -80,6 +80,14 @@ class LoopSet(Shown):
             loops = np.flatnonzero(self.orders == order)
             yield loops, self.offsets[loops, None] + np.arange(order)
 
+    def one(self, number: int) -> LoopSet:
+        """Return a loop as a set of its own."""
+        rows = slice(*self.offsets[number : number + 2].tolist())
+        names = ("x", "radii", "normal_force", "shear_force", "contacts")
+        own: dict[str, Any] = {name: getattr(self, name)[rows] for name in names}
+        offsets, weights = np.array([0, len(own["x"])]), self.weights[number : number + 1]
+        return replace(self, offsets=offsets, weights=weights, **own)
+
     @property
     def branches(self) -> Floats:
         """Return the branch vectors (M, 2) from each grain to the next (length)."""
@@ -94,6 +102,16 @@ class LoopSet(Shown):
         for loops, rows in self.groups():
             area[loops] = np.abs(polygon_area(self.x[rows]))
         return area
+
+    @property
+    def stress(self) -> Floats:
+        """Return Love and Weber's stress (L, 2, 2) of the loops' contacts (force per length)."""
+        d = self.branches
+        n = d / np.linalg.norm(d, axis=1)[:, None]
+        t = np.stack([-n[:, 1], n[:, 0]], axis=1)
+        force = self.normal_force[:, None] * n + self.shear_force[:, None] * t
+        total = np.add.reduceat(force[:, :, None] * d[:, None, :], self.offsets[:-1])
+        return np.asarray(self.share * total / self.areas[:, None, None])
 
     @property
     def boundary(self) -> Floats:

@@ -11,8 +11,10 @@ from cyclopts import Parameter
 from loops.errors import InputError
 from studies.commands import (
     Answer,
+    FluidBulkModulus,
     NoFigures,
     OneReading,
+    StrainRatio,
     Writing,
     answer,
     clock,
@@ -61,9 +63,18 @@ def material_command(
         str,
         Parameter(
             help="Loading programme: drained, cauchy-drained, biaxial, isotropic, "
-            "isotropic-stress, oedometric, undrained."
+            "isotropic-stress, oedometric, undrained, proportional-strain."
         ),
     ] = "drained",
+    fluid_bulk_modulus: FluidBulkModulus = None,
+    strain_ratio: StrainRatio = None,
+    single: Annotated[
+        int | None,
+        Parameter(
+            help="Number of the loop beside the mean, see loops.parquet. Default: of the median "
+            "order, the one whose stress is nearest to the mean at the start."
+        ),
+    ] = None,
     end: Annotated[
         float | None,
         Parameter(
@@ -78,8 +89,8 @@ def material_command(
 ) -> Answer:
     """Average loops as a material, and march the mean through a programme.
 
-    Copies of one loop (--order) in all directions, or the loops of a snapshot; beside them the
-    first loop alone.
+    Copies of one loop (--order) in all directions, or the loops of a snapshot; beside them one of
+    the loops alone.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     of_loop = {"order": order, "alpha0_deg": alpha0, "orientations": orientations,
@@ -100,6 +111,8 @@ def material_command(
     if listed is not None:
         asked["orders"] = tuple(int(n) if n == int(n) else n for n in listed)
     words: Any = {"closure": closure, "programme": programme, "steps": steps, "count": count}
+    words |= {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
+    words |= {"single": single}
     words["end"] = (1e-1 if snapshot is None else 1e-3) if end is None else end
     out = out_or(writing.out, "material", snapshot)
     with clock("grainloops material"):
@@ -112,7 +125,7 @@ def material_command(
         )
     many = ", ".join(f"{count} of order {n}" for n, count in summary["orders"].items())
     lines = [f"{summary['loops']} loops ({many}), closure {closure}, {programme}, {steps} steps"]
-    for name, said in (("mean", "mean of the loops"), ("single", "first loop alone")):
+    for name, said in (("mean", "mean of the loops"), ("single", f"loop {summary['loop']} alone")):
         told = summary[name]
         peak = "no peak"
         if told["peak_strain"] is not None:

@@ -1,24 +1,24 @@
 """Do loops of real packings split and merge in detailed balance, and are their quadrons alike?
 
-From a collection of Yade samples (the folder of the tests on a collection). Kinetics: two stretches
-of a slow compression, with intervals short enough for rates; every transition `m + n <-> m + n - 2`
-with its excess of mergers over splits (Wanjura et al., arXiv 2404.05059; Sun et al., 2105.01355),
-and the orders that the rates lead to. Errors are Poisson's: one packing has such a series. Quadrons
-(Matsushima and Blumenfeld, arXiv 1207.2988): areas over their mean by the order of the loop, with
-errors from packing to packing.
+From a collection of Yade samples (the folder of the tests on a collection), with errors from
+packing to packing. Kinetics: every transition `m + n <-> m + n - 2` with its excess of mergers,
+the orders that the rates lead to, and the orders of neighbours (Wanjura et al., arXiv 2404.05059;
+Sun et al., 2105.01355), at the start of the shear and beyond. Quadrons (Matsushima and Blumenfeld,
+arXiv 1207.2988): areas over their mean by the order of the loop.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from loops import OrderKinetics, find_faces, loop_fates, match_contacts, order_kinetics
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
+from loops.kinetics import OrderEvents, order_events, order_neighbours, over_packings
 from patterns import Snapshot, planar, read_snapshot
 from studies.examples import run_example, save
 from studies.output import Columns
@@ -26,12 +26,17 @@ from studies.reading import cell_reader
 from studies.snapshot.quadrons import BINS, DRAWN_ORDERS, densities, quadron_columns
 from studies.style import BLACK, BLUE, GREY, ORDER_COLOURS, VERMILION, new_panels, styled
 
-# Snapshots of the slow sample: strains of 2e-5 and of 1e-4 apart.
-STRETCHES = {"2e-5 apart": range(2, 23), "1e-4 apart": range(22, 33)}
-LOOKS = {"2e-5 apart": (BLUE, "o"), "1e-4 apart": (VERMILION, "s")}
+# Intervals that begin at an axial strain below START, and those beyond.
+STRETCHES = "start", "beyond"
+START = 1.95e-3
+LOOKS = dict(zip(STRETCHES, ((BLUE, "o"), (VERMILION, "s")), strict=True))
 SAMPLES = "yade-small", "yade-medium", "yade-periodic", "yade-slow"
 LAST_ORDER = 10
-FEWEST_EVENTS = 5
+FEWEST_EVENTS = 10
+ORDERS = np.arange(3, LAST_ORDER + 1)
+# Orders whose neighbours are drawn.
+WITH_NEIGHBOURS = 3, 4, 5, 6
+Given = tuple[list[OrderEvents], list[float]]
 
 
 def read(path: Path) -> Snapshot:
@@ -42,17 +47,93 @@ def read(path: Path) -> Snapshot:
     return planar(read_snapshot(path, cell=cell))
 
 
-def kinetics(folder: Path, numbers: range) -> OrderKinetics:
-    """Return the kinetics of a stretch of the slow sample, over its accumulated shear strain."""
+class Series(NamedTuple):
+    """Intervals of a sample by stretch, their shear strains; neighbours by order, all snapshots."""
+
+    events: dict[str, list[OrderEvents]]
+    strains: dict[str, list[float]]
+    neighbours: Floats
+
+
+def series(folder: Path) -> Series:
+    """Return the events of a sample between successive snapshots."""
     macro = pd.read_csv(folder / "macro.csv").set_index("snap")
-    strain = 0.5 * (macro.eps_y_eng - macro.eps_x_eng)
-    fates, before = [], read(folder / f"grains_{numbers[0]:02d}.parquet")
-    for number in numbers[1:]:
-        after = read(folder / f"grains_{number:02d}.parquet")
-        match = match_contacts(before.graph, before.ids, after.graph, after.ids)
-        fates.append(loop_fates(match, find_faces(before.graph), find_faces(after.graph)))
-        before = after
-    return order_kinetics(fates, np.diff(strain.loc[list(numbers)].to_numpy()))
+    sheared = 0.5 * (macro.eps_y_eng - macro.eps_x_eng + macro.get("gamma", 0.0))
+    events: dict[str, list[OrderEvents]] = {name: [] for name in STRETCHES}
+    strains: dict[str, list[float]] = {name: [] for name in STRETCHES}
+    neighbours, before = np.zeros((LAST_ORDER + 1,) * 2), None
+    for path in sorted(folder.glob("grains_??.*")):
+        number, state = int(path.name[7:9]), read(path)
+        faces = find_faces(state.graph)
+        found = order_neighbours(faces)[: LAST_ORDER + 1, : LAST_ORDER + 1]
+        neighbours[: len(found), : len(found)] += found
+        if before is not None:
+            match = match_contacts(before[1].graph, before[1].ids, state.graph, state.ids)
+            one = order_events(loop_fates(match, before[2], faces))
+            name = STRETCHES[int(macro.eps_y_eng[before[0]] > START)]
+            events[name].append(one)
+            strains[name].append(abs(sheared[number] - sheared[before[0]]))
+        before = number, state, faces
+    return Series(events, strains, neighbours)
+
+
+def short(packings: list[Given]) -> list[Given]:
+    """Return the packings with intervals short enough for rates, and these alone.
+
+    In them at most half as many loops went through several events as through one.
+    """
+    kept = []
+    for events, strains in packings:
+        rows = [k for k, one in enumerate(events) if 2 * one.several <= one.once]
+        if rows:
+            kept.append(([events[k] for k in rows], [strains[k] for k in rows]))
+    return kept
+
+
+def rates(found: OrderKinetics) -> Floats:
+    """Return the rates (2, orders) of splits and of mergers."""
+    table = found.by_order()
+    return np.stack([_at(table[f"{kind}_rate"], ORDERS) for kind in ("split", "merger")])
+
+
+def steady(found: OrderKinetics) -> Floats:
+    """Return the shares (2, orders) of the loops, observed, and less those that the rates imply."""
+    observed = _at(found.loops / found.loops.sum(), ORDERS)
+    return np.stack([observed, _at(found.steady().share, ORDERS) - observed])
+
+
+def excess(found: OrderKinetics, pairs: Integers) -> Floats:
+    """Return the excess (P,) of mergers over splits of some pairs of orders."""
+    table = found.table()
+    known = dict(zip(map(tuple, found.pairs.tolist()), table["balance_excess"], strict=True))
+    return np.array([known.get(tuple(pair), np.nan) for pair in pairs.tolist()])
+
+
+def _at(values: Floats, orders: Integers) -> Floats:
+    padded = np.pad(values, (0, LAST_ORDER + 1), constant_values=np.nan)
+    return padded[orders]
+
+
+def transitions(packings: list[Given]) -> tuple[pd.DataFrame, OrderKinetics]:
+    """Return pairs of orders of ten events and more, with both errors, and the whole kinetics."""
+    events, strains = ([one for part in column for one in part]
+                       for column in zip(*packings, strict=True))  # fmt: skip
+    whole = order_kinetics(events, strains)
+    table = pd.DataFrame(whole.table())
+    table = table[table.openings + table.closings >= FEWEST_EVENTS].reset_index(drop=True)
+    pairs = table[["order_1", "order_2"]].to_numpy()
+    table["error_by_packing"] = over_packings(packings, lambda found: excess(found, pairs))[1]
+    return table, whole
+
+
+def likeness(packings: list[Series]) -> tuple[Floats, Floats]:
+    """Return `P(n | m)/P(n)` (orders, orders) of neighbours, mean of packings, and its error."""
+    ratios = []
+    for one in packings:
+        counts = one.neighbours[3:, 3:]
+        share = counts / counts.sum(axis=1, keepdims=True)
+        ratios.append(share / (counts.sum(axis=0) / counts.sum()))
+    return np.mean(ratios, axis=0), np.std(ratios, axis=0, ddof=1) / np.sqrt(len(ratios))
 
 
 def quadrons_of(folder: Path) -> Columns:
@@ -65,7 +146,7 @@ def means(tables: dict[str, Columns]) -> tuple[dict[int, Floats], pd.DataFrame]:
     """Return densities (samples, bins) by order, and mean areas by order with their errors."""
     found = [densities(one["relative_area"], one["order"]) for one in tables.values()]
     rows = []
-    for n in range(DRAWN_ORDERS[0], LAST_ORDER + 1):
+    for n in ORDERS.tolist():
         own = [one["relative_area"][one["order"] == n].mean() for one in tables.values()]
         error = np.std(own, ddof=1) / np.sqrt(len(own))
         rows.append({"order": n, "mean_area": np.mean(own), "error": error})
@@ -73,40 +154,54 @@ def means(tables: dict[str, Columns]) -> tuple[dict[int, Floats], pd.DataFrame]:
 
 
 @styled()
-def draw_kinetics(found: dict[str, OrderKinetics]) -> Figure:
-    """Draw rates by order, the excess of each transition, and steady beside observed orders."""
-    figure, ((rates, excess, orders),) = new_panels(1, 3, 3.2)
-    tables = {name: pd.DataFrame(one.table()) for name, one in found.items()}
-    both = pd.concat(tables.values())
-    seen = both[both.openings + both.closings >= FEWEST_EVENTS]
-    kinds = sorted({(int(m), int(n)) for m, n in zip(seen.order_1, seen.order_2, strict=True)})
-    order = np.arange(3, LAST_ORDER + 1)
-    for shift, (name, one) in zip((-0.12, 0.12), found.items(), strict=True):
-        colour, marker = LOOKS[name]
-        how: Any = {"fmt": marker, "color": colour, "markersize": 3.5, "elinewidth": 0.7}
-        table, pairs, steady = one.by_order(), tables[name], one.steady()
-        for kind, fill in (("split", colour), ("merger", "white")):
-            rate, low, high = (table[f"{kind}_rate{end}"][order] for end in ("", "_low", "_high"))
-            known = rate > 0
-            limits = np.array([rate - low, high - rate])[:, known]
-            label = f"{kind}s, {name}"
-            at = (order + shift)[known]
-            rates.errorbar(at, rate[known], limits, mfc=fill, label=label, **how)
-        rows = pairs[[pair in kinds for pair in zip(pairs.order_1, pairs.order_2, strict=True)]]
-        place = [kinds.index((m, n)) for m, n in zip(rows.order_1, rows.order_2, strict=True)]
-        excess.errorbar(np.array(place) + shift, rows.balance_excess, rows.balance_error, **how)
-        observed = (one.loops / one.loops.sum())[order]
-        label = f"observed, {name}"
-        orders.plot(order + shift, observed, "_", color=colour, markersize=8, label=label)
-        orders.errorbar(order + shift, steady.share[order], steady.error[order], **how)
-    rates.set(xlabel="loop order", ylabel="rate per loop and shear strain", yscale="log")
-    excess.axhline(0.0, color=GREY, linewidth=0.8)
-    excess.set_xticks(range(len(kinds)), [f"{m}+{n}" for m, n in kinds], rotation=60)
-    excess.set(xlabel="orders that merge", ylabel="excess of mergers over splits")
-    orders.set(xlabel="loop order", ylabel="share of the loops, steady", yscale="log")
-    orders.set_ylim(1e-3, 1.0)
-    (marks, names), (more, others) = (a.get_legend_handles_labels() for a in (rates, orders))
-    figure.legend(marks + more, names + others, loc="outside lower center", ncols=3)
+def draw_kinetics(
+    given: dict[str, list[Given]], pairs: dict[str, pd.DataFrame], neighbours: tuple[Floats, Floats]
+) -> Figure:
+    """Draw rates by order, excess of each transition, steady beside observed orders, neighbours."""
+    figure, ((rate, balance), (orders, near)) = new_panels(2, 2, 6.0)
+    both = pd.concat(pairs.values())
+    kinds = sorted(set(zip(both.order_1, both.order_2, strict=True)))
+    for side, (name, (colour, marker)) in zip((-1, 1), LOOKS.items(), strict=True):
+        shift, how = 0.12 * side, {"fmt": marker, "color": colour, "markersize": 3.5}
+        values, errors = over_packings(short(given[name]), rates)
+        for k, (kind, fill) in enumerate((("splits", colour), ("mergers", "white"))):
+            rate.errorbar(ORDERS + shift, values[k], errors[k], mfc=fill, label=f"{kind}, {name}",
+                          **how)  # fmt: skip
+        rows = pairs[name]
+        place = np.array(
+            [kinds.index(pair) for pair in zip(rows.order_1, rows.order_2, strict=True)]
+        )
+        balance.errorbar(
+            place + shift, rows.balance_excess, rows.error_by_packing, label=name, **how
+        )
+        balance.errorbar(
+            place + 2.0 * shift,
+            rows.balance_excess,
+            rows.balance_error,
+            fmt="none",
+            ecolor=GREY,
+            elinewidth=0.8,
+            label="Poisson's error" if side > 0 else None,
+        )
+    (observed, apart), (own, error) = over_packings(given[STRETCHES[1]], steady)
+    orders.errorbar(ORDERS - 0.12, observed, own, fmt="o", color=BLACK, label="observed, beyond")
+    orders.errorbar(ORDERS + 0.12, observed + apart, error, fmt="s", color=VERMILION,
+                    label="steady, error of the difference")  # fmt: skip
+    for n in WITH_NEIGHBOURS:
+        colour = ORDER_COLOURS[n - DRAWN_ORDERS[0]]
+        near.errorbar(ORDERS + 0.1 * (n - 4.5), *(one[n - 3] for one in neighbours), fmt="o-",
+                      color=colour, linewidth=0.8, markersize=3, label=f"of order {n}")  # fmt: skip
+    rate.set(
+        xlabel="loop order", ylabel="rate per loop and shear strain", yscale="log", ylim=(0.1, 5e3)
+    )
+    balance.axhline(0.0, color=GREY, linewidth=0.8)
+    balance.set_xticks(range(len(kinds)), [f"{m}+{n}" for m, n in kinds], rotation=60)
+    balance.set(xlabel="orders that merge", ylabel="excess of mergers over splits")
+    orders.set(xlabel="loop order", ylabel="share of the loops", yscale="log", ylim=(1e-3, 1.0))
+    near.axhline(1.0, color=GREY, linewidth=0.8)
+    near.set(xlabel="order of the neighbour", ylabel="probability over that of any loop")
+    for axes in (rate, balance, orders, near):
+        axes.legend(ncols=2 if axes in (rate, near) else 1)
     return figure
 
 
@@ -133,23 +228,38 @@ def draw_quadrons(parts: dict[int, Floats], by_order: pd.DataFrame) -> Figure:
 
 def main(out: Path, collection: Path) -> dict[str, Any]:
     """Measure kinetics and quadrons; write tables, numbers and both figures."""
-    found = {name: kinetics(collection / "yade-slow", s) for name, s in STRETCHES.items()}
+    found = {name: series(collection / name) for name in SAMPLES}
+    given = {name: [(one.events[name], one.strains[name]) for one in found.values()]
+             for name in STRETCHES}  # fmt: skip
+    given[STRETCHES[0]] = short(given[STRETCHES[0]])
+    pairs, wholes = {}, {}
+    for name, packings in given.items():
+        pairs[name], wholes[name] = transitions(packings)
     tables = {name: quadrons_of(collection / name) for name in SAMPLES}
     parts, by_order = means(tables)
-    pairs = pd.concat(
-        [pd.DataFrame(one.table()).assign(stretch=name) for name, one in found.items()]
-    )
-    balance = {name: one.balance() for name, one in found.items()}
-    numbers = {
-        "chi2": {name: [one.chi2, one.pairs, one.p_all] for name, one in balance.items()},
-        "cycles": {
-            name: [one.cycles_chi2, one.cycles, one.p_cycles] for name, one in balance.items()
-        },
+    ratio, spread = likeness([*found.values()])
+    numbers: dict[str, Any] = {
+        "neighbours_of_the_same_order": [np.diag(ratio)[:4].tolist(), np.diag(spread)[:4].tolist()],
         "variation": {name: float(one["relative_area"].std()) for name, one in tables.items()},
         "quadrons": {name: len(one["area"]) for name, one in tables.items()},
     }
-    drawn = draw_kinetics(found), draw_quadrons(parts, by_order)
-    save(out / "kinetics", "cells_kinetics", drawn[0], numbers, pairs, units="1/strain")
+    for name, whole in wholes.items():
+        balance, table = whole.balance(), pairs[name]
+        numbers[name] = {
+            "intervals": [len(events) for events, _ in given[name]],
+            "events": [sum(int((e.opened + e.closed).sum()) for e in events)
+                       for events, _ in given[name]],
+            "once_several": [whole.once, whole.several],
+            "mergers_splits": [int(whole.opened.sum()), int(whole.closed.sum())],
+            "chi2": [balance.chi2, balance.pairs, balance.p_all],
+            "largest": float((table.balance_excess / table.error_by_packing).abs().max()),
+        }  # fmt: skip
+    (observed, apart), (_, error) = over_packings(given[STRETCHES[1]], steady)
+    numbers["steady"] = {"observed": observed.tolist(), "less": apart.tolist(),
+                         "error": error.tolist()}  # fmt: skip
+    table = pd.concat([one.assign(stretch=name) for name, one in pairs.items()])
+    drawn = draw_kinetics(given, pairs, (ratio, spread)), draw_quadrons(parts, by_order)
+    save(out / "kinetics", "cells_kinetics", drawn[0], numbers, table, units="1/strain")
     return save(out / "quadrons", "cells_quadrons", drawn[1], numbers, by_order)
 
 

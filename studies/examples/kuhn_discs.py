@@ -26,6 +26,7 @@ from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import HeldPacking, hold
 from stability.packing.pathologies import columns
+from stability.packing.state import PackingState
 from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, new_panels, styled
 
@@ -39,6 +40,8 @@ ROW = 2.5e-5
 END = 1.375e-2
 # Up to the first strain, differences stay below these shares; up to the second, below those.
 BOUNDS = {1.9e-3: (1e-5, 1e-4), END: (3e-4, 5e-4)}
+# Gap over the diameter at which two discs touch: a grain that carries nothing rests at others.
+TOUCH = 1e-12
 ANSWERS = {"symmetric": "symmetric", "definite": "positive definite", "p_matrix": "P-matrix"}
 
 
@@ -105,11 +108,22 @@ def within(table: pd.DataFrame) -> bool:
     return True
 
 
-def structure(graph: GrainGraph) -> dict[str, Any]:
-    """Return numbers of contacts and loops, and the share of the contacts' normals along axis 1."""
-    n = contact_state(graph).n
-    found = {"contacts": graph.contact_count, "loops": len(find_faces(graph).loops)}
-    return found | {"fabric_11": float(np.mean(n[:, 0] ** 2))}
+def structure(state: PackingState) -> dict[str, Any]:
+    """Return numbers of contacts and loops, and the share of the contacts' normals along axis 1.
+
+    Contacts are those that carry; `touching` counts pairs of discs that touch, and
+    `fabric_11_touching` takes these.
+    """
+    length = np.linalg.norm(state.branches, axis=1)
+    touching = length < (1.0 + TOUCH) * state.radii[state.contacts].sum(axis=1)
+    along, graph = (state.branches[:, 0] / length) ** 2, state.graph()
+    return {
+        "contacts": graph.contact_count,
+        "loops": len(find_faces(graph).loops),
+        "fabric_11": float(along[state.closed].mean()),
+        "touching": int(touching.sum()),
+        "fabric_11_touching": float(along[touching].mean()),
+    }
 
 
 def event_table(path: FollowedPath) -> pd.DataFrame:
@@ -190,7 +204,7 @@ def main(out: Path, folder: Path) -> dict[str, Any]:
     radii = compressed(hold(discs(folder, "radii")), 4e-4, pathologies=False)
     other = compared(row_table(radii), oval[oval.strain_11 <= 4e-4])
     numbers = {
-        "start": structure(scene.graph),
+        "start": structure(path.states[0]),
         "stress_before": held.stress_before.ravel().tolist(),
         "stress_held": held.stress.ravel().tolist(),
         "sliders": [event.parameter for event in path.of_kind("yield")[:2]],
@@ -202,7 +216,7 @@ def main(out: Path, folder: Path) -> dict[str, Any]:
         "within": within(table),
         "within_radii": within(other),
         "off_radii": other[["off_sigma", "off_extension"]].abs().max().tolist(),
-        "at_0.009": structure(path.states[round(9e-3 / ROW)].graph()),
+        "at_0.009": structure(path.states[round(9e-3 / ROW)]),
     }
     more = {"kuhn_discs_oval": table, "kuhn_discs_events": events}
     return save(out, "kuhn_discs", draw(rows, table, events), numbers, rows, **more)

@@ -30,6 +30,9 @@ def main(closure, steps=1000):
     for k in range(1, steps + 1):
         response = material.update(np.eye(2) - k / steps * H, state)
         state = response.state
+        if k % 100 == 0:
+            spent = time.perf_counter() - wall, time.process_time() - processor
+            print(k, *(f"{seconds:.0f} s" for seconds in spent), flush=True)
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     each = processor / (POINTS * ORIENTATIONS * steps)
     sliding, lost = response.regimes[:, 1].mean(), response.failed.mean()

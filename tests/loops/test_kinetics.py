@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from loops import InputError
+from loops import GrainGraph, InputError, find_faces
 from loops.kinetics import (
     FATES,
     OrderEvents,
     order_events,
     order_kinetics,
+    order_neighbours,
+    over_packings,
     poisson_limits,
 )
 from patterns import synthetic_network
@@ -238,3 +240,62 @@ def test_excess_over_its_error_is_z():
 def test_limits_of_counts_are_those_of_tables(count, low, high):
     """Garwood's limits, 95 %, as printed in tables of the Poisson distribution."""
     assert poisson_limits(count) == pytest.approx((low, high), abs=5e-4)
+
+
+def test_errors_over_packings_are_those_of_drawing_packings(runs):
+    """Two packings in closed form; more draws of three than by chance agree with random ones."""
+    events = runs[0]
+    first, second, third = ((events[k::3], np.full(len(events[k::3]), 1.0 + k)) for k in range(3))
+
+    def measure(found):
+        return np.array([found.duration, found.opened.sum()])
+
+    value, error = over_packings([first, second], measure)
+    own = np.array([measure(order_kinetics(*one)) for one in (first, second)])
+    # (a, a), (a, b) twice, (b, b).
+    assert value == pytest.approx(own.sum(axis=0))
+    assert error == pytest.approx(np.abs(own[0] - own[1]) / np.sqrt(2.0))
+    packings, random = [first, second, third], np.random.default_rng(0)
+    own = np.array([measure(order_kinetics(*one)) for one in packings])
+    drawn = own[random.integers(0, 3, (20_000, 3))].sum(axis=1).std(axis=0)
+    assert over_packings(packings, measure)[1] == pytest.approx(drawn, rel=0.02)
+    for count in (1, 7):
+        with pytest.raises(InputError, match="2 to 6"):
+            over_packings([first] * count, measure)
+
+
+def test_a_draw_without_the_measure_is_left_out_of_the_error(runs):
+    packings = [(runs[0][:9], np.ones(9)), (runs[0][9:19], np.ones(10))]
+    value, error = over_packings(
+        packings, lambda found: np.array([found.duration, np.nan][found.duration == 18.0])
+    )
+    # 19 twice and 20: without the draw of the first packing alone.
+    assert value == 19.0 and error == pytest.approx(np.sqrt(2.0 / 9.0))
+
+
+def test_neighbours_of_a_square_beside_two_triangles():
+    x = [[0, 0], [1, 0], [1, 1], [0, 1], [1.8, 0.5]]
+    contacts = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 4], [4, 2], [0, 2]]
+    crossed = GrainGraph(x=x, radii=[0.5] * 5, contacts=contacts)
+    assert order_neighbours(find_faces(crossed))[3, 3] == 4  # two contacts between three triangles
+    square = crossed.replace(contacts=contacts[:-1], normal_force=None, shear_force=None)
+    found = order_neighbours(find_faces(square))
+    assert found[3, 4] == found[4, 3] == 1 and found.sum() == 2
+
+
+def test_neighbours_are_those_of_every_contact():
+    graph = synthetic_network(400, seed=1)
+    faces = find_faces(graph)
+    found, wanted = order_neighbours(faces), {}
+    loops = set(faces.loops.tolist())
+    by_contact = {}
+    for face in range(len(faces.order)):
+        for row in range(faces.offsets[face], faces.offsets[face + 1]):
+            by_contact.setdefault(int(faces.contacts[row]), []).append(face)
+    for sides in by_contact.values():
+        if len(sides) == 2 and sides[0] != sides[1] and loops.issuperset(sides):
+            pair = tuple(int(faces.order[side]) for side in sides)
+            for one in (pair, pair[::-1]):
+                wanted[one] = wanted.get(one, 0) + 1
+    told = {(m, n): int(found[m, n]) for m, n in np.argwhere(found).tolist()}
+    assert told == wanted and len(wanted) > 5

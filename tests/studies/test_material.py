@@ -8,9 +8,9 @@ import pyarrow.parquet
 import pytest
 
 from loops import LinearFrictional
-from patterns import regular_polygon, sample_path
-from stability import Stage, programmes
-from stability.material import LoopMaterial, march, oriented
+from patterns import read_snapshot, regular_polygon, sample_path
+from stability import COMPONENTS, Stage, programmes
+from stability.material import LoopMaterial, loops_of, march, oriented
 from studies.cli import main
 from studies.material import MaterialOptions, run_material
 from studies.output import field_metadata
@@ -39,7 +39,8 @@ def test_the_command_has_the_numbers_of_the_call(hexagons):
     assert abs(mean["peak_stress_ratio"] - 4.649) < 1e-3 and round(mean["peak_strain"], 9) == 0.061
     assert round(mean["w2_negative_strain"], 9) == 0.0615
     assert mean["cone_strain"] <= mean["w2_negative_strain"]
-    # The single hexagon peaks where its four inclined contacts yield.
+    # The single hexagon, the first of equal ones, peaks where its four inclined contacts yield.
+    assert summary["loop"] == 0
     assert summary["single"]["peak_strain"] < 0.025
     table = pd.read_parquet(out / "path.parquet")
     rows = table[(table["set"] == "mean") & (table["stage"] == "programme")]
@@ -77,9 +78,54 @@ def test_loops_of_a_snapshot_and_the_printed_lines(tmp_path, capsys, monkeypatch
     assert set(loops["order"]) == {3, 4} and abs(loops["weight"].sum() - 1.0) < 1e-12
 
 
+def test_the_single_loop_is_near_the_mean_or_the_one_asked_for(tmp_path):
+    loops = loops_of(read_snapshot(sample_path()), orders=[3, 4, 6], count=60)
+    options = {"orders": (3, 4, 6), "count": 60, "closure": "affine", "steps": 2, "end": 1e-5}
+    told = {}
+    for single in (None, 7):
+        summary = run_material(
+            MaterialOptions(**options, single=single), tmp_path / str(single),
+            snapshot=sample_path(), figures=False,
+        )  # fmt: skip
+        table = pd.read_parquet(tmp_path / str(single) / "path.parquet")
+        first = table[(table["set"] == "single") & (table["strain"] == 0.0)]
+        told[summary["loop"]] = first[["P11", "P12", "P21", "P22"]].to_numpy()[0].reshape(2, 2)
+    near, seven = told
+    assert seven == 7
+    middle = np.median(loops.orders)
+    stress = loops.stress
+    mean = np.average(stress, axis=0, weights=loops.weights)
+    away = np.linalg.norm(stress - mean, axis=(1, 2))
+    others = loops.orders == middle
+    assert loops.orders[near] == middle and away[near] == away[others].min()
+    for number, P in told.items():
+        assert P == pytest.approx(0.5 * (stress[number] + stress[number].T), rel=1e-6, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("programme", "numbers", "held"),
+    [
+        ("proportional-strain", {"strain_ratio": -0.5}, lambda H, P: H[:, 3] + 0.5 * H[:, 0]),
+        ("undrained", {"fluid_bulk_modulus": 0.3},
+         lambda H, P: P[:, 3] / (1.0 - H[:, 0]) - 0.3 * np.log((1.0 - H[:, 0]) * (1.0 - H[:, 3]))),
+    ],
+)  # fmt: skip
+def test_programmes_with_numbers(tmp_path, programme, numbers, held):
+    options = MaterialOptions(programme=programme, orientations=6, end=0.02, steps=5, **numbers)
+    run_material(options, tmp_path / "out", figures=False)
+    table = pd.read_parquet(tmp_path / "out" / "path.parquet")
+    rows = table[(table["set"] == "mean") & (table["stage"] == "programme")]
+    H, P = (rows[[f"{tensor}{c}" for c in COMPONENTS]].to_numpy() for tensor in "HP")
+    values = held(H, P)
+    assert np.ptp(values) < 1e-12 and np.ptp(P[:, 3]) > 1e-4
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
+        ({"programme": "proportional-strain"}, "--strain-ratio"),
+        ({"fluid_bulk_modulus": 1.0}, "--fluid-bulk-modulus"),
+        ({"programme": "undrained", "fluid_bulk_modulus": -1.0}, "--fluid-bulk-modulus"),
         ({"order": 2}, "--order"),
         ({"phi_deg": 91.0}, "--phi"),
         ({"alpha0_deg": 45.0, "order": 5}, "hexagon"),
@@ -100,12 +146,49 @@ def test_options_that_are_refused(options, words):
         (["--orders", "4"], "--orders: got given without a snapshot"),
         (["file.csv", "--order", "4"], "--order: got given with a snapshot"),
         (["--order", "5", "--closure", "cell"], "expected hexagons"),
+        (["--single", "36"], "--single: got 36, expected a number from 0 to 35"),
     ],
 )
 def test_arguments_that_are_refused(tmp_path, arguments, words, capsys, monkeypatch):
     out = tmp_path / "out"
     assert run(monkeypatch, "material", *arguments, "--out", out) == 2
     assert words in capsys.readouterr().err and not out.exists()
+
+
+@pytest.fixture(scope="module")
+def specimen():
+    """Path of a small specimen beyond its peak, and its last state."""
+    pytest.importorskip("skfem")
+    from studies.examples.biaxial_specimen import compute
+
+    return compute(end=0.06, steps=60, columns=3, rows=4, orientations=12)
+
+
+def test_newtons_method_squares_its_residual_while_contacts_slide(specimen):
+    sliding = (specimen["strain"] > 0.0245) & (specimen["strain"] < 0.045)
+    constants = []
+    for residuals in np.array(specimen["residuals"], dtype=object)[sliding]:
+        # Where the last residual but one is small, regimes have settled; rounding is some 1e-16.
+        last = [r for r in residuals if r > 1e-15]
+        if len(last) > 2 and last[-2] < 1e-6:
+            constants.append(last[-1] / last[-2] ** 2)
+    # A rate of .1 would be 1e5 and more.
+    assert len(constants) >= 8 and max(constants) < 200.0
+    # There the mean of the loops does slide.
+    law = LinearFrictional(1.0, 0.5, np.tan(np.radians(30)))
+    material = LoopMaterial(oriented(regular_polygon(6), 12), None, law)
+    confining = Stage("isotropic_stress", "P11", 1e-2)
+    end = Stage("drained_biaxial", "H11", march(material, confining, 10).H[-1, 0] + 0.0245)
+    assert march(material, [confining, end], 20).regimes[-1, 1] > 0.03
+
+
+def test_a_band_forms_from_the_weak_element_behind_the_peak(specimen):
+    from studies.examples.biaxial_specimen import WEAK
+
+    ratio, shear = specimen["ratio"], specimen["specimen"].shear_strain()
+    assert specimen["why"] == "finished" and 0.0 < ratio.argmax() < len(ratio) - 5
+    weak, outside = shear[WEAK % len(shear)], np.quantile(shear, 0.25)
+    assert weak == shear.max() and weak > 2.0 * outside
 
 
 def test_a_specimen_converges_in_second_order_and_follows_the_material():

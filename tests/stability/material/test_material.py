@@ -16,6 +16,7 @@ from loops.laws import CohesiveFrictional
 from patterns import hexagon, polydisperse_polygon, random_loop, regular_polygon
 from stability import Stage, follow, programmes
 from stability.material import LoopMaterial, march, oriented
+from stability.material.rotation import nominal
 
 MU = np.tan(np.radians(30))
 LAW = LinearFrictional(kn=1.0, kt=0.5, mu=MU)
@@ -70,6 +71,36 @@ def test_affine_step_of_any_length_equals_the_path_by_events(loop, law, steps):
     P = symmetric(response.stress.reshape(4))
     exact = symmetric(path.P[-1])
     assert np.abs(P - exact).max() <= 1e-14
+
+
+@pytest.mark.parametrize("law", [LAW, BY_RADII, HERTZ])
+def test_contacts_taken_together_answer_as_each_by_itself(law):
+    """Short and long ways, contacts that stay, open, touch again; more of them than a chunk."""
+    random, regimes = np.random.default_rng(0), set()
+    loops = [random_loop(int(n), seed=k) for k, n in enumerate(random.integers(3, 9, 120))]
+    weights = random.random(len(loops))
+    material = LoopMaterial(loops, weights, law, closure="affine")
+    (block,) = material._blocks
+    state, shares = material.start(1), np.repeat(weights / weights.sum() / block.size**2,
+                                                 np.diff(block.offsets))  # fmt: skip
+    for H11, H22, H12 in ((0.01, 0.0, 0.001), (-0.05, 0.02, 0.0), (0.04, 0.02, 0.01),
+                          (0.4, 0.3, 0.1), (-0.1, -0.1, 0.0), (0.02, 0.01, -0.01)):  # fmt: skip
+        U = np.array([[1.0 - H11, -H12], [-H12, 1.0 - H22]])
+        start, end = block.branches @ state.stretch[0], block.branches @ U
+        answer = block.steps(start[None], end[None], state.shear_force)[0]
+        response = material.update(U[None], state)
+        stress = np.einsum("m,mi,mj->ij", shares, answer[:, :2], block.branches)
+        K = answer[:, 2:6].reshape(-1, 2, 2)
+        A = np.einsum("m,mik,mj,ml->ijkl", shares, K, block.branches, block.branches)
+        turned_back = nominal(np.eye(2)[None], U[None], stress[None], A[None])
+        size = np.abs(K).max()
+        assert np.abs(response.stress - turned_back[0]).max() <= 1e-15 * size
+        assert np.abs(response.tangent - turned_back[1]).max() <= 2e-14 * size
+        force = response.state.shear_force
+        assert np.abs(force - answer[:, 6]).max() <= 1e-15 * size
+        regimes.update(answer[:, 7].tolist())
+        state = response.state
+    assert regimes == {0.0, 1.0, 2.0} and len(block.branches) > 512
 
 
 def test_traction_steps_converge_in_second_order_to_the_path_by_events():
