@@ -21,12 +21,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from loops import GrainGraph, LinearFrictional, Scene, contact_state, find_faces
+from loops.contacts import PackingState
 from loops.laws.frictional import ShearIncrement
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import HeldPacking, hold
 from stability.packing.pathologies import columns
-from stability.packing.state import PackingState
 from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, new_panels, styled
 
