@@ -528,7 +528,7 @@ def loops_in_place(
     graph, law = scene.graph, scene.law
     faces = scene.faces if faces is None else faces
     # No stress is asked for.
-    system = packing_system(graph, law, boundary=replace(scene.boundary, volume=1.0))
+    system = packing_system(replace(scene, boundary=replace(scene.boundary, volume=1.0)))
     polygons = polygons_of(graph, faces)
     if method == "auto":
         method = "whole" if graph.grain_count <= WHOLE else "blocks"

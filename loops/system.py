@@ -24,12 +24,13 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime, contact_tangent
-from loops.boundary import Boundary, PlaneContacts, boundary_of, plane_stiffness
+from loops.boundary import PlaneContacts, plane_stiffness
 from loops.compiled import WIDTH
 from loops.errors import InputError
 from loops.graph import GrainGraph, branch_vectors, contact_frame, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
+from loops.scene import Scene
 from loops.shown import Shown
 
 
@@ -139,16 +140,11 @@ class System(Shown):
         return ", ".join(ends)
 
 
-def packing_system(
-    graph: GrainGraph,
-    law: ContactLaw,
-    *,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
-) -> System:
-    """Prune, number the freedoms and evaluate the contacts."""
+def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
+    """Prune, number the freedoms and evaluate the contacts, in other regimes if they are given."""
+    graph, law, boundary = scene.graph, scene.law, scene.boundary
     require_one_state(graph)
-    state, boundary = contact_state(graph), boundary_of(graph) if boundary is None else boundary
+    state = contact_state(graph)
     regimes = np.broadcast_to(contact_regime(state, law, regime), graph.contacts.shape[:1])
     fixed = np.zeros(graph.grain_count, dtype=bool) if boundary.held is None else boundary.held
     carrying = carrying_grains(graph, regimes != Regime.OPEN, boundary.supports(len(fixed)))

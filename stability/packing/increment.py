@@ -201,6 +201,4 @@ def packing_increment(
     """
     control = component_control(strain, stress)
     checked_band(candidates, "candidates", CANDIDATES)
-    around = scene.boundary
-    yielding = yield_response(scene.graph, scene.law, yield_band=candidates, boundary=around)
-    return PackingIncrements(yielding).solved(control)
+    return PackingIncrements(yield_response(scene, yield_band=candidates)).solved(control)

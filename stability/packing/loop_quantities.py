@@ -305,7 +305,7 @@ def indicators(
     faces = scene.faces if faces is None else faces
     # No stress is asked for.
     whole = replace(scene.boundary, volume=1.0)
-    system = packing_system(graph, law, boundary=whole)
+    system = packing_system(Scene(graph, law, whole))
     state, closed = contact_state(graph), np.zeros(graph.contact_count, dtype=bool)
     closed[system.contacts] = True
     coordination = np.bincount(graph.contacts[closed].ravel(), minlength=graph.grain_count)

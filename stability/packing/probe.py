@@ -259,9 +259,7 @@ def probe(
     >>> print(found)
     probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
     """
-    yielding = yield_response(
-        scene.graph, scene.law, yield_band=yield_band, boundary=scene.boundary
-    )
+    yielding = yield_response(scene, yield_band=yield_band)
     found = scene.faces if faces is None else faces
     return probe_edge(yielding, directions, control, subspace, found, starts)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.boundary import Boundary, boundary_of, former_boundary
+from loops.boundary import Boundary, former_boundary
 from loops.graph import GrainGraph, branch_vectors
 from loops.laws.frictional import ContactLaw, Regime
 from loops.lazy import warn_of_old_name
@@ -452,8 +452,7 @@ def packing_rates(
     contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
     complementarity problem, condensed on these contacts. Theory, equations (11.1) and (11.2).
     """
-    around = scene.boundary
-    yielding = yield_response(scene.graph, scene.law, yield_band=yield_band, boundary=around)
+    yielding = yield_response(scene, yield_band=yield_band)
     rates = PackingRates(yielding)
     if isinstance(control, Programme):
         control = control_of(control, packing_stress(yielding.system))
@@ -479,7 +478,7 @@ def packing_response(
     around = former_boundary(graph, former) if boundary is None else boundary
     given = graph if regime is None else graph.replace(regime=regime)
     control = component_control(strain_rate, stress_rate)
-    scene = Scene(given, law, boundary_of(given) if around is None else around)
+    scene = Scene(given, law) if around is None else Scene(given, law, around)
     return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
 
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
-from loops.boundary import Boundary, boundary_of, plane_stiffness
+from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, contact_state
+from loops.graph import ContactState, contact_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
+from loops.scene import Scene
 from loops.system import (
     REFINEMENTS,
     Changed,
@@ -74,23 +74,16 @@ class LinearAnswer:
     stress: Floats
 
 
-def yield_response(
-    graph: GrainGraph,
-    law: ContactLaw,
-    *,
-    yield_band: float,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
-) -> YieldResponse:
-    """Find the contacts within the yield band, and those that `regime` marks as sliding."""
+def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
+    """Find the contacts within the yield band, and those whose known regime is sliding."""
+    graph, law, boundary = scene.graph, scene.law, scene.boundary
     require_law(law)
     checked_band(yield_band)
     state = contact_state(graph)
-    given = contact_regime(state, law, regime)
+    given = contact_regime(state, law, None)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
     near = [_near_yield(law, state, regimes, yield_band)]
     base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
-    boundary = boundary_of(graph) if boundary is None else boundary
     planes = boundary.walls
     if planes is not None:
         walls = planes.law(law), planes.state(graph.radii)
@@ -100,7 +93,7 @@ def yield_response(
         slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
         planes = replace(planes, sliding=slides)
         boundary = replace(boundary, walls=planes)
-    system = packing_system(graph, law, regime=base, boundary=boundary)
+    system = packing_system(replace(scene, boundary=boundary), regime=base)
     grains, picked = [graph.contacts], [system.contacts]
     if planes is not None:
         grains.append(planes.grain[:, None])

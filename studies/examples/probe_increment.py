@@ -40,13 +40,11 @@ def answers(
 ) -> Iterator[tuple[str, float, Floats, float]]:
     """Method, amplitude, stress increments (D, 4) over it, and seconds a direction."""
     snapshot, _ = state("before")
-    law, regime = snapshot.mechanics()
-    given = snapshot.graph, law
     ways: list[tuple[str, Any, float]] = [("rates, band 0.99", PackingRates, 0.99)]
     ways += [(f"increment, from {share:g}", PackingIncrements, share) for share in SHARES]
     for name, solver, band in ways:
         began = process_time()
-        one = solver(yield_response(*given, yield_band=band, regime=regime))
+        one = solver(yield_response(snapshot.scene, yield_band=band))
         ready = process_time() - began
         for amplitude in amplitudes:
             began = process_time()

@@ -83,8 +83,8 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     Means over the directions.
     """
     snapshot, measured = state(name)
-    law, regime = snapshot.mechanics()
-    rates = PackingRates(yield_response(snapshot.graph, law, yield_band=0.999, regime=regime))
+    law, _ = snapshot.mechanics()
+    rates = PackingRates(yield_response(snapshot.scene, yield_band=0.999))
     now, counts = contact_state(snapshot.graph), []
     for angle in np.radians(measured["theta_deg"].unique()):
         H = np.diag([np.cos(angle), np.sin(angle)])

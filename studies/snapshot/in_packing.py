@@ -56,7 +56,7 @@ def sample_edge(
     boundary = scene.boundary
     if boundary.walls is not None:
         boundary = replace(boundary, walls=replace(boundary.walls, fixed=fixed))
-    return yield_response(scene.graph, scene.law, yield_band=yield_band, boundary=boundary)
+    return yield_response(replace(scene, boundary=boundary), yield_band=yield_band)
 
 
 def balance_notes(snapshot: Snapshot) -> list[str]:

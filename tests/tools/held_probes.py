@@ -85,7 +85,7 @@ def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
     """
     held = hold(Scene(snapshot.graph, snapshot.law), unbalanced=1e-8)
     graph, law = held.graph, held.law
-    edge = yield_response(graph, law, yield_band=0.99)
+    edge = yield_response(Scene(graph, law), yield_band=0.99)
     found = probe_edge(edge, directions)
     rows, shear = edge.system.contacts[edge.rows], graph.shear_force.copy()
     mu = np.broadcast_to(law.mu, shear.shape)

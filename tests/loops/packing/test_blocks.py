@@ -54,7 +54,7 @@ def nearest_image(cell, d):
 def test_blocks_of_a_periodic_packing(unit):
     """Sides of about four diameters, buffers of two, measured between lines of the cell."""
     graph = in_units(sheared(), unit)
-    system = packing_system(graph, LAW)
+    system = packing_system(Scene(graph, LAW))
     polygons = polygons_of(graph, find_faces(graph))
     carries = system.carrying.grains
     diameter = 2.0 * graph.radii[carries].mean()
@@ -98,7 +98,7 @@ def test_blocks_between_walls(unit):
     graph = in_units(cut_open(sheared()), unit)
     held = np.zeros(graph.grain_count, dtype=bool)
     held[np.argsort(graph.x[:, 1])[:6]] = True
-    system = packing_system(graph, LAW, boundary=Boundary(held=held, volume=1.0))
+    system = packing_system(Scene(graph, LAW, Boundary(held=held, volume=1.0)))
     polygons = polygons_of(graph, find_faces(graph))
     carries = system.carrying.grains
     low = (graph.x - graph.radii[:, None]).min(axis=0)
@@ -122,7 +122,7 @@ def test_blocks_between_walls(unit):
 
 def test_one_block_is_the_whole():
     graph = packing(30, seed=2)
-    system, polygons = packing_system(graph, LAW), polygons_of(graph, find_faces(graph))
+    system, polygons = packing_system(Scene(graph, LAW)), polygons_of(graph, find_faces(graph))
     (block,) = packing_blocks(system, polygons, np.inf, 0.0)
     assert block.whole and np.isinf(block.rho).all() and block.free.all()
 
@@ -131,7 +131,7 @@ def test_the_error_of_held_grains_is_a_power_of_their_distance():
     """Of operators that are off by a share c rho^-1.9, 3/2 of it is stated; none for the whole."""
     graph = packing(30, seed=2)
     faces = find_faces(graph)
-    system, polygons = packing_system(graph, LAW), polygons_of(graph, faces)
+    system, polygons = packing_system(Scene(graph, LAW)), polygons_of(graph, faces)
     exact = loops_in_place(Scene(graph, LAW), faces).matrix
     rng = np.random.default_rng(0)
     rho = rng.uniform(2.0, 9.0, len(exact))
@@ -155,7 +155,7 @@ def test_the_error_is_taken_from_loops_spread_over_all(monkeypatch):
     monkeypatch.setattr(in_place, "CHECKED", 3)
     graph = packing(30, seed=2)
     faces = find_faces(graph)
-    system, polygons = packing_system(graph, LAW), polygons_of(graph, faces)
+    system, polygons = packing_system(Scene(graph, LAW)), polygons_of(graph, faces)
     exact = loops_in_place(Scene(graph, LAW), faces).matrix
     rho, count = np.full(len(exact), 4.0), len(exact)
     for k in range(count):
@@ -168,7 +168,7 @@ def test_the_error_is_taken_from_loops_spread_over_all(monkeypatch):
 
 def test_pairs_of_grains_with_a_contact_or_a_loop_in_common():
     graph = packing(30, seed=2)
-    system, polygons = packing_system(graph, LAW), polygons_of(graph, find_faces(graph))
+    system, polygons = packing_system(Scene(graph, LAW)), polygons_of(graph, find_faces(graph))
     free = np.arange(30) % 5 > 0
     wanted = {tuple(sorted(pair)) for pair in graph.contacts.tolist()}
     for group in polygons.grains:
@@ -184,7 +184,7 @@ def test_entries_of_the_inverse_at_contacts(kn):
     """Against the pseudo-inverse of the dense tangent, spins times the system's length."""
     graph = packing(30, seed=2, share=0.0).replace(normal_force=None, shear_force=None)
     law = LinearFrictional(kn, 0.4 * kn, shear_increment="radii")
-    system = packing_system(graph, law)
+    system = packing_system(Scene(graph, law))
     dense = np.linalg.pinv(assemble_tangent(graph, law, spins=True), rcond=1e-10)
     count = graph.grain_count
     size = np.append(np.ones(2 * count), np.full(count, system.length))

@@ -74,7 +74,7 @@ def test_contacts_with_walls_count_as_contacts():
     planes = PlaneContacts(
         np.array([0, 2]), np.array([[-0.5, 0.0], [0.5, 0.0]]), np.ones(2), np.zeros(2)
     )
-    system = packing_system(graph, LAW, boundary=between(planes, volume=3.0))
+    system = packing_system(Scene(graph, LAW, between(planes, volume=3.0)))
     assert system.carrying.grains.all() and system.boundary == "2 wall contacts"
 
 
@@ -93,7 +93,7 @@ class Counted(Factor):
 
 
 def test_refinement_ends_at_rounding():
-    system = packing_system(strips(1), LAW)
+    system = packing_system(Scene(strips(1), LAW))
     factor = factorised(system)
     rng = np.random.default_rng(0)
     loads = factor.matrix @ rng.normal(size=system.size)
@@ -114,7 +114,7 @@ def test_refinement_ends_at_rounding():
 
 def test_refinement_ends_where_a_mechanism_cannot_carry():
     """Loads that nothing carries don't get smaller: refining would only make the motion larger."""
-    system = packing_system(strips(1), LAW)
+    system = packing_system(Scene(strips(1), LAW))
     factor = factorised(system)
     loads = np.zeros(system.size)
     loads[system.freedom[:, 1]] = 1.0  # all grains pushed across: the band floats that way

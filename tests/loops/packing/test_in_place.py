@@ -126,7 +126,7 @@ def test_a_hinged_triangle_changes_nothing_else():
         cell=graph.cell,
     )
     regime = np.full(hinged.contact_count, Regime.ELASTIC)
-    system = packing_system(hinged, LAW, regime=regime)
+    system = packing_system(Scene(hinged, LAW), regime=regime)
     assert system.carrying.grains.all()
     found = inverted(system, polygons_of(graph, find_faces(graph)), np.inf, np.inf)
     change = frobenius(found.matrix - alone.matrix) / frobenius(alone.matrix)

@@ -97,7 +97,7 @@ def sheared_and_flagged():
 def test_selected_inverse_is_the_direct_solve(request, name):
     """SuperLU's solves, refined until they know no regularisation."""
     state = request.getfixturevalue(name)
-    system = packing_system(state.graph, state.law)
+    system = packing_system(Scene(state.graph, state.law))
     factor = factorised(system)
     row = {face: k for k, face in enumerate(state.faces.loops)}
     for batch in loop_batches(state.graph, state.faces):
@@ -117,7 +117,7 @@ def test_selected_inverse_is_the_direct_solve(request, name):
 
 def test_blocks_converge_to_the_whole(elastic):
     """As R^-1.9; 0.2 is what the slope scatters by from state to state."""
-    system = packing_system(elastic.graph, elastic.law)
+    system = packing_system(Scene(elastic.graph, elastic.law))
     polygons, points = polygons_of(elastic.graph, elastic.faces), []
     for buffer in (4.0, 8.0):
         found = inverted(system, polygons, 6.0, buffer)

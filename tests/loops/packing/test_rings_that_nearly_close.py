@@ -32,7 +32,7 @@ def lattice_of(moves, radii):
 
 
 def mismatch(graph, law, regime):
-    system = packing_system(graph, law, regime=regime)
+    system = packing_system(Scene(graph, law), regime=regime)
     return spin_modes(system.stiffness, system.ends, system.size)[2]
 
 
@@ -124,10 +124,10 @@ def test_motion_at_contacts_leaves_out_what_rounding_hides():
     graph, law, regime = lattice(1e-5, radii=1e-5)
     assert UNKNOWN < mismatch(graph, law, regime)[0] < HIDDEN
     near, gear = (
-        inverse_at_contacts(packing_system(one, law, regime=regime))
+        inverse_at_contacts(packing_system(Scene(one, law), regime=regime))
         for one in (graph, lattice(1e-5)[0])
     )
     assert np.abs(near - gear).max() < 1e-3 * np.abs(gear).max()
     graph, law, regime = lattice(1e-2, radii=1e-2)
-    far = inverse_at_contacts(packing_system(graph, law, regime=regime))
+    far = inverse_at_contacts(packing_system(Scene(graph, law), regime=regime))
     assert np.abs(far).max() > 1e3 * np.abs(gear).max()

@@ -76,15 +76,15 @@ def test_a_system_needs_an_area():
     held = np.array([True, False, False])
     for volume in (None, 0.0, -1.0, np.inf):
         boundary = Boundary(held=held, volume=volume)
-        assert refusal(partial(packing_system, graph, LAW, boundary=boundary)) == (
+        assert refusal(partial(packing_system, Scene(graph, LAW, boundary))) == (
             f"volume: got {volume!r}, expected a positive area. Give the sample's area."
         )
-    assert packing_system(graph, LAW, boundary=replace(boundary, volume=2.0)).volume == 2.0
+    assert packing_system(Scene(graph, LAW, replace(boundary, volume=2.0))).volume == 2.0
     # The cell's area, of a cell whose vectors turn either way.
     skewed = packing(16)
-    assert packing_system(skewed, LAW).volume == pytest.approx(4.0 * 3.7 + 0.3 * 0.2)
+    assert packing_system(Scene(skewed, LAW)).volume == pytest.approx(4.0 * 3.7 + 0.3 * 0.2)
     turned = skewed.replace(cell=skewed.cell[:, ::-1], images=skewed.images[:, ::-1])
-    assert packing_system(turned, LAW).volume == pytest.approx(4.0 * 3.7 + 0.3 * 0.2)
+    assert packing_system(Scene(turned, LAW)).volume == pytest.approx(4.0 * 3.7 + 0.3 * 0.2)
 
 
 def test_methods_are_named_where_one_is_unknown():
@@ -98,7 +98,7 @@ def test_the_boundary_names_all_that_drives():
     graph, law, options = CASES["rough walls"]
     held = np.zeros(graph.grain_count, bool)
     held[4] = True
-    system = packing_system(graph, law, boundary=replace(options["boundary"], held=held))
+    system = packing_system(Scene(graph, law, replace(options["boundary"], held=held)))
     assert system.boundary == "14 wall contacts, 1 grains held to the affine motion"
 
 
@@ -115,7 +115,7 @@ def test_the_outline_is_the_outer_cycle_of_the_largest_cluster():
 
 
 def test_changed_factors_are_those_of_the_changed_matrix():
-    system = packing_system(packing(16), LAW)
+    system = packing_system(Scene(packing(16), LAW))
     factor = factorised(system)
     rng = np.random.default_rng(0)
     K = np.diag(2.0 + np.arange(6.0)) + rng.normal(size=(6, 6)) * 0.1

@@ -133,7 +133,8 @@ def in_place(case, **how):
 def system_of(case):
     """The linear system of a packing, solves with it, and the inverse at its contacts."""
     graph, law, options = CASES[case]
-    system = packing_system(graph, law, **options)
+    scene = Scene(graph, law, options.get("boundary"))
+    system = packing_system(scene, regime=options.get("regime"))
     carrying = system.carrying
     words = {
         "grains": np.flatnonzero(~carrying.grains).tolist(),

@@ -111,7 +111,7 @@ def test_a_grain_at_its_plates_sticks_then_slides():
 @pytest.mark.parametrize("which", SOME)
 def test_without_distances_it_is_the_rate_problem(which):
     graph = near_yield(*which)
-    yielding = yield_response(graph, LAW, yield_band=0.95)
+    yielding = yield_response(Scene(graph, LAW), yield_band=0.95)
     rates = PackingRates(yielding).response(H)
     found = PackingIncrements(replace(yielding, distance=0.0 * yielding.distance)).response(H)
     if found.status != "nearest" and rates.status == "unique":
@@ -201,7 +201,7 @@ def test_frame_numbers_and_units_change_nothing(which):
 
 
 def test_forces_of_the_motion_are_those_of_the_increment():
-    yielding = yield_response(near_yield(24, 3), LAW, yield_band=0.5)
+    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.5)
     found = PackingIncrements(yielding).response(1e-5 * H)
     forces = forces_of_motion(yielding, found.branch_rate, found.spin)
     size = np.abs(found.force_rate).max()
@@ -209,7 +209,7 @@ def test_forces_of_the_motion_are_those_of_the_increment():
 
 
 def test_too_many_candidates_leave_the_nearest(monkeypatch):
-    yielding = yield_response(near_yield(24, 3), LAW, yield_band=0.3)
+    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.3)
     monkeypatch.setattr(increment_module, "CONDENSED", 4)
     few = nearest_candidates(yielding)
     assert len(few.rows) == 4 < len(yielding.rows)
@@ -219,7 +219,7 @@ def test_too_many_candidates_leave_the_nearest(monkeypatch):
 
 
 def test_an_increment_beyond_any_solution_says_so():
-    yielding = yield_response(near_yield(24, 3), LAW, yield_band=0.5)
+    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.5)
     one = PackingIncrements(yielding)
     q, M = one.rates.problem(component_control(0.05 * H, None))
     raised = raise_load(yielding.distance, q, M)
@@ -237,7 +237,7 @@ def test_candidates_are_a_share():
 @pytest.mark.parametrize("control", ["strain", "stress"])
 def test_a_probe_by_increment_has_the_increment_of_every_direction(control):
     graph, size = near_yield(24, 3), {"strain": 1e-5, "stress": 1e-6}[control]
-    faces, yielding = find_faces(graph), yield_response(graph, LAW, yield_band=0.7)
+    faces, yielding = find_faces(graph), yield_response(Scene(graph, LAW), yield_band=0.7)
     rates = probe(Scene(graph, LAW), 6, control=control, yield_band=0.99)
     found = probe_by_increment(rates, yielding, faces, size)
     slid = 0

@@ -138,7 +138,7 @@ def test_forces_of_a_motion_are_those_of_the_rate_problem():
             x=length * graph.x, x0=None, radii=length * graph.radii,
             cell=length * graph.cell, cell0=None,
         )  # fmt: skip
-        yielding = yield_response(large, law, yield_band=0.99)
+        yielding = yield_response(Scene(large, law), yield_band=0.99)
         found = PackingRates(yielding).response([[0.8, 0.3], [-0.1, -0.5]])
         assert found.sliding > 2 and found.candidates > found.sliding
         at_strength = replace(yielding, distance=0.0 * yielding.distance)

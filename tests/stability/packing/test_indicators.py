@@ -47,7 +47,7 @@ def dense(system):
 @pytest.mark.parametrize(("seed", "sliding"), [(0, 0.0), (1, 0.2), (2, 0.3)])
 def test_entries_of_the_inverse(seed, sliding):
     """Equal to the dense pseudo-inverse, with sliding contacts too: K is then nonsymmetric."""
-    held_to_dense(packing_system(packing(30, seed=seed, sliding=sliding), LAW))
+    held_to_dense(packing_system(Scene(packing(30, seed=seed, sliding=sliding), LAW)))
 
 
 def test_entries_of_the_inverse_of_two_components():
@@ -58,7 +58,7 @@ def test_entries_of_the_inverse_of_two_components():
         for name in ("x", "radii", "images", "normal_force", "shear_force")
     }
     contacts = np.concatenate([one.contacts, one.grain_count + two.contacts])
-    system = packing_system(GrainGraph(contacts=contacts, cell=one.cell, **both), LAW)
+    system = packing_system(Scene(GrainGraph(contacts=contacts, cell=one.cell, **both), LAW))
     assert len(system.carrying.anchors) == 2
     held_to_dense(system)
 
@@ -76,7 +76,7 @@ def held_to_dense(system):
 
 def test_vibralities_and_criticalities_of_loops():
     graph = packing(30, seed=1, sliding=0.2)
-    faces, system = find_faces(graph), packing_system(graph, LAW)
+    faces, system = find_faces(graph), packing_system(Scene(graph, LAW))
     found = indicators(Scene(graph, LAW), faces)
     inverse, matrix, T = dense(system)
     diagonal = np.append(np.diag(inverse), 0.0) * system.unit
@@ -135,7 +135,7 @@ def test_a_scale_changes_nothing():
 
 
 def test_soft_modes_are_those_of_the_dense_matrix():
-    system = packing_system(packing(30, seed=2, sliding=0.2), LAW)
+    system = packing_system(Scene(packing(30, seed=2, sliding=0.2), LAW))
     found = soft_participation(system, 5)
     matrix = stiffness_matrix(system).toarray()
     values, modes = np.linalg.eigh(0.5 * (matrix + matrix.T))

@@ -9,6 +9,7 @@ import pytest
 from loops import GrainGraph, InputError
 from loops.laws.movable import require_movable
 from loops.laws.of_pairs import as_known
+from loops.scene import Scene
 from stability.complementarity import principal_transform, scaled_definite
 from stability.packing import regime_regions
 from stability.packing.regime_regions import RegimeRegions, cones
@@ -39,7 +40,7 @@ def test_a_small_pivot_is_small_beside_its_column(diagonal, status):
 
 def test_the_share_of_a_slip_that_no_motion_balances():
     """All of it where nothing moves, half where half of each load is left."""
-    yielding = yield_response(packing(16, 2, 0.9, 0.3), LAW, yield_band=0.99)
+    yielding = yield_response(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
     rates = PackingRates(yielding)
     for kept in (0.0, 0.5):
         factor = SimpleNamespace(
@@ -54,7 +55,7 @@ def test_the_share_of_a_slip_that_no_motion_balances():
 @pytest.mark.parametrize("seed", [2, 5])
 def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
     """Condensed about any regimes, `w` and `z` of the sliding contacts change places."""
-    yielding = yield_response(packing(16, seed, 0.9, 0.3), LAW, yield_band=0.99)
+    yielding = yield_response(Scene(packing(16, seed, 0.9, 0.3), LAW), yield_band=0.99)
     rates = PackingRates(yielding)
     M, stress = rates.whole
     active = np.arange(len(M)) % 3 == 1
@@ -130,7 +131,7 @@ def test_solutions_are_sought_evenly_around_the_circle(monkeypatch):
 
 
 def test_the_solution_of_a_direction_leads_along_the_great_circle_to_others():
-    yielding = yield_response(packing(16, 2, 0.9, 0.3), LAW, yield_band=0.99)
+    yielding = yield_response(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
     pieces = RegimeRegions(PackingRates(yielding), "strain", "symmetric", 3)
     first = np.array([1.0, 2.0, 2.0]) / 3.0
     pieces.at(first)

@@ -51,7 +51,7 @@ def watched(monkeypatch):
 def by_rates(graph, sliding):
     """`q`, `M` of the rate problem, assembled and condensed elsewhere, under the same control."""
     regime = np.where(sliding, 2, 1).astype(np.int8)
-    found = yield_response(graph, LAW, yield_band=1 - 1e-6, regime=regime)
+    found = yield_response(Scene(graph.replace(regime=regime), LAW), yield_band=1 - 1e-6)
     return PackingRates(found).problem(component_control([[1, 0], [0, NAN]], None))
 
 

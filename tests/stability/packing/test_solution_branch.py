@@ -41,6 +41,11 @@ from tests.tools import held_probes, small_packings
 from tests.yade_slow import COLLECTION, in_collection, slow
 
 
+def rates_of(graph, law):
+    """Return the rate problem of the contacts at their strength."""
+    return PackingRates(yield_response(Scene(graph, law), yield_band=AT_YIELD))
+
+
 def unit(angle):
     return np.array([np.cos(angle), np.sin(angle)])
 
@@ -166,7 +171,7 @@ def test_a_contact_without_resistance_to_slip_ends_the_branch_as_degenerate():
 
 def answers(graph, law):
     """Status, proof and number of solutions in 24 directions of strain."""
-    rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+    rates = rates_of(graph, law)
     regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
     found = [regions.at(unit(TURN * k / 24)).response for k in range(24)]
     return [(one.status, one.proof, one.solutions) for one in found]
@@ -245,14 +250,14 @@ def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypat
     cases = [
         case
         for case in packings(range(20), share=0.25)
-        if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
+        if positive_definite(rates_of(*case).whole[0])
     ]
     true = [probe(Scene(*case), 24, control="stress", yield_band=AT_YIELD) for case in cases]
     for module in ("complementarity", "packing.regime_regions"):
         monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     proved = 0
     for case, other in zip(cases, true, strict=True):
-        rates = PackingRates(yield_response(*case, yield_band=AT_YIELD))
+        rates = rates_of(*case)
         regions = RegimeRegions(rates, "stress", "diagonal", STARTS)
         for k, direction in enumerate(other.directions):
             found = regions.at(direction).response
@@ -356,7 +361,7 @@ def test_nothing_that_probes_say_of_many_small_packings_is_false(monkeypatch):
 def test_the_dense_problem_of_the_brute_force_is_that_of_the_sparse_one():
     for _, graph, law in islice(small_packings.packings(), 12):
         dense = small_packings.dense_problem(graph, law, at_yield(graph, law))
-        rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+        rates = rates_of(graph, law)
         if dense and rates.slips_left < 1e-9:
             regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
             for one, other in zip(regions.circle, dense[:2], strict=True):
@@ -365,7 +370,7 @@ def test_the_dense_problem_of_the_brute_force_is_that_of_the_sparse_one():
 
 def nearest_alone(graph, law, control):
     """Answers in three components, each from the nearest answered direction where it can be."""
-    rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+    rates = rates_of(graph, law)
     regions = RegimeRegions(rates, control, "symmetric", STARTS)
     rng, rows = np.random.default_rng(1), []
     for direction in rng.standard_normal((40, 3)):
@@ -404,7 +409,7 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
     cases = [
         case
         for case in packings(range(20), share=0.25, most=9)
-        if positive_definite(PackingRates(yield_response(*case, yield_band=AT_YIELD)).whole[0])
+        if positive_definite(rates_of(*case).whole[0])
     ]
     true = [probe(Scene(*case), 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
     for module in ("complementarity", "packing.regime_regions"):

@@ -86,7 +86,9 @@ def test_a_packing_whose_contacts_at_yield_all_soften_has_no_solution():
     law = LinearFrictional(1.0, 0.1, 0.5)
     found = rates_at(Scene(graph, law), H=STRAINS[0])
     assert (found.status, found.candidates, found.proof) == ("none", 1, "enumeration")
-    assert (np.diag(PackingRates(yield_response(graph, law, yield_band=0.99)).whole[0]) < 0).all()
+    assert (
+        np.diag(PackingRates(yield_response(Scene(graph, law), yield_band=0.99)).whole[0]) < 0
+    ).all()
     assert (probe(Scene(graph, law), 8).status == "none").any()
 
 
@@ -112,7 +114,7 @@ def test_statuses_without_enumeration_say_no_more_than_was_shown(monkeypatch):
             graph, law = small(grains, seed, share)
         except InputError:
             continue
-        rates = PackingRates(yield_response(graph, law, yield_band=AT_YIELD))
+        rates = PackingRates(yield_response(Scene(graph, law), yield_band=AT_YIELD))
         for H in STRAINS:
             monkeypatch.setattr(complementarity, "ENUMERATED", 12)
             truth = rates.response(H)
@@ -154,7 +156,7 @@ def test_slip_that_nothing_answers_has_no_solution_whatever_rounding_leaves(kt, 
         shear_force=[0.005],
     )
     law = LinearFrictional(1.0, kt, 0.5, increment)
-    rates = PackingRates(yield_response(row, law, yield_band=AT_YIELD))
+    rates = PackingRates(yield_response(Scene(row, law), yield_band=AT_YIELD))
     given = response.component_control(np.diag([1.0, 0.0]), None)
     assert rates.problem(given)[1].tolist() == [[0.0]]
     found = probe(Scene(row, law), [[1.0, 0.3], [1.0, -0.3], [-1.0, 0.3], [-1.0, -0.3]])

@@ -101,7 +101,7 @@ def _row(
 def peer(name: str, times: int, sliding: bool) -> dict[str, Any]:
     """Seconds that a script takes without the platform, all loops."""
     graph, law, faces = scene(times, sliding)
-    system = packing_system(graph, law)
+    system = packing_system(Scene(graph, law))
     K = stiffness_matrix(system)
     held = system.freedom[system.carrying.anchors, :2].ravel()
     free = np.setdiff1d(np.arange(system.size), held)
