@@ -1,6 +1,6 @@
 """The sdist and its wheel, installed apart from the checkout under each Python of `.ci/pythons`.
 
-setuptools and setuptools-scm come from the index; so do the libraries of another Python.
+The libraries of another Python than this one come from the index.
 """
 
 import os
@@ -51,45 +51,36 @@ def git(*arguments, cwd):
 
 
 @pytest.fixture(scope="module")
-def tools(tmp_path_factory):
-    """Folder with what builds the project."""
-    folder = tmp_path_factory.mktemp("tools")
-    needs = PROJECT["build-system"]["requires"]
-    output("-m", "pip", "install", "--quiet", "--target", folder, *needs, cwd=folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory, tools):
+def wheel(tmp_path_factory):
     """The wheel of the unpacked sdist of the files that git tracks, without git."""
     folder = tmp_path_factory.mktemp("built")
     checkout = copied(folder / "checkout")
-    said = output("-c", BUILD, "build_sdist", folder, cwd=checkout, path=tools)
+    said = output("-c", BUILD, "build_sdist", folder, cwd=checkout)
     packed = folder / said.splitlines()[-1]
     with tarfile.open(packed) as archive:
         archive.extractall(folder, filter="data")
     unpacked = folder / packed.name.removesuffix(".tar.gz")
-    said = output("-c", BUILD, "build_wheel", folder, cwd=unpacked, path=tools)
+    said = output("-c", BUILD, "build_wheel", folder, cwd=unpacked)
     return folder / said.splitlines()[-1]
 
 
-def test_the_version_is_that_of_the_tag(tmp_path, tools):
+def test_the_version_is_that_of_the_tag(tmp_path):
     """Without git the stated one, without a tag one after it, with a tag the tag's."""
     stated = PROJECT["tool"]["setuptools_scm"]["fallback_version"]
     for name in ("pyproject.toml", ".git_archival.txt", ".gitattributes"):
         shutil.copy(ROOT / name, tmp_path / name)
-    assert output(*VERSION, cwd=tmp_path, path=tools) == stated
+    assert output(*VERSION, cwd=tmp_path) == stated
     git("init", "--quiet", ".", cwd=tmp_path)
     git("add", ".", cwd=tmp_path)
     git("commit", "--quiet", "-m", "first", cwd=tmp_path)
-    assert output(*VERSION, cwd=tmp_path, path=tools).startswith("0.1.1.dev1+g")
+    assert output(*VERSION, cwd=tmp_path).startswith("0.1.1.dev1+g")
     git("tag", "v0.3.0", cwd=tmp_path)
-    assert output(*VERSION, cwd=tmp_path, path=tools) == "0.3.0"
+    assert output(*VERSION, cwd=tmp_path) == "0.3.0"
     git("archive", "--prefix=archive/", "-o", "archive.tar", "HEAD", cwd=tmp_path)
     with tarfile.open(tmp_path / "archive.tar") as archive:
         archive.extractall(tmp_path.parent / "apart", filter="data")
     apart = tmp_path.parent / "apart" / "archive"
-    assert output(*VERSION, cwd=apart, path=tools) == "0.3.0"
+    assert output(*VERSION, cwd=apart) == "0.3.0"
 
 
 @pytest.mark.parametrize("version", PYTHONS)
@@ -106,7 +97,10 @@ def test_the_wheel_works_without_the_checkout(tmp_path, wheel, version):
         output("-m", "venv", tmp_path / "venv", cwd=tmp_path, python=found)
         python = tmp_path / "venv" / "bin" / "python"
         pip = ("-m", "pip", "install", "--quiet", "--no-compile")
-        output(*pip, wheel, cwd=tmp_path, python=python)
+        done = called(*pip, wheel, cwd=tmp_path, python=python)
+        if "connection broken" in done.stderr:
+            pytest.skip("the index is out of reach")
+        assert done.returncode == 0, done.stderr
         where = "import studies; print(studies.__path__[0])"
         site = Path(output("-c", where, cwd=tmp_path, python=python)).parent
     how = {"cwd": tmp_path, "path": site, "python": python}
