@@ -5,9 +5,10 @@ Forces, stresses and strains are positive in compression, angles are in radians.
 
 from typing import TYPE_CHECKING
 
-from loops.lazy import lazy_face
+from loops.lazy import SERVED, lazy_face
 
 if TYPE_CHECKING:
+    from grainloops import plot as plot
     from loops import CohesiveFrictional as CohesiveFrictional
     from loops import FrictionalLaw as FrictionalLaw
     from loops import GrainGraph as GrainGraph
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from loops import traction_tangent as traction_tangent
     from patterns import Snapshot as Snapshot
     from patterns import diamond as diamond
-    from patterns import loop_of_snapshot as loop_of_snapshot
     from patterns import planar as planar
     from patterns import polydisperse_polygon as polydisperse_polygon
     from patterns import random_loop as random_loop
@@ -64,21 +64,19 @@ if TYPE_CHECKING:
     from stability.packing import indicators as indicators
     from stability.packing import replay as replay
     from studies import __version__ as __version__
+    from studies.answers import check as check
+    from studies.answers import loop as loop
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.frames import to_geodataframe as to_geodataframe
-    from studies.plots import plot_cone as plot_cone
-    from studies.plots import plot_envelope as plot_envelope
-    from studies.plots import plot_loop as plot_loop
-    from studies.plots import plot_map as plot_map
-    from studies.plots import plot_path as plot_path
     from studies.probe import probe as probe
     from studies.series.tables import fates as fates
     from studies.series.tables import increments as increments
     from studies.series.tables import series as series
     from studies.series.tables import skill as skill
-    from studies.style import figure_width as figure_width
+    from studies.snapshot.fabric import fabric as fabric
+    from studies.snapshot.stress import stress as stress
     from studies.sustain import sustain as sustain
 
 
@@ -91,7 +89,7 @@ NAMES = {
         "order_kinetics to_networkx traction_tangent"
     ),
     "patterns": (
-        "Snapshot diamond loop_of_snapshot planar polydisperse_polygon random_loop "
+        "Snapshot diamond planar polydisperse_polygon random_loop "
         "read_frames read_snapshot regular_polygon sample_cell sample_path snapshot_from_tables "
         "synthetic_network write_snapshot"
     ),
@@ -102,16 +100,23 @@ NAMES = {
     ),
     "stability.material": "LoopMaterial loops_of march oriented",
     "stability.packing": "hold indicators replay",
+    "grainloops.plot": "plot",
     "studies": "__version__",
+    "studies.answers": "check loop",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
-    "studies.plots": "plot_cone plot_envelope plot_loop plot_map plot_path",
     "studies.probe": "probe",
     "studies.series.tables": "fates increments series skill",
-    "studies.style": "figure_width",
+    "studies.snapshot.fabric": "fabric",
+    "studies.snapshot.stress": "stress",
     "studies.sustain": "sustain",
 }
 # Names that have left for their room; for one release.
 FORMER = {
     name: f"stability.{name}" for name in ("normalised_second_order_work", "spectrum", "statuses")
 } | {name: f"loops.{name}" for name in ("contact_forces", "from_networkx", "match_contacts")}
+FORMER |= {
+    f"plot_{name}": f"grainloops.plot.{name}" for name in "cone envelope loop map path".split()
+}
+FORMER |= {"figure_width": "grainloops.plot.figure_width", "loop_of_snapshot": "grainloops.loop"}
+SERVED.update(table="studies.answers.table_of", plot="studies.answers.plot_of")
 lazy_face(__name__, NAMES, FORMER)

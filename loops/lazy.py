@@ -9,6 +9,15 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+# Functions that answer `result.table()` and `result.plot()`: the front door names them.
+SERVED: dict[str, str] = {}
+
+
+def named(place: str) -> Any:
+    """Return what 'module.name' stands for."""
+    module, _, name = place.rpartition(".")
+    return getattr(import_module(module), name)
+
 
 class LazyFace(ModuleType):
     """A package whose names are each loaded at its first use."""
@@ -20,7 +29,7 @@ class LazyFace(ModuleType):
         former = self.__dict__["former"]
         if name in former:
             warn_of_old_name(f"{self.__name__}.{name}", former[name])
-            return getattr(import_module(former[name].rpartition(".")[0]), name)
+            return named(former[name])
         if name not in places:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         module = import_module(places[name])
@@ -60,11 +69,10 @@ def warn_of_old_name(old: str, new: str, stacklevel: int = 3) -> None:
 def old_names(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
     """Return the `__getattr__` of a package with old names: each with 'module.name' of today."""
 
-    def named(name: str) -> Any:
+    def old_name(name: str) -> Any:
         if name not in names:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         warn_of_old_name(f"{package}.{name}", names[name])
-        module, _, new = names[name].rpartition(".")
-        return getattr(import_module(module), new)
+        return named(names[name])
 
-    return named
+    return old_name

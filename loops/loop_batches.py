@@ -107,7 +107,7 @@ def loop_tangents(
     graph: GrainGraph,
     law: ContactLaw,
     faces: Faces,
-    closure: Closure = "traction",
+    closure: Closure | None = None,
     *,
     spins: Spins = "blocked",
 ) -> MacroTangent:
@@ -122,7 +122,7 @@ def loop_tangents(
     faces : Faces
         Its faces, from `find_faces`.
     closure : {'affine', 'traction'}
-        How the surrounding medium drives the grains.
+        How the surrounding medium drives the grains; it has to be named.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
 
@@ -135,7 +135,7 @@ def loop_tangents(
     Raises
     ------
     InputError
-        If there are no loops.
+        If there are no loops, or no closure is named.
 
     Examples
     --------

@@ -1,10 +1,14 @@
-"""Short displays of results: one line at the prompt, a small table in a notebook."""
+"""Results: one line at the prompt, a small table in a notebook, a data frame, a figure."""
 
 from __future__ import annotations
 
 from html import escape
+from typing import Any
 
 import numpy as np
+
+from loops.errors import InputError
+from loops.lazy import SERVED, named
 
 LONGEST_REPR = 240  # characters of the line at the prompt; the table of a notebook has all facts
 FEW = 4  # numbers that are shown one by one
@@ -12,7 +16,7 @@ MOST_WORDS = 6  # different words of an array that are counted
 
 
 class Shown:
-    """Base of the results that hold large arrays: one line at the prompt, a table in a notebook."""
+    """Base of all results: `repr` in one line, `_repr_html_`, `table()` and `plot()`."""
 
     def facts(self) -> dict[str, object]:
         """Names and short values; by default the fields, arrays by their shape and range."""
@@ -32,6 +36,22 @@ class Shown:
             for name, value in self.facts().items()
         )
         return f"<table><caption>{type(self).__name__}</caption>{rows}</table>"
+
+    def table(self) -> Any:
+        """Return a pandas DataFrame: a row a direction, a state, a loop, or one row of facts."""
+        return _served("table")(self)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the result into these axes, or pyplot's, and return them."""
+        return _served("plot")(self, ax=ax)
+
+
+def _served(name: str) -> Any:
+    """Return the function of the front door that makes tables or figures of results."""
+    if name not in SERVED:
+        remedy = "Write import grainloops first."
+        raise InputError(f".{name}()", "no front door", "grainloops, imported", remedy)
+    return named(SERVED[name])
 
 
 def brief(value: object) -> object:

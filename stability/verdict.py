@@ -21,6 +21,7 @@ from stability.spectra import (
     restrict,
     spectrum,
     symmetric_modes,
+    symmetric_spectrum,
 )
 
 VerdictStatus = Literal["stable", "unstable", "undetermined"]
@@ -53,9 +54,11 @@ class Verdict(Shown):
     flutter : bool
         K has a complex pair beyond the tolerance (see `flutter_pairs`).
     eigenvalues : ndarray of complex, shape (m,)
-        Of K.
+        Of K, in its unit: force per length for a tangent.
     symmetric_eigenvalues : ndarray, shape (m,)
-        Of Ks, ascending.
+        Of Ks, ascending, in the unit of K.
+    kn : float or None
+        Mean normal stiffness that `over_kn` divides by.
     """
 
     status: VerdictStatus
@@ -67,11 +70,17 @@ class Verdict(Shown):
     flutter: bool
     eigenvalues: NDArray[np.complex128]
     symmetric_eigenvalues: Floats
+    kn: float | None = None
 
     @property
     def lambda_min(self) -> float:
         """Smallest eigenvalue of Ks, in the unit of K: `margin` is this over `|K|`."""
         return float(self.symmetric_eigenvalues[0])
+
+    @property
+    def over_kn(self) -> float:
+        """Smallest eigenvalue over the mean kn, as tables of loops have it; nan without a kn."""
+        return float("nan") if self.kn is None else self.lambda_min / self.kn
 
     @property
     def mode(self) -> Loss:
@@ -85,8 +94,9 @@ class Verdict(Shown):
         return {
             "status": self.status,
             "subspace": self.subspace,
-            "lambda_min": f"{self.lambda_min:.6g}",
-            "lambda_min/|K|": f"{self.margin:.6g}",
+            "lambda_min (unit of K)": f"{self.lambda_min:.6g}",
+            **({} if self.kn is None else {"lambda_min/kn": f"{self.over_kn:.6g}"}),
+            "margin lambda_min/|K|": f"{self.margin:.6g}",
             "tolerance": f"{self.tolerance:.2g}",
             "loss in the spectrum of K": self.mode,
         }
@@ -106,6 +116,7 @@ def judge(
     subspace: str | None = None,
     rtol: float = RTOL,
     error: float | None = None,
+    kn: float | None = None,
 ) -> Verdict:
     """Judge one operator.
 
@@ -125,6 +136,9 @@ def judge(
     error : float, optional
         Bound on the error of K, Frobenius, in its unit; that of a `MacroTangent` if left out,
         else 0.
+    kn : float, optional
+        Mean normal stiffness, `snapshot.mean_kn`: the verdict tells its smallest eigenvalue over
+        it too, `over_kn`, which is the number of `loop_table`.
 
     Returns
     -------
@@ -173,6 +187,7 @@ def judge(
         flutter=bool(pairs.any()),
         eigenvalues=_read_only(eigenvalues),
         symmetric_eigenvalues=_read_only(values),
+        kn=kn,
     )
 
 
@@ -257,7 +272,7 @@ def loop_spectra(tangents: Floats, *, compiled: bool = False) -> Floats:
         from stability.compiled.modes import loop_modes
 
         return np.asarray(loop_modes(np.ascontiguousarray(tangents))[0])
-    return symmetric_modes(restrict(tangents, "symmetric"))[0]
+    return symmetric_spectrum(restrict(tangents, "symmetric"))
 
 
 def soft_angle(directions: Floats) -> Floats:

@@ -11,7 +11,7 @@ import pyarrow as pa
 from loops import InputError, force_chains
 from patterns import Snapshot, planar
 from stability import Path
-from studies.output import SIGNS, UNITS, provenance
+from studies.output import SIGNS, UNITS, described, provenance
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import add_in_packing
 
@@ -40,7 +40,7 @@ def loop_table(snapshot: Snapshot, *, in_packing: bool = False) -> pd.DataFrame:
         `*_lambda_max` (eigenvalues of Ks over the mean kn, subspace `symmetric`),
         `*_unstable_fraction`, `*_cone_opening`, `*_soft_angle` (degrees); the eigenvalues
         `traction_free_lambda_*` with free spins; `grains`, an array of ids. Version and units
-        stand in `attrs`.
+        stand in `attrs`, those of each column in `attrs["column_units"]`.
 
     Raises
     ------
@@ -60,7 +60,8 @@ def loop_table(snapshot: Snapshot, *, in_packing: bool = False) -> pd.DataFrame:
     if in_packing:
         add_in_packing(snapshot, columns, "auto")
     frame: pd.DataFrame = pa.table(columns).to_pandas()
-    frame.attrs = provenance("loop_table", {}, UNITS["snapshot"])
+    units = {name: said[0] for name in frame if (said := described("snapshot/loops", name))}
+    frame.attrs = provenance("loop_table", {}, UNITS["snapshot"]) | {"column_units": units}
     return frame
 
 

@@ -155,7 +155,8 @@ def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[d
             loops.append({**named, "limits": found})
             if parameters.control == "strain" and not own:
                 loops[-1]["unstable_share"] = unstable_share(fan, limits)
-    return pd.concat([part for part in parts if len(part)], ignore_index=True), loops
+    filled = [part for part in parts if len(part)] or parts[:1]
+    return pd.concat(filled, ignore_index=True), loops
 
 
 def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
@@ -231,7 +232,8 @@ def domains_figure(
     """
     closures = list(dict.fromkeys(loop.closure for loop in parameters.loops))
     orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
-    kinds, kappa = list(table.contacts.unique()), table.kappa.iloc[0]
+    kinds = list(table.contacts.unique()) or ["no limit found"]
+    kappa = table.kappa.iloc[0] if len(table) else parameters.loops[0].kappa
     figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
     regular = plane == ("s1", "s2") and all(
         loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
@@ -266,6 +268,8 @@ def domains_figure(
 def _pieces(points: Floats, kept: Any) -> tuple[Floats, Floats]:
     """Coordinates of a curve, broken where points are left out and where it jumps."""
     shown = np.where(kept[:, None], points, np.nan)
+    if not len(points):
+        return np.zeros(0), np.zeros(0)
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
     jumps = np.flatnonzero(apart > JUMP * np.ptp(points, axis=0).max(initial=0.0)) + 1
     x, y = np.insert(shown, jumps, np.nan, axis=0).T

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pathlib
 import re
 from collections.abc import Callable
 from functools import wraps
@@ -9,15 +11,29 @@ from itertools import cycle
 from typing import Any, TypeVar, cast
 
 import numpy as np
+import pandas as pd
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.projections.polar import PolarAxes
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state, macroscopic_tangent
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    InputError,
+    Regime,
+    Scene,
+    branch_vectors,
+    contact_state,
+    macroscopic_tangent,
+)
 from loops.arrays import Floats, Integers, Regimes
 from loops.closures import Closure, MacroTangent, Spins
+from loops.errors import check_choice
+from loops.fabric import direction_tensors, mean_tensor, principal
 from patterns import Snapshot, planar
+from patterns.snapshots.snapshot import SnapshotLoop
 from stability import Path, directional_work, plane_cone, restrict
 from stability.packing import Probe
 from studies.frames import events_of_rows
@@ -29,7 +45,9 @@ from studies.paths.figures import (
     forces_key,
 )
 from studies.paths.polygon import operator_diagram
-from studies.snapshot.figures import draw_orders, draw_values, loop_drawer
+from studies.snapshot.fabric import axes_rose, axis_errors, strong_contacts
+from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
+from studies.snapshot.table import loop_columns
 from studies.style import (
     BLACK,
     BLUE,
@@ -37,17 +55,19 @@ from studies.style import (
     LIGHT_GREY,
     LINE_COLOURS,
     ONE_COLUMN,
+    SKY,
     VERMILION,
     axes_or_new,
     new_figure,
     styled,
 )
 
+ROSE_DEGREES = 10.0  # width of the bins of a rose, which divides 180
 DETERMINANT_LABELS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
 
-def drawn(width: float, height: float) -> Callable[[Plot], Plot]:
+def drawn(width: float, height: float, projection: str | None = None) -> Callable[[Plot], Plot]:
     """A plot in the platform's style, into pyplot's current axes unless it is given others.
 
     A figure is made before the style is set: the first one loads the backend of a notebook, whose
@@ -63,7 +83,11 @@ def drawn(width: float, height: float) -> Callable[[Plot], Plot]:
                     pyplot.figure(figsize=tuple(size), layout="constrained")
                 figure = pyplot.gcf()
                 with styled():
-                    how["ax"] = figure.gca()
+                    how["ax"] = (
+                        figure.gca()
+                        if projection is None or figure.axes
+                        else figure.add_subplot(projection=projection)
+                    )
             with styled():
                 return draw(*given, **how)
 
@@ -121,7 +145,7 @@ def plot_map(
 
 
 @drawn(ONE_COLUMN, 3.8)
-def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
+def plot_loop(graph: GrainGraph | SnapshotLoop | Scene, ax: Axes | None = None) -> Axes:
     """Grains of a loop, or of a small graph, with the forces of its contacts and their key.
 
     Every contact has a line from centre to centre, whose width is in proportion to its force,
@@ -130,8 +154,8 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
 
     Parameters
     ----------
-    graph : GrainGraph
-        One state, not periodic; `loop_of_snapshot(...).graph` for example.
+    graph : GrainGraph, SnapshotLoop or Scene
+        One state, not periodic; `gl.loop(snapshot, 62)` for example.
     ax : matplotlib.axes.Axes, optional
         Where to draw; pyplot's current axes if left out.
 
@@ -152,6 +176,7 @@ def plot_loop(graph: GrainGraph, ax: Axes | None = None) -> Axes:
     >>> len(ax.get_legend().get_texts())
     3
     """
+    graph = graph if isinstance(graph, GrainGraph) else graph.graph
     if graph.batch_shape or graph.cell is not None:
         received = f"batch axes {graph.batch_shape}" if graph.batch_shape else "a periodic graph"
         raise InputError("graph", received, "one state in the plane", "Cut a loop out of it.")
@@ -205,9 +230,9 @@ def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes
 
 @drawn(3.0, 3.0)
 def plot_envelope(
-    graph: GrainGraph | Probe,
+    graph: GrainGraph | SnapshotLoop | Scene | Probe,
     law: ContactLaw | None = None,
-    closure: Closure = "affine",
+    closure: Closure | None = None,
     spins: Spins = "blocked",
     ax: Axes | None = None,
 ) -> Axes:
@@ -219,13 +244,13 @@ def plot_envelope(
 
     Parameters
     ----------
-    graph : GrainGraph or Probe
-        One state, `loop_of_snapshot(...).graph` for example; or what `probe` found of a snapshot,
-        drawn over its mean `kn` without the other arguments.
+    graph : SnapshotLoop, Scene, GrainGraph or Probe
+        One state, `gl.loop(snapshot, 62)` for example; or what `probe` found of a snapshot, drawn
+        over its mean `kn` without the other arguments.
     law : ContactLaw
-        Law of the contacts of a graph.
+        Law of the contacts of a graph; a loop of a snapshot and a scene have theirs.
     closure : {'affine', 'traction'}
-        How the surroundings drive the grains.
+        How the surroundings drive the grains of a graph; it has to be named.
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
     ax : matplotlib.axes.Axes, optional
@@ -244,12 +269,14 @@ def plot_envelope(
     --------
     >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
     >>> loop = loop_of_snapshot(read_snapshot(sample_path()), 17)
-    >>> len(plot_envelope(loop.graph, loop.law).lines)
+    >>> len(plot_envelope(loop, closure="traction").lines)
     5
     """
     if isinstance(graph, Probe):
         mean_kn = float(np.mean(getattr(graph.system.law, "kn", graph.system.unit)))
         return response_envelope(graph, mean_kn, axes_or_new(ax))
+    if not isinstance(graph, GrainGraph):
+        law, graph = graph.law, graph.graph
     if law is None:
         raise InputError("law", "none", "the law of the contacts of the graph", "Give it.")
     ax, theta = axes_or_new(ax), np.linspace(0.0, 2.0 * np.pi, 361)
@@ -278,6 +305,146 @@ def plot_envelope(
     ax.ticklabel_format(scilimits=(-2, 3))
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06))
     return ax
+
+
+@drawn(ONE_COLUMN, 4.2, "polar")
+def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) -> Axes:
+    """Rose of directions of the contacts or loops of a snapshot, with standard errors.
+
+    Bars are the density of all, an axis in both its directions; points those of strong and weak
+    contacts (normal force above and below the mean), with errors as if contacts were independent;
+    the line is the second-order series of the fabric tensor.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    of : {'contacts', 'branches', 'loops'}
+        Normals of the contacts; branch vectors weighted by their length; long axes of the loops,
+        weighted by their area.
+    ax : matplotlib.projections.polar.PolarAxes, optional
+        Where to draw; pyplot's current figure if left out.
+
+    Returns
+    -------
+    matplotlib.projections.polar.PolarAxes
+
+    Raises
+    ------
+    InputError
+        For other directions, axes that are not polar, or if branches cross.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from patterns import read_snapshot, sample_path
+    >>> ax = plot_rose(read_snapshot(sample_path()), ax=Figure().add_subplot(projection="polar"))
+    >>> [text.get_text() for text in ax.get_legend().get_texts()][:2]
+    ['second order: a = 0.186 ± 0.049', 'all contacts: 819']
+    """
+    check_choice("of", of, ("contacts", "branches", "loops"))
+    if not isinstance(ax, PolarAxes):
+        expected, remedy = "polar axes", "Make them with projection='polar', or leave ax out."
+        raise InputError("ax", type(ax).__name__, expected, remedy)
+    snapshot = planar(snapshot)
+    d = branch_vectors(snapshot.graph)
+    axes, weights = np.degrees(np.arctan2(d[:, 1], d[:, 0])), np.ones(len(d))
+    if of == "branches":
+        weights = np.hypot(*d.T)
+    if of == "loops":
+        table = loop_columns(snapshot)
+        axes, weights = table["orientation"], table["area"]
+    sets = [(np.ones(len(axes), dtype=bool), SKY, "", f"all {of}: {len(axes)}")]
+    if of == "contacts" and snapshot.has_forces:
+        strong = strong_contacts(snapshot)
+        sets += [(strong, VERMILION, "o", f"strong: {np.count_nonzero(strong)}"),
+                 (~strong, GREY, "s", f"weak: {np.count_nonzero(~strong)}")]  # fmt: skip
+    width = np.radians(ROSE_DEGREES)
+    for chosen, colour, marker, label in sets:
+        angle, density, error = axes_rose(axes[chosen], weights[chosen], ROSE_DEGREES)
+        if not marker:
+            ax.bar(angle, density, width, color=colour, edgecolor="white", linewidth=0.4,
+                   label=label)  # fmt: skip
+            ax.errorbar(angle, density, error, fmt="none", ecolor=BLUE, elinewidth=0.7)
+        else:
+            ax.errorbar(angle, density, error, fmt=marker, color=colour, markersize=3,
+                        elinewidth=0.7, label=label)  # fmt: skip
+    theta = np.linspace(0.0, 2.0 * np.pi, 361)
+    turn = np.radians(axes)
+    tensors = direction_tensors(np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+    anisotropy, direction = principal(mean_tensor(tensors, weights).mean)
+    a, doubt = 2.0 * anisotropy, 2.0 * axis_errors(tensors, weights, float(direction))[0]
+    series = (1.0 + a * np.cos(2.0 * (theta - direction))) / (2.0 * np.pi)
+    label = f"second order: a = {a:.3f} ± {doubt:.3f}"
+    ax.plot(theta, series, color=BLACK, linewidth=1.0, label=label)
+    titles = {"contacts": "contact normals", "branches": "branch vectors by length",
+              "loops": "long axes of loops by area"}  # fmt: skip
+    finish_rose(ax, titles[of], "probability density (1/rad)")
+    return ax
+
+
+@drawn(ONE_COLUMN, 2.8)
+def plot_evolution(
+    evolution: pd.DataFrame | str | os.PathLike[str],
+    y: str | tuple[str, ...] = "q_over_p",
+    x: str = "shear_strain",
+    ax: Axes | None = None,
+) -> Axes:
+    """Columns of a series' `evolution` over one another, with error bars where there are errors.
+
+    Parameters
+    ----------
+    evolution : pandas.DataFrame or path
+        Table `evolution` of `grainloops series`, its file, or the result folder.
+    y, x : str
+        Columns, several for `y`: `q_over_p`, `p`, `q`, `volume`, `mean_order`,
+        `packing_unstable`, ...; `*_error` of a column are its bars.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; pyplot's current axes if left out.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If there is no such file or column.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> table = pd.DataFrame({"shear_strain": [0.0, 1e-3], "mean_order": [4.8, 4.9]})
+    >>> plot_evolution(table, "mean_order", ax=Figure().add_subplot()).get_ylabel()
+    'mean order'
+    """
+    table, ax = evolution, axes_or_new(ax)
+    if not isinstance(table, pd.DataFrame):
+        path = pathlib.Path(table)
+        path = path / "evolution.parquet" if path.is_dir() else path
+        if not path.is_file():
+            remedy = "Give the folder of grainloops series, or its table."
+            raise InputError("evolution", str(path), "a file that is there", remedy)
+        table = pd.read_parquet(path)
+    names = (y,) if isinstance(y, str) else tuple(y)
+    for name in (x, *names):
+        if name not in table:
+            raise InputError("column", repr(name), "one of the table evolution", "Look there.")
+    for name, colour, marker in zip(names, cycle(LINE_COLOURS), cycle("osD^vP")):
+        error = f"{name}_error"
+        bars = None if error not in table else table[error].to_numpy(float, na_value=np.nan)
+        at, value = (table[key].to_numpy(float, na_value=np.nan) for key in (x, name))
+        look: Any = {"fmt": f"{marker}-", "color": colour, "capsize": 2.0}
+        ax.errorbar(at, value, bars, label=_shown(name), **look)
+    ax.set(xlabel=_shown(x), ylabel=_shown(names[0]) if len(names) == 1 else "")
+    if len(names) > 1:
+        ax.legend()
+    return ax
+
+
+def _shown(column: str) -> str:
+    """A column of `evolution` in words, with its unit."""
+    words = {"q_over_p": "$q/p$ (–)", "p": "$p$ (force/length)", "q": "$q$ (force/length)"}
+    return words.get(column, column.replace("_", " "))
 
 
 @drawn(ONE_COLUMN, 2.5)

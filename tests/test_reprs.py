@@ -34,7 +34,7 @@ def objects():
         )
         for k in (10, 11)
     )
-    loop = gl.loop_of_snapshot(snapshot, 230)
+    loop = gl.loop(snapshot, 230)
     tangent = gl.traction_tangent(loop.graph, loop.law)
     match = loops.match_contacts(before.graph, before.ids, after.graph, after.ids)
     fates = gl.loop_fates(match, before.faces, after.faces)
@@ -66,11 +66,11 @@ def objects():
         "hertz": gl.HertzMindlin(young=np.linspace(1, 2, 900), poisson=0.2),
         "rolling": gl.RollingResistance(snapshot.law, k_r=0.1),
         "tangent": tangent,
-        "tangents": gl.loop_tangents(snapshot.graph, snapshot.law, snapshot.faces),
+        "tangents": gl.loop_tangents(snapshot.graph, snapshot.law, snapshot.faces, "traction"),
         "verdict": gl.judge(tangent, "symmetric"),
         "cone": gl.plane_cone(gl.restrict(tangent, "diagonal")),
         "control": gl.destabilising_control(gl.restrict(tangent, "symmetric")),
-        "work": gl.directional_work(loop.graph, loop.law, np.eye(2)),
+        "work": gl.directional_work(loop.graph, loop.law, np.eye(2), closure="traction"),
         "match": match,
         "fates": fates,
         "kinetics": kinetics,

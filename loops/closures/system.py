@@ -19,7 +19,7 @@ equations: the limit of spins with a vanishing resistance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from loops.assembly import (
 )
 from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
+from loops.errors import InputError, check_choice
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import ContactState, GrainGraph, reference_branch_vectors
 from loops.laws.frictional import ContactLaw
@@ -43,6 +44,17 @@ Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
 
 Arms = tuple[Floats, Floats]
+
+
+def named_closure(closure: Closure | None) -> Closure:
+    """Return the closure of one loop; `InputError` without one: the answer depends on it."""
+    if closure is None:
+        expected, remedy = "'affine' or 'traction'", "Name how the surroundings drive the loop."
+        raise InputError("closure", "none", expected, remedy)
+    check_choice("closure", closure, get_args(Closure))
+    return closure
+
+
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 

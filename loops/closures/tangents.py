@@ -22,6 +22,7 @@ from loops.closures.system import (
     Spins,
     closure_form,
     contact_springs,
+    named_closure,
     relax,
     relaxed_loop,
     spring_sizes,
@@ -119,7 +120,7 @@ class MacroTangent(Shown):
         condition = f"{np.max(self.condition, initial=1.0):.1e}"
         shape = self.matrix.shape
         return {"closure": self.closure, "spins": self.spins, "shape": shape, "trusted": good,
-                "condition up to": condition}  # fmt: skip
+                "unit": "force/length", "condition up to": condition}  # fmt: skip
 
     def __str__(self) -> str:
         good = int(np.count_nonzero(self.trusted))
@@ -348,7 +349,7 @@ def traction_tangent(
 def macroscopic_tangent(
     graph: GrainGraph,
     law: ContactLaw,
-    closure: Closure,
+    closure: Closure | None = None,
     *,
     spins: Spins = "blocked",
     regime: ArrayLike | None = None,
@@ -379,7 +380,7 @@ def macroscopic_tangent(
     Raises
     ------
     InputError
-        For an unknown closure, and as the closures do.
+        Without a closure or for an unknown one, and as the closures do.
 
     Examples
     --------
@@ -389,8 +390,7 @@ def macroscopic_tangent(
     >>> str(macroscopic_tangent(square, LinearFrictional(kn=1.0, kt=0.5), "affine"))
     'affine tangent, spins blocked: 1 of 1 trusted, condition up to 2.4e+00'
     """
-    check_choice("closure", closure, get_args(Closure))
-    tangent = affine_tangent if closure == "affine" else traction_tangent
+    tangent = affine_tangent if named_closure(closure) == "affine" else traction_tangent
     return tangent(graph, law, spins=spins, regime=regime, volume=volume)
 
 

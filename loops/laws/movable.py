@@ -38,13 +38,13 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
         raise InputError("law", type(law).__name__, expected, remedy)
     state = contact_state(graph)
     if type(law) is LinearFrictional:
-        _require_linear_forces(law, state)
+        require_linear_forces(law, state)
     elif type(law) is not HertzMindlin:
         _require_formulae(law, state)
     return law
 
 
-def _require_linear_forces(law: LinearFrictional, state: ContactState) -> None:
+def require_linear_forces(law: LinearFrictional, state: ContactState) -> None:
     """Raise `InputError` where linear springs have the tangents of Hertz's law."""
     closed = (state.normal_force != 0) & (state.overlap > 0)
     hertz = HERTZ * (law.kn * state.overlap)[closed]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from loops import GrainGraph, find_crossings
 from loops.arrays import Floats
 
 Severity = Literal["ok", "doubt", "error"]
+SEVERITIES: tuple[Severity, ...] = get_args(Severity)
+# Pairs of crossing branches that are counted.
+MOST_CROSSINGS = 1_000_000
 # Powers of ten and ratios of 1 are recognised within this.
 NEAR_ROUND = 0.05
 
@@ -33,6 +38,23 @@ class Finding(NamedTuple):
     def error(self, cause: str, remedy: str) -> Finding:
         """The finding as an error, after which no result means anything."""
         return self._replace(says=f"{self.says}{cause}", severity="error", remedy=remedy)
+
+
+def crossings(graph: GrainGraph) -> Finding:
+    """Finding on branches that cross: loops need a plane network."""
+    count = len(find_crossings(graph, MOST_CROSSINGS))
+    found = Finding("crossings", float(count), f"{count} pairs of branches cross")
+    if not count:
+        return found
+    return found.error(
+        ": opposite grains of a loop overlap, or the cell is wrong",
+        "Give the right cell, or leave out one of each pair by --drop-crossings.",
+    )
+
+
+def worst_severity(findings: Sequence[Finding]) -> Severity:
+    """Worst severity of the findings."""
+    return max((one.severity for one in findings), key=SEVERITIES.index, default="ok")
 
 
 def rounding(values: Floats) -> float:

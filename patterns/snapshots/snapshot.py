@@ -306,6 +306,11 @@ class SnapshotLoop(Shown):
     grains: Integers
     contacts: Integers
 
+    @property
+    def scene(self) -> Scene:
+        """The loop as a scene: free, its law and forces those of the snapshot."""
+        return Scene(self.graph, self.law)
+
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
         sliding = int(np.count_nonzero(self.regime == Regime.SLIDING))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import ContactLaw, GrainGraph, InputError, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
+from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
 from loops.shown import Shown
 from stability.directional.branches import (
@@ -93,7 +94,7 @@ def directional_work(
     law: ContactLaw,
     directions: ArrayLike,
     *,
-    closure: Closure = "affine",
+    closure: Closure | None = None,
     spins: Spins = "blocked",
     subspace: str = "diagonal",
     regime: ArrayLike | None = None,
@@ -114,7 +115,9 @@ def directional_work(
         Contact law.
     directions : (..., D, m) array_like
         Strain rates in the components of the subspace, of any length.
-    closure, spins, volume
+    closure : {'affine', 'traction'}
+        How the surrounding medium drives the grains; it has to be named.
+    spins, volume
         As in `loops.macroscopic_tangent`.
     subspace : {'diagonal', 'symmetric', 'full'}
         Where the directions and W2 live, m = 2, 3 or 4.
@@ -128,8 +131,8 @@ def directional_work(
     Raises
     ------
     InputError
-        If a direction is zero or has not m components, or, under a closure that relaxes, if the
-        graph carries batch axes or more than 256 combinations of regimes.
+        Without a closure; if a direction is zero or has not m components, or, under a closure that
+        relaxes, if the graph carries batch axes or more than 256 combinations of regimes.
 
     Examples
     --------
@@ -139,7 +142,8 @@ def directional_work(
     >>> pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
     ...                   normal_force=[1e-9], shear_force=[0.5e-9])
     >>> law = LinearFrictional(kn=1.0, kt=1.0, mu=0.5)
-    >>> found = directional_work(pair, law, [[3.0, 4.0], [-3.0, 0.0], [-4.0, 3.0]], volume=1.0)
+    >>> found = directional_work(pair, law, [[3.0, 4.0], [-3.0, 0.0], [-4.0, 3.0]],
+    ...                          closure="affine", volume=1.0)
     >>> found.status.tolist(), found.regime[:, 0].tolist()
     (['unique', 'unique', 'unique'], [1, 2, 2])
     >>> found.work[:, 0].round(6).tolist()
@@ -167,14 +171,14 @@ def directional_work(
 def branches_of(
     graph: GrainGraph,
     law: ContactLaw,
-    closure: Closure,
+    closure: Closure | None,
     spins: Spins,
     subspace: str,
     regime: ArrayLike | None,
     volume: ArrayLike | None,
 ) -> tuple[Branches, YieldingContacts]:
     """Branches of a graph under its closure, and its contacts at the edge."""
-    check_choice("closure", closure, get_args(Closure))
+    closure = named_closure(closure)
     check_choice("spins", spins, get_args(Spins))
     edge = edge_contacts(graph, law, regime)
     if closure == "affine" and spins != "free":
@@ -230,7 +234,7 @@ def branch_fraction(
     graph: GrainGraph,
     law: ContactLaw,
     *,
-    closure: Closure = "affine",
+    closure: Closure | None = None,
     spins: Spins = "blocked",
     subspace: str = "diagonal",
     regime: ArrayLike | None = None,
@@ -273,7 +277,7 @@ def branch_fraction(
     >>> pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.8, 0.8], contacts=[[0, 1]],
     ...                   normal_force=[1e-15], shear_force=[0.5e-15])
     >>> law = LinearFrictional(kn=1.0, kt=1.0, mu=0.5)
-    >>> found = branch_fraction(pair, law, volume=1.0)
+    >>> found = branch_fraction(pair, law, closure="affine", volume=1.0)
     >>> np.tan(np.array([2 * found.unstable, found.sliding]) * np.pi).round(9).tolist()
     [0.5, 0.5]
     >>> float(found.elastic), found.edges.round(6).tolist()

@@ -10,13 +10,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    boundary_vectors,
+    polygon_area,
+)
 from loops.arrays import Flags, Floats, Integers
 from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import ContactState, branch_vectors, reference_branch_vectors, require_one_state
+from loops.laws.movable import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
 
 # Rounding of coordinates, in units of r_i + r_j: gaps within it are none.
@@ -283,6 +292,8 @@ def path_model(
     expected = law.normal_force(contacts)
     mismatch = np.abs(contacts.normal_force - expected) / (stiffness * contacts.touching_length)
     if mismatch.max(initial=0.0) > START_MISMATCH:
+        if type(law) is LinearFrictional:
+            require_linear_forces(law, contacts)
         c = int(mismatch.argmax())
         raise InputError(
             f"normal force of contact {c}",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from loops import InputError, RollingResistance, Scene, contact_state
 from loops.closures import Closure, Spins
-from loops.errors import check_choice
+from loops.closures.system import named_closure
 from loops.laws.frictional import require_law
 from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
@@ -74,8 +74,6 @@ def closure_of(
     scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
 ) -> Closure | Literal["packing"]:
     """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
-    if closure is None and scene.boundary.kind not in packings:
-        expected, remedy = "'affine' or 'traction'", "A free loop names how it is driven."
-        raise InputError("closure", "none", expected, remedy)
-    check_choice("closure", closure or "packing", (*get_args(Closure), "packing"))
-    return closure or "packing"
+    if closure == "packing" or (closure is None and scene.boundary.kind in packings):
+        return "packing"
+    return named_closure(closure)

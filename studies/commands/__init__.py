@@ -173,8 +173,9 @@ class Reading:
         str | None,
         Parameter(
             metavar="linear|hertz|cohesive|bonded",
-            help="Contact law of the simulation. Default: as the input or its kn tell. hertz "
-            "takes the input's kn and ks as tangents, or --young and --poisson; cohesive contacts "
+            help="Contact law of the simulation. Default: as the input or its kn tell; linear for "
+            "loops that are made (linear or hertz). hertz takes the input's kn and ks as tangents, "
+            "or --young and --poisson; cohesive contacts "
             "attract while they touch, bonded ones hold until their pull and break for good.",
         ),
     ] = None

@@ -130,9 +130,6 @@ def polygon_command(
     phi: Annotated[
         float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 5.")
     ] = None,
-    law: Annotated[
-        str | None, Parameter(help="Contact law: linear or hertz. Default: linear.")
-    ] = None,
     rolling: Annotated[
         float | None, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = None,
@@ -169,7 +166,7 @@ def polygon_command(
         received = " and ".join(given) or "none"
         raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
     own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
-           "contact_law": law, "rolling": rolling}  # fmt: skip
+           "rolling": rolling}  # fmt: skip
     asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
     # The options check the words themselves, and say what is expected.
     words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
@@ -185,8 +182,8 @@ def polygon_command(
             options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))
             summary = run_polygon(options, out, **writing.files())
             return answer(writing.json, out, _polygon_lines(summary))
-        _refuse_reading(loop, reading)
-        asked = {"kappa": KAPPA.get(law or "linear", 0.2)} | asked | words
+        law = _refuse_reading(loop, reading)
+        asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
         asked["radii"] = sizes = numbers("--radii", radii)
         if compare is None:
             count = order if sizes is None else len(sizes)
@@ -196,7 +193,8 @@ def polygon_command(
         compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
         summary = run_comparison(compared, out, **writing.files())
     lines = [
-        "order  critical strain in 11, 22 / symmetric / full, E1 at first yield, peak s1, status"
+        "order  isotropic path: critical strain in 11, 22 / symmetric / full; "
+        f"{programme} path: E1 at first yield, peak s1, status"
     ]
     for row in summary["loops"]:
         strains = [shown(strain) for strain in row["critical_strain"].values()]
@@ -208,16 +206,17 @@ def polygon_command(
     return answer(writing.json, out, lines)
 
 
-def _refuse_reading(loop: int | None, reading: OneReading) -> None:
-    """Raise `InputError` for options of a snapshot where none is read."""
+def _refuse_reading(loop: int | None, reading: OneReading) -> str:
+    """Return the law of loops that are made; `InputError` for other options of a snapshot."""
     given = [
         f"--{one.name.replace('_', '-')}"
         for one in fields(reading)
-        if getattr(reading, one.name) != one.default
+        if getattr(reading, one.name) != one.default and one.name != "law"
     ]
     if loop is not None or given:
         received = " ".join([*(["--loop"] if loop is not None else []), *given])
         raise InputError(received, "given", "--snapshot with it", "Leave it out.")
+    return reading.law or "linear"
 
 
 def _of_snapshot(
@@ -282,7 +281,6 @@ def domain_command(
     spins: Annotated[
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
     ] = "blocked",
-    law: Annotated[str, Parameter(help="Contact law: linear or hertz.")] = "linear",
     rolling: Annotated[
         float, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = 0.0,
@@ -323,8 +321,8 @@ def domain_command(
         from studies.loop_domain import LoopDomainParameters, run_loop_domains
 
         if not given:
-            plain = (None, "blocked", "linear", 0.0, "strain")
-            if (closure, spins, law, rolling, programmes) != plain:
+            plain = (None, "blocked", None, 0.0, "strain")
+            if (closure, spins, reading.law, rolling, programmes) != plain:
                 received = "given without a loop"
                 expected = "--order, --compare, --radii or --snapshot with them"
                 remedy = "Write --order 4 for the square diamond."
@@ -348,12 +346,11 @@ def domain_command(
             own = [
                 name for name, value in (("kappa", kappa), ("phi_deg", phi)) if value is not None
             ]
-            own += ["law"] if law != "linear" else []
             own += ["rolling"] if rolling else []
             words |= {"closure": closures[0]}
             loops = [_of_snapshot(snapshot, loop, own, words, reading.how_of(snapshot))]
         else:
-            _refuse_reading(loop, reading)
+            law = _refuse_reading(loop, reading)
             sizes = numbers("--radii", radii)
             if compare is not None:
                 closures = (closure,) if closure else ("affine", "traction")

@@ -255,6 +255,7 @@ def _within(spread: float | None, converged: bool = True) -> str:
 
 def sustain_command(
     path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
+    /,
     *,
     writing: Writing | None = None,
     directions: Annotated[int, Parameter(help="Number of directions of the stress rate.")] = 24,

@@ -44,7 +44,6 @@ JUDGE_WORDS = {
     "traction_free": "traction closure, spins free",
     "packing": "in its packing, spins free",
 }
-SEVERITIES = ("ok", "doubt", "error")
 
 
 def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
@@ -75,15 +74,16 @@ def _verdicts(summary: dict[str, Any]) -> list[str]:
     from studies.output import definitions
 
     assumed = definitions("assumptions")
-    lines = ["unstable loops by order:"]
+    lines = ["unstable loops by order, in % of those judged (judged of all, where some are not):"]
     for judge in summary["unstable_by_order"]:
-        name = JUDGE_WORDS[judge]
+        every = summary["undetermined_by_order"][judge]
         text = "  ".join(
             f"{group}: {_percent(share['mean'])}"
+            + (f" ({share['count']} of {all_of})" if share["count"] < all_of else "")
             for group, share in summary["unstable_by_order"][judge].items()
+            for all_of in (every[group]["count"],)
         )
-        unknown = summary["untrusted_loops"][judge]
-        lines.append(f"  {name:<32} {text}" + (f"  ({unknown} undetermined)" if unknown else ""))
+        lines.append(f"  {JUDGE_WORDS[judge]:<32} {text}")
     lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
     if "in_packing" not in summary:
         return [*lines, assumed["cut_out"]]
@@ -188,6 +188,7 @@ def check_command(
     Of several snapshots each is checked against the one before it: kt against the changes of T.
     Exit status 1 if the verdict is error, 2 if a file can't be read.
     """
+    from patterns.snapshots.findings import SEVERITIES
     from studies.output import as_json, provenance
     from studies.study import study
 
@@ -232,8 +233,7 @@ def _rows(
     paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
 ) -> tuple[list[dict[str, Any]], list[InputError]]:
     """One row per finding, and the errors of the files that could not be read."""
-    from loops import find_crossings
-    from patterns.snapshots.findings import Finding
+    from patterns.snapshots.findings import crossings
     from patterns.snapshots.slip_check import check_kt
 
     if options["cell"] is not None and cells is not None:
@@ -246,14 +246,7 @@ def _rows(
             for number, snapshot in enumerate(_snapshots(path, cells, options)):
                 place = {"path": str(path), "snapshot": number}
                 # Loops need a plane network.
-                count = len(find_crossings(snapshot.graph, 1_000_000))
-                crossings = Finding("crossings", float(count), f"{count} pairs of branches cross")
-                if count:
-                    crossings = crossings.error(
-                        ": opposite grains of a loop overlap, or the cell is wrong",
-                        "Give the right cell, or leave out one of each pair by --drop-crossings.",
-                    )
-                found = [*snapshot.findings, crossings]
+                found = [*snapshot.findings, crossings(snapshot.graph)]
                 kt = None if before is None else check_kt(before, snapshot)
                 found += [] if kt is None else [kt]
                 rows += [place | one._asdict() for one in found]
@@ -292,7 +285,7 @@ PREDICTOR_WORDS = {
     "packing": "its packing over the interval",
     "packing_path": "its packing's path by events",
     "replay": "the DEM replayed",
-    "own_motion": "its grains' motion in DEM (bound)",
+    "own_motion": "its grains' own motion in DEM",
     "affine": "affine closure, blocked",
     "affine_free": "affine closure, free spins",
     "traction": "traction closure, blocked",
@@ -403,13 +396,19 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
     lines = [
         f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
         "(base rate); how well it is predicted:",
-        f"  {'':<32} precision  recall    AUC   (lowest to highest)",
+        f"  {'':<32} predicted  precision  recall    AUC   (lowest to highest)",
     ]
     for name, row in skill.items():
+        covered = "-" if row["coverage"] is None else f"{100 * row['coverage']:.3g} %"
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
+        values = f"{covered:>8}   {values}"
         spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
         lines.append(f"  {PREDICTOR_WORDS.get(name, name):<32}  {values}{spread}")
-    return [*lines, "  (precision: compare with the base rate; AUC: 0.5 is chance, 1 is perfect)"]
+    return [
+        *lines,
+        "  (predicted: share of these loops, the numbers beside it are of them; precision: compare "
+        "with the base rate; AUC: 0.5 is chance, 1 is perfect)",
+    ]
 
 
 def _target_lines(targets: dict[str, Any]) -> list[str]:

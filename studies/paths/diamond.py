@@ -194,7 +194,9 @@ class FollowedDiamond(Followed):
                 shear_force=path.shear_force[row, closed],
             )
             one = operator_diagram(self.K[row])
-            work = directional_work(here, self.options.law(), one.direction, volume=path.volume)
+            work = directional_work(
+                here, self.options.law(), one.direction, closure="affine", volume=path.volume
+            )
             diagrams[name] = (
                 operator_diagram(self.K[row], work.normalised[:, 0]),
                 work.regime[:, 0] == Regime.SLIDING,

@@ -32,11 +32,12 @@ from loops.stress_strain import (
 from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
 from patterns.snapshots.walls import box_sides
-from stability import COMPONENTS, RTOL
+from stability import COMPONENTS
 from stability.packing.probe import probe_edge
 from studies.output import Columns
 from studies.snapshot.in_packing import sample_edge
-from studies.snapshot.summary import judges
+from studies.snapshot.stress import stress
+from studies.snapshot.summary import judges, verdict_shares
 from studies.snapshot.table import LAST_ORDER
 
 # Closure and spins of each column of predictions.
@@ -52,6 +53,8 @@ WORK_COLUMNS = (
     *("hill_work", "hill_cosine", "W2", "w2"),
     *PREDICTIONS,
 )
+# Fields of `Stress` in a row of the evolution.
+INVARIANTS = ("p", "p_error", "q", "q_error", "q_over_p", "q_over_p_error", "wall_share", "volume")
 CONE = ("probe_cone_begin_deg", "probe_cone_end_deg")
 PROBE = ("probe_w2", "probe_theta_deg", "probe_unstable_fraction", *CONE, "probe_undetermined")
 
@@ -175,7 +178,9 @@ def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
     """Sum up one snapshot of a series; unknown values are None.
 
     Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
-    and the shares of loops with a negative eigenvalue of Ks, by each judge of the table.
+    invariants of the whole sample's stress with the contacts of walls (`Stress`) and their errors,
+    and by each judge of the table the share of the judged loops that are unstable and the share of
+    all that are undetermined.
     """
     graph, faces = state.graph, state.faces
     order, loop_area = np.asarray(table["order"]), np.asarray(table["area"])
@@ -196,15 +201,21 @@ def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
         row[f"area_share_{n}"] = _ratio(float(loop_area[rows].sum()), float(loop_area.sum()))
     if state.regime is None:
         return row
-    stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
-    row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, stress, strict=True)}
+    loops_stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
+    row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, loops_stress, strict=True)}
+    whole = stress(state) if area > 0 else None
+    row |= {name: None if whole is None else getattr(whole, name) for name in INVARIANTS}
     sliding = int(np.count_nonzero(state.regime == Regime.SLIDING))
     row["sliding_fraction"] = _ratio(sliding, graph.contact_count)
     for judge in judges(table):
-        smallest = np.asarray(table[f"{judge}_lambda_min"])
-        known = smallest[np.isfinite(smallest)]
-        row[f"{judge}_unstable"] = _ratio(int(np.count_nonzero(known < -RTOL)), len(known))
+        row |= verdict_row(judge, np.asarray(table[f"{judge}_lambda_min"]))
     return row
+
+
+def verdict_row(judge: str, smallest: Floats) -> dict[str, float | None]:
+    """Return the columns of a judge: unstable share of the judged loops, undetermined of all."""
+    shares = zip(("unstable", "undetermined"), verdict_shares(smallest), strict=True)
+    return {f"{judge}_{name}": None if np.isnan(share) else share for name, share in shares}
 
 
 def probe_row(

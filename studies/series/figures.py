@@ -61,7 +61,7 @@ from studies.style import (
     write_animation,
 )
 
-SHEAR_LABEL = r"accumulated shear strain, $\Sigma\,(\varepsilon_1 - \varepsilon_2)/2$"
+SHEAR_LABEL = "accumulated shear strain"
 ORDER_MARKERS = "os^DvP"
 FATE_COLOURS = {
     "split": BLUE,
@@ -157,8 +157,8 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
 
 @styled()
 def stress_strain(evolution: pd.DataFrame) -> Figure:
-    """Stress of the sample along the series, and the unstable and sliding shares below it."""
-    figure, ((left, right),) = new_panels(1, 2, 2.8)
+    """Stress of the sample along the series, its ratio q/p, and unstable and sliding shares."""
+    figure, ((left, middle, right),) = new_panels(1, 3, 3.0)
     strain = _column(evolution, "shear_strain")
     for name, colour, marker in (("11", BLUE, "o"), ("22", VERMILION, "s")):
         values = _column(evolution, f"S{name}")
@@ -166,16 +166,29 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
     shear = 0.5 * (_column(evolution, "S12") + _column(evolution, "S21"))
     left.plot(strain, shear, marker="^", color=GREY, label=r"$(\sigma_{12} + \sigma_{21})/2$")
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    left.set(xlabel=SHEAR_LABEL, ylabel="stress (force/length of the input)")
-    left.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    unstable = _column(evolution, "traction_unstable")
-    right.plot(strain, unstable, "s-", color=VERMILION, label="loops unstable, traction closure")
+    left.set(xlabel=SHEAR_LABEL, ylabel="stress (force/length)")
+    left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    if "q_over_p" in evolution:
+        ratio, error = _column(evolution, "q_over_p"), _column(evolution, "q_over_p_error")
+        middle.errorbar(strain, ratio, error, fmt="o-", color=BLACK, capsize=2.0)
+    middle.set(xlabel=SHEAR_LABEL, ylabel="$q/p$ of the whole sample (–)")
+    judged = (("packing", GREEN, "D"), ("traction", VERMILION, "s"), ("traction_free", ORANGE, "v"))
+    for judge, colour, marker in judged:
+        if f"{judge}_unstable" in evolution:
+            unknown = _column(evolution, f"{judge}_undetermined")
+            unstable = _column(evolution, f"{judge}_unstable") * (1 - unknown)
+            some = ";\nband: no verdict" if np.nanmax(unknown, initial=0) > 0 else ""
+            label = f"unstable, {JUDGE_TITLES[judge]}{some}"
+            right.plot(strain, unstable, f"{marker}-", color=colour, label=label)
+            right.fill_between(
+                strain, unstable, unstable + unknown, color=colour, alpha=0.2, linewidth=0
+            )
     sliding = _column(evolution, "sliding_fraction")
     right.plot(strain, sliding, "^-", color=GREY, label="contacts sliding")
     if "negative_W2" in evolution:
         with np.errstate(invalid="ignore"):
             worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
-        label = r"survived loops with $W_2 < 0$ in the interval"
+        label = r"survived with $W_2 < 0$"
         right.plot(strain, worked, "o-", color=BLUE, label=label)
     right.set(xlabel=SHEAR_LABEL, ylabel="share", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))

@@ -4,8 +4,9 @@ The strain of the sample over the interval is put on the earlier snapshot (`pack
 works are per interval, times are shares of it. Where solutions end before (`packing_status` is
 'nearest') contacts that soften are kept from sliding, and predictions are those of the others.
 
-The grains' own motion gives an upper bound: the motion of all centres and spins is exact there, and
-only the tangents are in error.
+The grains' own motion needs the later snapshot: the motion of all centres and spins is that of the
+code, and the tangents are those of the earlier state. Over short steps only the tangents are in
+error, which makes it the best that a rate can do; over long ones it is no bound on any other.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.yielding import forces_of_motion
 from stability.path import Past
-from stability.verdict import loop_spectra
 from studies.output import Columns
 from studies.series.evolution import sample_strain
 from studies.series.loading import Loading, StrainTable, loading_between, stress_of
 from studies.snapshot.in_packing import (
     balance_notes,
     fixed_point,
+    place_columns,
     sample_edge,
 )
 
@@ -243,7 +244,7 @@ def packing_predictions(
         found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
     place = loops_in_place(before.scene)
-    columns["packing_lambda_min"] = loop_spectra(place.matrix / before.mean_kn)[:, 0]
+    columns["packing_lambda_min"] = place_columns(place, before.mean_kn)["packing_lambda_min"]
     row = {
         "packing_status": response.status,
         **{f"packing_{name}": getattr(response, name) for name in INCREMENT},

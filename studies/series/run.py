@@ -26,9 +26,17 @@ from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import SERIES, UNITS, definitions
 from studies.reading import plan_series, reading
+from studies.series.evolution import verdict_row
 from studies.series.loading import WAYS, read_strains
 from studies.series.packing import STRESS_ERROR, Following
-from studies.series.skill import skill_summary, skill_tables, survival_summary, write_fates
+from studies.series.skill import (
+    LONG_STEP,
+    part_columns,
+    skill_summary,
+    skill_tables,
+    survival_summary,
+    write_fates,
+)
 from studies.series.tasks import (
     Series,
     do_tasks,
@@ -39,6 +47,7 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
+from studies.snapshot.in_packing import PLACE
 from studies.study import Results, one_of, study
 
 Row = Mapping[str, Any]
@@ -206,6 +215,8 @@ def series_tables(
         for one, kept in zip(series.planned, about["loops"], strict=True)
     ]
     intervals, parts = [kept["row"] for kept in about["increments"]], series.parts
+    for row, part in zip(states, parts.get("packing", ()), strict=False):
+        row |= verdict_row(PLACE, part_columns(part)[f"{PLACE}_lambda_min"])
     evolution = evolution_table(states, intervals)
     ends = evolution.astype(object).where(evolution.notna(), None).iloc[[0, -1]].to_dict("records")
     mapped = mapped_interval(evolution)
@@ -239,7 +250,25 @@ def series_tables(
         numbers = [one.number for one in series.planned]
         summary["followed"] = followed_summary(intervals, numbers, series.following)
         summary["notes"] = [*missed_stresses(summary["followed"]), *summary["notes"]]
+    if len(skill):
+        summary["notes"] = [*long_steps(evolution), *summary["notes"]]
     return tables, summary
+
+
+def long_steps(evolution: pd.DataFrame) -> list[str]:
+    """Warning of the intervals whose strain is too long for any rate of their start."""
+    ends, steps = evolution["snapshot"].tolist(), evolution["step_strain"].tolist()
+    found = [
+        f"{ends[k - 1]} to {ends[k]} by {steps[k]:.2g}"
+        for k in range(1, len(steps))
+        if pd.notna(steps[k]) and steps[k] > LONG_STEP
+    ]
+    told = (
+        f"from snapshot {', '.join(found)} the sample strains by more than 1e-4: neither the rates "
+        "of the packing nor the grains' own motion nor the closures speak for such a step, and "
+        "none is a bound on the others"
+    )
+    return [told] if found else []
 
 
 def evolution_table(states: Sequence[Row], intervals: Sequence[Row]) -> pd.DataFrame:
@@ -258,7 +287,9 @@ def evolution_table(states: Sequence[Row], intervals: Sequence[Row]) -> pd.DataF
             H = np.array(steps, dtype=float).reshape(2, 2)
             F = (np.eye(2) - H) @ F
             stretch = rotation_and_stretch(H)[1]
-            shear += np.hypot(0.5 * (stretch[0, 0] - stretch[1, 1]), stretch[0, 1])
+            half = np.hypot(0.5 * (stretch[0, 0] - stretch[1, 1]), stretch[0, 1])
+            row["step_strain"] = float(0.5 * abs(np.trace(stretch)) + half)
+            shear += half
         total = (np.eye(2) - F).ravel().tolist()
         row |= {f"H{ij}": value for ij, value in zip(COMPONENTS, total, strict=True)}
         row["shear_strain"] = float(shear)

@@ -34,7 +34,7 @@ ORDERS = range(3, LAST_ORDER + 1)
 TARGET, *OTHERS = ("W2_negative", "nonaffine", "contact_lost", "topology")
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
-# persistence the interval before. The grains' own motion over the interval is an upper bound.
+# persistence the interval before. The grains' own motion is known afterwards.
 CLOSURE_PREDICTORS = {
     "affine": "affine_W2",
     "affine_free": "affine_free_W2",
@@ -82,6 +82,9 @@ READ = (
         *INDICATORS.values(),
     ),
 )
+# Principal strain of an interval beyond which no rate of its start speaks for it: 1e-4, and a tenth
+# for codes that write after whole time steps (docs/evidence/packing.md, table of the steps).
+LONG_STEP = 1.1e-4
 # Shortest time to an event, over the interval: the score of an earlier event is finite.
 SOONEST = 1e-12
 VERDICTS = ("stable", "unstable", "undetermined")

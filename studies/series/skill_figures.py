@@ -50,7 +50,7 @@ PREDICTORS = {
     "packing": "packing: rates",
     "packing_path": "packing: by events",
     "replay": "packing: DEM replay",
-    "own_motion": "own motion (bound)",
+    "own_motion": "grains' own motion",
     "persistence": "persistence",
     "traction_free": "cut out, free spins",
     "traction": "cut out, spins blocked",

@@ -160,14 +160,15 @@ def skill(
 
 
 def series(
-    snapshots: Sequence[File | Snapshot], cells: File | None = None, **how: Any
+    snapshots: Iterable[File | Snapshot], cells: File | None = None, **how: Any
 ) -> pd.DataFrame:
     """One row a loop of each of several snapshots, with the strain of the sample between them.
 
     Parameters
     ----------
-    snapshots : sequence of path or Snapshot
-        In the order of time; of a file with several snapshots all.
+    snapshots : iterable of path or Snapshot
+        In the order of time, such as `sorted(folder.glob("grains_*.csv"))`; of a file with several
+        snapshots all.
     cells : path, optional
         Table of the periodic cells of files: `snap`, `h_xx`, `h_xy`, `h_yx`, `h_yy`.
     **how
@@ -194,9 +195,12 @@ def series(
     >>> table.groupby("snapshot")["sample_H22"].agg(["size", "max"]).to_numpy().tolist()
     [[309.0, 0.0], [309.0, 0.0]]
     """
+    if isinstance(snapshots, str | os.PathLike):
+        remedy = f"Write sorted(glob.glob({os.fspath(snapshots)!r})), or put it in brackets."
+        raise InputError("snapshots", f"one text, {os.fspath(snapshots)!r}", "a list", remedy)
     tables: list[pd.DataFrame] = []
     F, before = np.eye(2), None
-    for place, state in enumerate(_read(snapshots, cells, how)):
+    for place, state in enumerate(_read(list(snapshots), cells, how)):
         dH = np.full((2, 2), np.nan)
         if before is not None:
             dH = evolution.sample_strain(before, state)[0]

@@ -30,6 +30,7 @@ from studies.snapshot.summary import (
     axes_density,
     group_rows,
     judges,
+    main_judge,
     second_order,
     surroundings_share,
     unstable_loops,
@@ -113,7 +114,8 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
     figure, (axes,) = new_panels(1, panels, height, TWO_COLUMNS * panels / 2)
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
-        smallest = table["traction_lambda_min"]
+        judge = main_judge(table)
+        smallest = table[f"{judge}_lambda_min"]
         label = r"smallest eigenvalue of $K_s$ / mean $k_n$"
         draw_values(draw, axes[1], smallest, label, signed=True)
         unstable = np.flatnonzero(smallest < 0)
@@ -127,7 +129,10 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
                 rasterized=len(smallest) > VECTOR_LIMIT,
             )
             axes[1].add_collection(outlines, autolim=False)
-            name = "unstable, traction closure, spins blocked"
+            unknown = int(np.count_nonzero(~np.isfinite(smallest)))
+            name = f"unstable ({JUDGE_TITLES[judge]})" + (
+                f"; white: {unknown} without a verdict" if unknown else ""
+            )
             key: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
             axes[1].legend(handles=[Line2D([], [], color=VERMILION, label=name)], **key)
     return figure
@@ -272,7 +277,7 @@ def snapshot_figures(
 
 @styled()
 def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
-    """Share of the loops by order: in number, in area, and of unstable loops in number."""
+    """Share of the loops by order: in number, in area, and of unstable and unjudged ones."""
     ax = axes_or_new(ax)
     if summary["loops"] == 0:
         ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
@@ -284,9 +289,17 @@ def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
     ax.bar(orders - 0.2, number, 0.4, color=SKY, label="in number")
     ax.bar(orders + 0.2, area / area.sum(), 0.4, color=ORANGE, label="in area")
     if "unstable_loops" in summary:
-        unstable = np.array(list(summary["unstable_loops"]["traction"].values()))
-        label = "unstable, in number\n(traction, blocked)"
-        ax.bar(orders - 0.2, number * unstable, 0.4, color=VERMILION, label=label)
+        judge = PLACE if PLACE in summary["unstable_loops"] else "traction"
+        unstable, unknown = (
+            np.nan_to_num(np.array(list(summary[kind][judge].values()), dtype=float))
+            for kind in ("unstable_loops", "undetermined_loops")
+        )
+        lost = number * unstable * (1 - unknown)
+        label = f"unstable, in number\n({JUDGE_TITLES[judge]})"
+        ax.bar(orders - 0.2, lost, 0.4, color=VERMILION, label=label)
+        if unknown.any():
+            ax.bar(orders - 0.2, number * unknown, 0.4, bottom=lost, color="none", hatch="/////",
+                   edgecolor=GREY, linewidth=0.4, label="without a verdict")  # fmt: skip
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")
     ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
@@ -324,8 +337,12 @@ def eigenvalue_distribution(table: Columns, groups: Groups, unstable: dict[str, 
                 lost = np.count_nonzero(unstable[judge][rows])
                 percent = 100 * lost / np.count_nonzero(known[rows])
                 label = f"order {group}: {float(f'{percent:.2g}'):g} %"
+                if not known[rows].all():
+                    label += f"\n({np.count_nonzero(known[rows])} of {len(known[rows])})"
                 row[2].plot([], [], color=GROUP_COLOURS[group], label=label)
-        row[2].legend(title="unstable", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        unsure = "" if known.all() else "\n(judged of all)"
+        title = f"unstable{unsure}"
+        row[2].legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)
     return figure
 
@@ -365,7 +382,8 @@ def chains_figure(
         drawn = LineCollection(lines, colors=colour, linewidths=wide * width, **look)
         left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
-    near, smallest = table["chain_contacts"] > 0, table["traction_lambda_min"]
+    judge = main_judge(table)
+    near, smallest = table["chain_contacts"] > 0, table[f"{judge}_lambda_min"]
     place = np.arange(len(GROUPS))
     looks = ("beside", near, "o", VERMILION, -0.12), ("elsewhere", ~near, "s", BLUE, 0.12)
     for name, here, marker, colour, aside in looks:
@@ -373,16 +391,17 @@ def chains_figure(
         parts = [smallest[groups[group]][known[groups[group]]] for group in GROUPS]
         quartiles = [np.quantile(v, (0.25, 0.5, 0.75)) if len(v) else [np.nan] * 3 for v in parts]
         low, middle, high = np.array(quartiles).T
-        percent = 100.0 * np.mean(unstable["traction"][known]) if known.any() else np.nan
+        percent = 100.0 * np.mean(unstable[judge][known]) if known.any() else np.nan
+        of = "" if known[here].all() else f" of {np.count_nonzero(known)}"
         right.errorbar(
             place + aside, middle, (middle - low, high - middle), fmt=marker, color=colour,
             markersize=4, elinewidth=0.8,
-            label=f"{name}: {np.count_nonzero(here)} loops, {percent:.2g} % unstable",
+            label=f"{name}: {np.count_nonzero(here)} loops, {percent:.2g} %{of} unstable",
         )  # fmt: skip
     right.axhline(0.0, color=GREY, linewidth=0.6)
     right.set_xticks(place, labels=GROUPS)
     right.set(xlabel="loop order (number of grains)")
-    right.set_ylabel(r"smallest eigenvalue of $K_s$ / mean $k_n$")
+    right.set_ylabel(f"smallest eigenvalue of $K_s$ / mean $k_n$\n({JUDGE_TITLES[judge]})")
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
@@ -409,7 +428,7 @@ def fabric_rose(fabric_density: Columns, summary: dict[str, Any]) -> Figure:
     a, density = fabric["fourier_amplitude"], second_order(theta, fabric)
     label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
     ax.plot(theta, density, color=VERMILION, label=label)
-    _finish(ax, "contact direction", "probability density (1/rad)")
+    finish_rose(ax, "contact direction", "probability density (1/rad)")
     return figure
 
 
@@ -444,7 +463,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, A
                 both, reaches = [angle, angle + np.pi], [reach, reach]
                 ax.plot(both, reaches, "o", color=colour, markersize=3)
                 ax.plot(both, reaches, color=colour, linewidth=2.2)
-        _finish(ax, f"{title}, unstable loops", "probability density (1/rad)")
+        finish_rose(ax, f"{title}, unstable loops", "probability density (1/rad)")
     return figure
 
 
@@ -500,7 +519,8 @@ def _bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -
     )
 
 
-def _finish(ax: PolarAxes, title: str, unit: str) -> None:
+def finish_rose(ax: PolarAxes, title: str, unit: str) -> None:
+    """Angles, rings with their values, title and key of a rose."""
     ax.set_thetagrids(range(0, 360, 45))
     ax.set_rticks(MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
     ax.tick_params(axis="y", labelsize=6, labelcolor=BLACK)

@@ -100,18 +100,21 @@ def add_in_packing(
 
 def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
     """Eigenvalues over `kn` and the stated error; a sign within its error is not a number."""
-    found = loop_stability(place.matrix / kn)
-    sure = np.abs(found.eigenvalues) * kn > place.matrix_error[:, None]
+    found, eigenvalues = loop_stability(place.matrix), loop_spectra(place.matrix)
+    sure = np.abs(eigenvalues) > place.matrix_error[:, None]
     columns = {
         f"{PLACE}_{name}": np.where(own, values, np.nan)
-        for name, values, own in zip(EIGENVALUES, found.eigenvalues.T, sure.T, strict=True)
+        for name, values, own in zip(EIGENVALUES, eigenvalues.T / kn, sure.T, strict=True)
     }
     columns[f"{PLACE}_unstable_fraction"] = np.where(
         sure.all(axis=1), found.unstable_fraction, np.nan
     )
-    around = loop_spectra(place.surroundings / kn)[:, 0]
-    known = np.abs(around) * kn > place.surroundings_error
-    columns["surroundings_lambda_min"] = np.where(known, around, np.nan)
+    for name in ("cone_opening", "soft_angle"):
+        angle = np.degrees(getattr(found, name))
+        columns[f"{PLACE}_{name}"] = np.where(sure[:, 0], angle, np.nan)
+    around = loop_spectra(place.surroundings)[:, 0]
+    known = np.abs(around) > place.surroundings_error
+    columns["surroundings_lambda_min"] = np.where(known, around / kn, np.nan)
     columns[f"{PLACE}_error"] = np.where(np.isnan(place.matrix[:, 0, 0]), np.nan, place.error)
     return columns
 

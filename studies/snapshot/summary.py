@@ -28,17 +28,17 @@ from loops.fabric import (
     principal,
 )
 from patterns import Snapshot
-from patterns.snapshots.walls import box_area
 from stability import RTOL
 from studies.output import Columns, definitions
 from studies.snapshot.in_packing import PLACE
+from studies.snapshot.stress import stress
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER
 
 Groups = dict[str, Integers | slice]
 
-# Judges of a loop: both closures with blocked spins, the traction closure with free spins, and the
-# loop in its packing if that was asked for.
-JUDGES = (*CLOSURES, FREE, PLACE)
+# Judges of a loop, the one to believe first: the loop in its packing if that was asked for, both
+# closures with blocked spins, the traction closure with free spins.
+JUDGES = (PLACE, *CLOSURES, FREE)
 TENSOR = ("stress_11", "stress_12", "stress_21", "stress_22")
 PLACES = ("beside", "elsewhere")
 # Width of the bins of contact directions (degrees), which divides 180.
@@ -51,10 +51,23 @@ def judges(table: Mapping[str, Any]) -> list[str]:
     return [judge for judge in JUDGES if f"{judge}_lambda_min" in table]
 
 
+def main_judge(table: Mapping[str, Any]) -> str:
+    """Judge of the one verdict that a figure shows: the packing, else the traction closure."""
+    return PLACE if f"{PLACE}_lambda_min" in table else "traction"
+
+
 def unstable_loops(table: Columns, judge: str) -> Flags:
     """Loops with an eigenvalue of Ks below zero, beyond the tolerance."""
     unstable: Flags = table[f"{judge}_lambda_min"] < -RTOL
     return unstable
+
+
+def verdict_shares(smallest: Floats) -> tuple[float, float]:
+    """Share of unstable loops among those with a verdict, and share of all without one."""
+    known = np.isfinite(smallest)
+    if not known.any():
+        return float("nan"), 1.0 if len(smallest) else float("nan")
+    return float(np.mean(smallest[known] < -RTOL)), float(np.mean(~known))
 
 
 def snapshot_summary(
@@ -191,7 +204,7 @@ def _mechanics(
         "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
         "stress_by_order": stress_by_order,
         **_stability(table, groups),
-        **wall_summary(snapshot, outline),
+        **wall_summary(snapshot),
     }
 
 
@@ -202,6 +215,7 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         key: {}
         for key in (
             *("untrusted_loops", "unstable_loops", "unstable_by_order", "eigenvalues"),
+            *("undetermined_loops", "undetermined_by_order"),
             *("mean_unstable_directions", "unstable_directions", "cone_opening", "soft_loops"),
         )
     }
@@ -210,6 +224,9 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         found["untrusted_loops"][judge] = int(np.count_nonzero(~known))
         found["unstable_loops"][judge] = mean_by_order(order, unstable, known)
         found["unstable_by_order"][judge] = share_by_group(groups, unstable, known)
+        every = np.ones_like(known)
+        found["undetermined_loops"][judge] = mean_by_order(order, ~known, every)
+        found["undetermined_by_order"][judge] = share_by_group(groups, ~known, every)
         found["eigenvalues"][judge] = {
             name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
         }
@@ -238,8 +255,9 @@ def order_columns(summary: dict[str, Any], table: Columns) -> Columns:
         "loops": np.array(list(summary["orders"].values()), dtype=np.int64),
         "area": np.array(list(summary["orders_area"].values()), dtype=float),
     }
-    for judge, shares in summary.get("unstable_loops", {}).items():
-        columns[f"{judge}_unstable_loops"] = np.array(list(shares.values()), dtype=float)
+    for kind in ("unstable_loops", "undetermined_loops"):
+        for judge, shares in summary.get(kind, {}).items():
+            columns[f"{judge}_{kind}"] = np.array(list(shares.values()), dtype=float)
     return columns | (share_by_order(table, orders) if "in_packing" in summary else {})
 
 
@@ -275,32 +293,25 @@ def chains_table(table: Columns) -> dict[str, list[Any]]:
                 row[f"{judge}_lambda_min"] = median(smallest[known]) if known.any() else np.nan
                 row[f"{judge}_unstable"] = beyond["mean"]
                 row[f"{judge}_unstable_error"] = beyond["std_error"]
+                row[f"{judge}_undetermined"] = verdict_shares(smallest)[1]
             rows.append(row)
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def wall_summary(snapshot: Snapshot, outline: float) -> dict[str, Any]:
-    """Stress carried by the contacts with walls, and its share of the whole stress.
-
-    The area is that of the box if all walls are upright, else `outline`, the area of the polygon
-    around the network. The share does not depend on the area.
-    """
+def wall_summary(snapshot: Snapshot) -> dict[str, Any]:
+    """Stress carried by the contacts with walls, and its share of the whole stress."""
     walls = snapshot.walls
     if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
         return {}
-    box = None if snapshot.graph.cell is not None else box_area(snapshot.graph.x, walls)
-    area = outline if box is None else box
-    if not area > 0:
+    whole = stress(snapshot)
+    if not whole.volume > 0:
         return {}
-    at_walls = walls.force.T @ walls.branch / area
-    total = at_walls + love_weber_stress(snapshot.graph, area)
-    kind = "cell" if snapshot.graph.cell is not None else "outline of the network"
     return {
-        "stress_walls": at_walls,
-        "stress_total": total,
-        "boundary_area": area,
-        "boundary_area_is": kind if box is None else "box within the walls",
-        "boundary_share": float(np.trace(at_walls) / np.trace(total)),
+        "stress_walls": whole.walls,
+        "stress_total": whole.tensor,
+        "boundary_area": whole.volume,
+        "boundary_area_is": whole.volume_is,
+        "boundary_share": whole.wall_share,
         "wall_force": spread(np.hypot(*walls.force.T)),
     }
 

@@ -104,7 +104,7 @@ def test_the_page_runs_as_a_notebook_with_its_pictures(tmp_path, monkeypatch):
     nbformat = pytest.importorskip("nbformat")
     builder = runpy.run_path(str(Path(__file__).parents[2] / "docs/site/notebooks.py"))
     book = nbformat.reads(builder["notebook"](builder["cells_of_page"](TEXT)), as_version=4)
-    own = nbformat.v4.new_code_cell("gl.plot_map(snapshot)\nsnapshot")
+    own = nbformat.v4.new_code_cell("gl.plot.map(snapshot)\nsnapshot")
     book.cells.append(own)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
     monkeypatch.delenv("MPLBACKEND", raising=False)  # the kernel's own draws into the notebook
@@ -114,10 +114,10 @@ def test_the_page_runs_as_a_notebook_with_its_pictures(tmp_path, monkeypatch):
         if cell.cell_type == "code":
             kinds = [kind for out in cell.outputs for kind in out.get("data", {})]
             assert not [out for out in cell.outputs if out.output_type == "error"]
-            for plot in re.findall(r"gl\.plot_\w+|\.plot\(", cell.source):
+            for plot in re.findall(r"gl\.plot\.\w+|(?<!gl)\.plot\(", cell.source):
                 shown.setdefault(plot, []).append("image/png" in kinds)
-    assert shown.keys() >= {"gl.plot_map", "gl.plot_loop", "gl.plot_cone", "gl.plot_path",
-                            "gl.plot_envelope", ".plot("}  # fmt: skip
+    assert shown.keys() >= {"gl.plot.map", "gl.plot.loop", "gl.plot.cone", "gl.plot.path",
+                            "gl.plot.envelope", ".plot("}  # fmt: skip
     assert all(all(pictures) for pictures in shown.values()), shown
     rich = {kind: out["data"][kind] for out in book.cells[-1].outputs for kind in out["data"]}
     assert rich["text/html"].startswith("<table><caption>Snapshot</caption>")
@@ -180,10 +180,10 @@ def test_plots_draw_into_the_axes_that_they_are_given(session):
     figure = matplotlib.figure.Figure()
     for ax, plot, arguments in zip(
         figure.subplots(1, 5),
-        (gl.plot_map, gl.plot_loop, gl.plot_cone, gl.plot_path, gl.plot_envelope),
+        (gl.plot.map, gl.plot.loop, gl.plot.cone, gl.plot.path, gl.plot.envelope),
         (
             *((names["snapshot"],), (names["loop"].graph,), (names["tangent"],), (names["path"],)),
-            (names["loop"].graph, names["loop"].law),
+            (names["loop"].graph, names["loop"].law, "traction"),
         ),
         strict=True,
     ):
@@ -195,15 +195,15 @@ def test_plots_draw_into_the_axes_that_they_are_given(session):
 def test_without_axes_a_plot_is_pyplots_current_figure(session):
     """`plt.show`, `plt.savefig` and notebooks find it; a second plot goes into the same axes."""
     names = session[0]
-    ax = gl.plot_map(names["snapshot"])
+    ax = gl.plot.map(names["snapshot"])
     assert pyplot.gca() is ax and pyplot.gcf() is ax.figure
     # The map's own size, where no figure was open.
     assert ax.figure.get_size_inches().tolist() == [4.2, 4.2]
     pyplot.close("all")
     own = pyplot.figure(figsize=(3.0, 2.0))
-    assert gl.plot_path(names["path"]).figure is own
+    assert gl.plot.path(names["path"]).figure is own
     curves = len(pyplot.gca().lines)
-    assert gl.plot_path(names["path"]).figure is own
+    assert gl.plot.path(names["path"]).figure is own
     assert len(pyplot.gca().lines) == 2 * curves
     assert own.get_size_inches().tolist() == [3.0, 2.0]
 
@@ -214,18 +214,19 @@ def test_an_envelope_is_what_each_direction_answers():
     theta = np.linspace(0.0, 2.0 * np.pi, 361)
     e = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     K = gl.restrict(gl.affine_tangent(loop, law), "diagonal")
-    for line in gl.plot_envelope(loop, law).lines[:2]:
+    for line in gl.plot.envelope(loop, law, "affine").lines[:2]:
         np.testing.assert_allclose(line.get_xydata(), e @ K.T, atol=1e-14)
     at_yield = loop.replace(shear_force=0.2 * loop.normal_force * [1, -1, 1, -1, 1])
-    answer = gl.plot_envelope(at_yield, law, ax=pyplot.figure().add_subplot()).lines[1].get_xydata()
-    work = gl.directional_work(at_yield, law, e).work[:, 0]
+    envelope = gl.plot.envelope(at_yield, law, "affine", ax=pyplot.figure().add_subplot())
+    answer = envelope.lines[1].get_xydata()
+    work = gl.directional_work(at_yield, law, e, closure="affine").work[:, 0]
     np.testing.assert_allclose((answer * e).sum(axis=1), work, atol=1e-14)
 
 
 def test_signed_values_have_zero_in_the_middle_of_the_colours(session):
     names = session[0]
     smallest = names["table"]["traction_lambda_min"]
-    figure = gl.plot_map(names["snapshot"], smallest).figure
+    figure = gl.plot.map(names["snapshot"], smallest).figure
     low, high = figure.axes[0].collections[0].get_clim()
     assert low < 0 < high
     assert figure.axes[0].collections[0].norm(0.0) == 0.5
@@ -239,7 +240,7 @@ def test_keys_of_a_path_are_symbols_and_words(session):
         (("N_0", "T_0"), "$N_{}$ (force)", ["$N_{0}$", "$T_{0}$", "yield"]),
         ("external_work", "external work", ["external work", "yield"]),
     ):
-        ax = gl.plot_path(path, y=y, ax=matplotlib.figure.Figure().subplots())
+        ax = gl.plot.path(path, y=y, ax=matplotlib.figure.Figure().subplots())
         assert ax.get_xlabel() == "$H_{11}$ (–)"
         assert ax.get_ylabel() == label
         assert [text.get_text() for text in ax.get_legend().get_texts()] == key
@@ -248,12 +249,12 @@ def test_keys_of_a_path_are_symbols_and_words(session):
 def test_wrong_arguments_of_plots_are_named(session):
     names = session[0]
     with pytest.raises(gl.InputError, match=r"values: got shape \(3,\), expected one a loop"):
-        gl.plot_map(names["snapshot"], [1.0, 2.0, 3.0])
+        gl.plot.map(names["snapshot"], [1.0, 2.0, 3.0])
     with pytest.raises(gl.InputError, match="column: got 'nothing'"):
-        gl.plot_path(names["path"], y="nothing")
+        gl.plot.path(names["path"], y="nothing")
     batch = gl.regular_polygon(5, strain=[0.1, 0.2])
     with pytest.raises(gl.InputError, match=r"graph: got batch axes \(2,\)"):
-        gl.plot_loop(batch)
+        gl.plot.loop(batch)
 
 
 def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
@@ -269,7 +270,7 @@ def test_the_door_is_small_and_what_it_shows_tells_itself_in_a_line(session):
 
 def test_the_force_of_a_contact_is_drawn_from_centre_to_centre(session):
     loop = session[0]["loop"].graph
-    ax = gl.plot_loop(loop)
+    ax = gl.plot.loop(loop)
     ends = [path.vertices for path in ax.collections[2].get_paths()]
     np.testing.assert_array_equal(ends, loop.x[loop.contacts])
 
@@ -277,7 +278,7 @@ def test_the_force_of_a_contact_is_drawn_from_centre_to_centre(session):
 def test_the_key_of_a_loop_tells_its_forces(session):
     """Widths and arrows are in proportion to the force that the key names."""
     loop = session[0]["loop"].graph
-    ax = gl.plot_loop(loop)
+    ax = gl.plot.loop(loop)
     said = [text.get_text() for text in ax.get_legend().get_texts()]
     forces = np.hypot(loop.normal_force, loop.shear_force)
     assert f"contact force, widest: {forces.max():.3g} force units" in said
@@ -312,7 +313,7 @@ def test_curves_of_a_path_are_those_of_a_dense_one():
     assert len(path) < 25 < 800 < len(dense)
     exact = dense.columns()
     for name, tolerance in (("P11", 2e-6), ("det_Ks", 1e-3)):
-        line = gl.plot_path(path, y=name, ax=pyplot.figure().add_subplot()).lines[0]
+        line = gl.plot.path(path, y=name, ax=pyplot.figure().add_subplot()).lines[0]
         x, y = (np.asarray(values, dtype=float) for values in line.get_data())
         assert np.count_nonzero(np.isnan(y)) == 1 + len(np.unique(
             [event.index for event in path.events if event.kind in ("yield", "opening")]

@@ -13,10 +13,14 @@ def test_every_name_of_the_front_door_stands_on_one_page_of_the_reference():
     """A new name goes to the page of its task in `docs/reference`."""
     named = []
     for path in PAGES:
-        (block,) = re.findall(r"^```{names} grainloops\n(.*?)```", path.read_text(), re.M | re.S)
-        named += block.split()
-    # The programmes have a page of their own.
-    assert sorted([*named, "__version__", "programmes"]) == sorted(gl.__all__)
+        found = re.findall(r"^```{names} (\S+)\n(.*?)```", path.read_text(), re.M | re.S)
+        ((face, block),) = found
+        if face == "grainloops.plot":
+            assert sorted(block.split()) == sorted(gl.plot.__all__)
+        else:
+            named += block.split()
+    # The programmes have a page of their own, and so have the figures.
+    assert sorted([*named, "__version__", "plot", "programmes"]) == sorted(gl.__all__)
     assert "rooms/programmes.md" in page("reference/paths")
 
 

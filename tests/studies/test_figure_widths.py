@@ -14,9 +14,9 @@ from studies.series.skill_figures import TARGETS, skill_by_predictor
 
 @pytest.fixture(params=[None, "single", "double"], autouse=True)
 def width(request):
-    gl.figure_width(request.param)
+    gl.plot.figure_width(request.param)
     yield
-    gl.figure_width(None)
+    gl.plot.figure_width(None)
 
 
 def path():

@@ -19,7 +19,7 @@ SINGLE, DOUBLE = 86 / 25.4, 178 / 25.4
 @pytest.fixture(autouse=True)
 def as_before():
     yield
-    gl.figure_width(None)
+    gl.plot.figure_width(None)
 
 
 def test_figures_take_the_width_that_was_asked_for():
@@ -28,23 +28,23 @@ def test_figures_take_the_width_that_was_asked_for():
         ("single",) + 2 * (SINGLE,),
         ("double",) + 2 * (DOUBLE,),
     ):
-        gl.figure_width(asked)
+        gl.plot.figure_width(asked)
         assert style.new_figure().get_figwidth() == pytest.approx(one)
         figure, axes = style.new_panels(1, 2, 2.6, sharey=True)
         assert figure.get_figwidth() == pytest.approx(two)
         assert axes.shape == (1, 2)
         assert style.new_figure(fixed=True).get_figwidth() == pytest.approx(SINGLE)
         pyplot.close("all")
-        ax = gl.plot_loop(gl.regular_polygon(5, strain=0.1))
+        ax = gl.plot.loop(gl.regular_polygon(5, strain=0.1))
         assert ax.figure.get_figwidth() == pytest.approx(one)
         # Axes that are given are drawn into as they are.
         own = Figure(figsize=(5, 4))
-        assert gl.plot_loop(gl.regular_polygon(5, strain=0.1), ax=own.add_subplot()).figure is own
+        assert gl.plot.loop(gl.regular_polygon(5, strain=0.1), ax=own.add_subplot()).figure is own
         assert own.get_figwidth() == 5
 
 
 def test_panels_stand_below_one_another_in_a_column():
-    gl.figure_width("single")
+    gl.plot.figure_width("single")
     figure, axes = style.new_panels(2, 2, 4.6, sharex=True)
     figure.canvas.draw()
     boxes = [ax.get_position() for ax in axes.ravel()]
@@ -59,7 +59,7 @@ def test_panels_stand_below_one_another_in_a_column():
 
 def test_another_word_is_refused():
     with pytest.raises(gl.InputError, match="figure width: got 'wide', expected single or double"):
-        gl.figure_width("wide")
+        gl.plot.figure_width("wide")
 
 
 @pytest.mark.parametrize("option", [("--figure-width", "single"), ("--figure-width=single",)])

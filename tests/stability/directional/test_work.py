@@ -102,11 +102,11 @@ def test_one_contact_loses_one_nappe(mu):
         normal_force=[1e-16], shear_force=[mu * 1e-16],
     )  # fmt: skip
     law = LinearFrictional(kn=1.0, kt=0.3, mu=mu)
-    found = branch_fraction(pair, law, volume=1.0)
+    found = branch_fraction(pair, law, volume=1.0, closure="affine")
     np.testing.assert_allclose(found.sliding, np.arctan(mu) / np.pi, atol=1e-13)
     np.testing.assert_allclose(found.unstable, 0.5 * np.arctan(mu) / np.pi, atol=1e-13)
     # In all four components W2 sees a plane alone: the same fraction, now by sampling.
-    full = branch_fraction(pair, law, subspace="full", volume=1.0, scramblings=64)
+    full = branch_fraction(pair, law, subspace="full", volume=1.0, scramblings=64, closure="affine")
     assert 0 < full.error < 2e-3 and full.edges is None
     assert abs(full.unstable - found.unstable) < 4 * full.error
 
@@ -116,7 +116,9 @@ def test_touching_contact_in_closed_form():
     # negative but where friction does work on the other side, |T'| = mu N' along +-ut'.
     pair = GrainGraph(x=[[0, 0], [1, 1]], radii=[0.5**0.5] * 2, contacts=[[0, 1]])
     kt, mu = 0.7, 0.4
-    found = directional_work(pair, LinearFrictional(kn=1.0, kt=kt, mu=mu), CIRCLE, volume=1.0)
+    found = directional_work(
+        pair, LinearFrictional(kn=1.0, kt=kt, mu=mu), CIRCLE, volume=1.0, closure="affine"
+    )
     a, b = CIRCLE @ [0.5**0.5, 0.5**0.5], CIRCLE @ [-(0.5**0.5), 0.5**0.5]
     N = np.maximum(a, 0)
     T = np.clip(kt * b, -mu * N, mu * N)
@@ -246,16 +248,16 @@ def test_batch_of_states_is_each_state():
     angle, E = rng.uniform(0.5, 1.0, 7), rng.uniform(0.02, 0.3, 7)
     N = diamond(angle, E1=E, E2=E).normal_force[:, 0]
     graph = diamond(angle, E1=E, E2=E, T=np.where(np.arange(7) % 2, 0.3, 0.1) * N)
-    together = branch_fraction(graph, law)
-    work = directional_work(graph, law, CIRCLE[:50], subspace="diagonal").work
+    together = branch_fraction(graph, law, closure="affine")
+    work = directional_work(graph, law, CIRCLE[:50], subspace="diagonal", closure="affine").work
     for k in range(7):
         alone = diamond(angle[k], E1=E[k], E2=E[k], T=float(graph.shear_force[k, 0]))
-        one = branch_fraction(alone, law)
+        one = branch_fraction(alone, law, closure="affine")
         np.testing.assert_allclose(together.unstable[k], one.unstable, atol=1e-14)
         edges = together.edges[k][~np.isnan(together.edges[k])]
         np.testing.assert_allclose(edges, one.edges, atol=1e-12)
         np.testing.assert_allclose(
-            work[k], directional_work(alone, law, CIRCLE[:50]).work, atol=1e-14
+            work[k], directional_work(alone, law, CIRCLE[:50], closure="affine").work, atol=1e-14
         )
     assert np.ptp(together.unstable) > 0.01
 
@@ -285,14 +287,14 @@ def test_spins_that_turn_with_the_loop_change_the_shear_that_decides():
     law = LinearFrictional(kn=1.0, kt=0.3, mu=0.5)
     graph = odd_loop(rng, 5, law)
     e = rng.standard_normal((40, 3))
-    options = {"subspace": "symmetric"}
+    options = {"subspace": "symmetric", "closure": "affine"}
     blocked = directional_work(graph, law, e, **options)
     turning = directional_work(graph, law, e, spins="affine", **options)
     # The reference is the current state: no rotation in this subspace, no spin.
     np.testing.assert_allclose(blocked.work, turning.work, atol=1e-14)
     full = rng.standard_normal((40, 4))
-    a = directional_work(graph, law, full, subspace="full")
-    b = directional_work(graph, law, full, subspace="full", spins="affine")
+    a = directional_work(graph, law, full, subspace="full", closure="affine")
+    b = directional_work(graph, law, full, subspace="full", spins="affine", closure="affine")
     assert np.abs(a.work - b.work).max() > 0.1 and (a.regime != b.regime).any()
 
 
@@ -305,19 +307,19 @@ def test_edges_ignore_arcs_without_length():
 def test_bad_input():
     graph, law, volume = at_yield(TABLE_1)
     with pytest.raises(InputError, match="directions"):
-        directional_work(graph, law, [[1.0, 0.0, 0.0]], volume=volume)
+        directional_work(graph, law, [[1.0, 0.0, 0.0]], volume=volume, closure="affine")
     with pytest.raises(InputError, match="directions"):
-        directional_work(graph, law, [[0.0, 0.0]], volume=volume)
+        directional_work(graph, law, [[0.0, 0.0]], volume=volume, closure="affine")
     many = regular_polygon(9, strain=0.1)
     many = many.replace(shear_force=0.5 * many.normal_force)
     strict = LinearFrictional(kn=1.0, kt=0.5, mu=0.5)
     with pytest.raises(InputError, match="512 combinations"):
         branch_fraction(many, strict, closure="traction")
-    assert branch_fraction(many, strict).error == 0
+    assert branch_fraction(many, strict, closure="affine").error == 0
     with pytest.raises(InputError, match="batch axes"):
         branch_fraction(regular_polygon(4, strain=[0.1, 0.2]), strict, closure="traction")
     with pytest.raises(InputError, match="scramblings"):
-        branch_fraction(graph, law, scramblings=1)
+        branch_fraction(graph, law, scramblings=1, closure="affine")
 
 
 @pytest.mark.parametrize("subspace", ["symmetric", pytest.param("full", marks=pytest.mark.slow)])

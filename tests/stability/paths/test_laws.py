@@ -222,7 +222,7 @@ def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
     for call in (
         lambda: follow(Scene(graph, law), isotropic(0.1), closure="affine"),
         lambda: rates_at(Scene(graph, law), programmes.isotropic_strain(), closure="affine"),
-        lambda: directional_work(graph, law, [[1.0, 0.0]]),
+        lambda: directional_work(graph, law, [[1.0, 0.0]], closure="affine"),
         lambda: RollingResistance(law, k_r=0.1),
     ):
         with pytest.raises(InputError, match=r"LawWithoutEdge without .*strength"):

@@ -156,9 +156,10 @@ def test_orders_and_stress_lines(series):
         low, high = ax.get_ylim()
         assert low == 0
         assert max(line.get_ydata().max() for line in ax.lines) < high
-    stress, shares = stress_strain(series.evolution).axes
+    stress, ratio, shares = stress_strain(series.evolution).axes
+    np.testing.assert_array_equal(ratio.lines[0].get_ydata(), series.evolution["q_over_p"])
     np.testing.assert_array_equal(stress.lines[1].get_ydata(), series.evolution["S22"])
-    worked = shares.lines[2].get_ydata()
+    worked = shares.lines[-1].get_ydata()
     assert np.isnan(worked[0])
     assert worked[2] == np.mean(series.tables[1]["W2"] < 0)
 

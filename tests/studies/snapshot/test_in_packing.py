@@ -30,6 +30,8 @@ CELL = (0.914723458490276, 0.0, 0.0, 0.897826511170329)
 COLUMNS = [
     *(f"packing_lambda_{name}" for name in ("min", "mid", "max")),
     "packing_unstable_fraction",
+    "packing_cone_opening",
+    "packing_soft_angle",
     "surroundings_lambda_min",
     "packing_error",
 ]

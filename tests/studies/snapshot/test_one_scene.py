@@ -1,10 +1,14 @@
 """The table of loops in their packing is the same from Python and from the command."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import grainloops as gl
+from loops.in_place import loops_in_place
+from stability import symmetric_modes
 from studies.snapshot import run_snapshot
 from tests.docs.pages import page
 from tests.stability.packing.walled_packings import small_sample
@@ -33,9 +37,36 @@ def test_the_command_and_the_table_give_the_same_bits(ends, tmp_path):
         np.testing.assert_array_equal(command[name], table[name])
 
 
-def test_the_first_block_of_the_page_runs_between_walls():
-    code = page("packing").split("```python\n", 1)[1].split("```", 1)[0]
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+def test_the_blocks_of_the_page_run_on_every_kind_of_sample(ends, tmp_path, monkeypatch, capsys):
+    path, cell = written(ends, tmp_path)
+    snapshot = gl.read_snapshot(path, cell=cell)
+    monkeypatch.setattr(gl, "read_snapshot", lambda _: snapshot)
+    blocks = re.findall(r"```python\n(.*?)```", page("packing"), re.DOTALL)
     given = {}
-    exec(code, given)
-    assert given["scene"].boundary.kind == "walls"
+    for block in blocks:
+        exec(block, given)
+    assert len(blocks) == 4 and given["scene"].boundary.kind == ends
     assert np.isfinite(given["place"].matrix).any() and given["response"].status != "none"
+    table, names = given["table"], [f"packing_lambda_{name}" for name in ("min", "mid", "max")]
+    known = table[names].notna().to_numpy()
+    assert known.any()
+    np.testing.assert_array_equal(given["eigenvalues"][known], table[names].to_numpy()[known])
+    assert capsys.readouterr().out.count("\n") >= 4
+
+
+def test_cones_and_soft_angles_in_place_are_those_of_the_operators():
+    snapshot = gl.read_snapshot(gl.sample_path())
+    place, table = loops_in_place(snapshot.scene), gl.loop_table(snapshot, in_packing=True)
+    found = gl.plane_cone(gl.restrict(place.matrix, "diagonal"))
+    opening = table["packing_cone_opening"]
+    known = opening.notna().to_numpy()
+    np.testing.assert_allclose(opening[known], np.degrees(found.opening[known]), rtol=1e-12)
+    assert (opening > 0).sum() > 10 and opening.isna().equals(table["packing_lambda_min"].isna())
+    # The strain of the softest mode, from its axis: no work is smaller.
+    soft = np.radians(table["packing_soft_angle"].to_numpy())
+    for row in np.flatnonzero(known)[::40]:
+        _, modes = symmetric_modes(gl.restrict(place.matrix[row], "symmetric"))
+        e1, e2, shear = modes[:, 0] * (1.0 if modes[0, 0] + modes[1, 0] >= 0 else -1.0)
+        axis = 0.5 * np.arctan2(np.sqrt(2.0) * shear, e1 - e2)
+        assert np.cos(2 * (axis - soft[row])) > 1 - 1e-9

@@ -1,0 +1,243 @@
+"""What the front door answers about a sample, and tables and figures of every result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from loops import InputError, MacroTangent
+from loops.shown import Shown
+from patterns import Snapshot, loop_of_snapshot
+from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_severity
+from patterns.snapshots.snapshot import SnapshotLoop
+from stability import COMPONENTS, Path, PlaneCone, Regimes, Verdict
+from stability.packing import PackingResponse, Probe, Sustained
+from studies.snapshot.fabric import Fabric
+from studies.snapshot.stress import Stress
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Shown):
+    """What `check` found: the worst of `SEVERITIES`, and a finding for each check."""
+
+    verdict: str
+    findings: tuple[Finding, ...]
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        wrong = [one for one in self.findings if one.severity != "ok"]
+        counts: dict[str, object] = {
+            str(name): sum(one.severity == name for one in self.findings) for name in SEVERITIES
+        }
+        said = {one.check: f"{one.severity}: {one.says}" for one in wrong}
+        return {"verdict": self.verdict, **counts, **said}
+
+
+def check(snapshot: Snapshot) -> Check:
+    """Check a snapshot for consistency, as `grainloops check` does: signs, units, balance.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        A file that fails is read with `read_snapshot(path, strict=False)`.
+
+    Returns
+    -------
+    Check
+        `verdict` is 'ok', 'doubt' or 'error'; `.table()` has a row a check with what to do.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> check(read_snapshot(sample_path())).verdict
+    'ok'
+    """
+    findings = (*snapshot.findings, crossings(snapshot.graph))
+    return Check(worst_severity(findings), findings)
+
+
+def loop(snapshot: Snapshot, number: int) -> SnapshotLoop:
+    """Take one loop out of a snapshot; every question about a scene takes it.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+        With a law.
+    number : int
+        Of the loop in the column `loop` of `loop_table`.
+
+    Returns
+    -------
+    SnapshotLoop
+        `graph`, `law`, `regime`, `ids` of its grains, `scene`.
+
+    Raises
+    ------
+    InputError
+        If there is no loop of that number.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> one = loop(read_snapshot(sample_path()), 62)
+    >>> one.graph.grain_count == len(one.ids), one.scene.boundary.kind
+    (True, 'free')
+    """
+    return loop_of_snapshot(snapshot, number)
+
+
+@singledispatch
+def table_of(result: Any) -> pd.DataFrame:
+    """Data frame of a result: its arrays of one length, a row an entry, else one row of facts."""
+    values = (
+        {one.name: getattr(result, one.name) for one in fields(result)}
+        if is_dataclass(result)
+        else {}
+    )
+    arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray) and v.ndim}
+    lengths = [len(array) for array in arrays.values()]
+    if not lengths:
+        return pd.DataFrame([result.facts()])
+    rows = max(lengths, key=lambda length: (lengths.count(length), length))
+    columns: dict[str, Any] = {}
+    for name, array in arrays.items():
+        if len(array) == rows:
+            columns |= _columns(name, array)
+    return pd.DataFrame(columns)
+
+
+def _columns(name: str, array: Any) -> dict[str, Any]:
+    """Columns of an array (rows, ...): components of tensors by their indices."""
+    if array.ndim == 1:
+        return {name: array}
+    flat = array.reshape(len(array), -1)
+    ends = COMPONENTS if array.shape[1:] == (2, 2) else [f"_{k}" for k in range(flat.shape[1])]
+    return {f"{name}{end}": flat[:, k] for k, end in enumerate(ends)}
+
+
+@table_of.register
+def _(result: Check) -> pd.DataFrame:
+    return pd.DataFrame([one._asdict() for one in result.findings])
+
+
+@table_of.register
+def _(result: Stress) -> pd.DataFrame:
+    names = ("p", "p_error", "q", "q_error", "q_over_p", "q_over_p_error", "wall_share", "volume",
+             "volume_is", "rattlers")  # fmt: skip
+    tensor = {f"S{ij}": s for ij, s in zip(COMPONENTS, result.tensor.ravel(), strict=True)}
+    return pd.DataFrame([{**tensor, **{name: getattr(result, name) for name in names}}])
+
+
+@table_of.register
+def _(result: Verdict) -> pd.DataFrame:
+    names = ("status", "subspace", "lambda_min", "over_kn", "margin", "tolerance", "mode")
+    return pd.DataFrame([{name: getattr(result, name) for name in names}])
+
+
+@table_of.register
+def _(result: PlaneCone) -> pd.DataFrame:
+    rows = np.size(result.status)
+    columns: dict[str, Any] = {}
+    for one in fields(result):
+        values = np.asarray(getattr(result, one.name))
+        columns |= _columns(one.name, values.reshape(rows, -1) if values.size > rows else
+                            values.reshape(rows))  # fmt: skip
+    return pd.DataFrame(columns)
+
+
+@table_of.register
+def _(result: Fabric) -> pd.DataFrame:
+    return result.columns()
+
+
+@table_of.register
+def _(result: Snapshot) -> pd.DataFrame:
+    from studies.frames import loop_table
+
+    return loop_table(result)
+
+
+@table_of.register
+def _(result: Path) -> pd.DataFrame:
+    from studies.frames import path_table
+
+    return path_table(result)
+
+
+@table_of.register
+def _(result: Probe) -> pd.DataFrame:
+    from studies.probe import probe_table
+
+    return probe_table(result)
+
+
+@table_of.register
+def _(result: Sustained) -> pd.DataFrame:
+    from studies.sustain import loading_table
+
+    return loading_table(result)
+
+
+@table_of.register(Regimes)
+@table_of.register(PackingResponse)
+def _(result: Any) -> pd.DataFrame:
+    row: dict[str, Any] = {"status": result.status}
+    for name, rate in (("H", "strain_rate"), ("P", "stress_rate"), ("cauchy_", "cauchy_rate")):
+        values = np.ravel(getattr(result, rate))
+        row |= {f"{name}{ij}": value for ij, value in zip(COMPONENTS, values, strict=True)}
+    return pd.DataFrame([row])
+
+
+@singledispatch
+def plot_of(result: Any, ax: Axes | None = None) -> Axes:
+    """Axes with the figure of a result; `InputError` for one that has none."""
+    kind = type(result).__name__
+    remedy = "Draw its .table(), or see gl.plot."
+    raise InputError(".plot()", kind, "a result with a figure", remedy)
+
+
+@plot_of.register
+def _(result: Fabric, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_rose
+
+    return plot_rose(result.snapshot, ax=ax)
+
+
+@plot_of.register
+def _(result: Snapshot, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_map
+
+    return plot_map(result, ax=ax)
+
+
+@plot_of.register
+def _(result: SnapshotLoop, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_loop
+
+    return plot_loop(result.graph, ax=ax)
+
+
+@plot_of.register
+def _(result: Path, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_path
+
+    return plot_path(result, ax=ax)
+
+
+@plot_of.register
+def _(result: Probe, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_envelope
+
+    return plot_envelope(result, ax=ax)
+
+
+@plot_of.register
+def _(result: MacroTangent, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_cone
+
+    return plot_cone(result, ax=ax)

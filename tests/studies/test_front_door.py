@@ -1,0 +1,177 @@
+"""What the front door answers by name, and tables and figures of every result."""
+
+from collections import Counter
+
+import matplotlib.figure
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+
+import grainloops as gl
+from loops import lazy, love_weber_stress
+from loops.fabric import direction_tensors, mean_tensor
+from loops.shown import Shown
+from patterns.snapshots.walls import box_area
+from studies.snapshot.fabric import axes_rose, axis_errors, loop_areas
+from studies.snapshot.stress import BLOCKS
+from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import small_sample
+
+
+@pytest.fixture(scope="module")
+def snapshot():
+    return gl.read_snapshot(gl.sample_path())
+
+
+def drawn(result, **how):
+    return result.plot(ax=matplotlib.figure.Figure().add_subplot(**how))
+
+
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+def test_stress_of_the_whole_sample(ends):
+    """Love-Weber of all contacts; between walls it is the force of a wall over its length."""
+    sample = small_sample(ends, LAW)
+    found = gl.stress(sample)
+    graph, walls = sample.graph, sample.walls
+    if walls is None:
+        np.testing.assert_allclose(found.tensor, love_weber_stress(graph, found.volume), rtol=1e-13)
+        assert found.walls is None and found.wall_share == 0.0
+    else:
+        assert found.volume == box_area(graph.x, walls)
+        side = np.linalg.norm(walls.branch, axis=1)
+        right = walls.branch[:, 0] < -0.9 * side
+        height = found.volume / np.ptp(graph.x[walls.grain, 0] - walls.branch[:, 0])
+        np.testing.assert_allclose(found.tensor[0, 0], -walls.force[right, 0].sum() / height, 1e-6)
+    principal = np.linalg.eigvalsh(0.5 * (found.tensor + found.tensor.T))
+    np.testing.assert_allclose((found.p - found.q, found.p + found.q), principal, rtol=1e-12)
+    assert "force/length" in repr(found)
+    (row,) = found.table().to_dict("records")
+    assert row["q_over_p"] == found.q_over_p and row["S22"] == found.tensor[1, 1]
+
+
+def test_the_error_of_a_stress_is_that_of_independent_blocks():
+    """A lattice of equal contacts with random forces: the block's jackknife finds their scatter."""
+    rng, n = np.random.default_rng(3), 48
+    at = np.stack(np.meshgrid(np.arange(n), np.arange(n), indexing="ij"), axis=-1).reshape(-1, 2)
+    grain = np.arange(n * n).reshape(n, n)
+    right, up = np.roll(grain, -1, axis=0), np.roll(grain, -1, axis=1)
+    contacts = np.concatenate([np.stack([grain, other], axis=-1).reshape(-1, 2)
+                               for other in (right, up)])  # fmt: skip
+    images = (at[contacts[:, 1]] - at[contacts[:, 0]] < -1).astype(np.int64)
+    ratios = []
+    for _ in range(40):
+        force = rng.exponential(size=2 * n * n)
+        graph = gl.GrainGraph(at.astype(float), [0.5] * (n * n), contacts, images=images,
+                              cell=n * np.eye(2), normal_force=force)  # fmt: skip
+        sample = gl.Snapshot(graph, LAW, np.ones(2 * n * n, np.int8), np.arange(n * n), 0, ())
+        found = gl.stress(sample)
+        # p is half the sum of two means of n^2 forces of standard deviation 1.
+        ratios.append(found.p_error / (0.5 * np.sqrt(2.0) / n))
+    assert abs(np.mean(ratios) - 1.0) < 0.1 and BLOCKS == 4
+
+
+def test_fabric_tells_contacts_by_force_and_loops_by_order(snapshot):
+    found = gl.fabric(snapshot)
+    table = found.table().set_index("of")
+    count = table["count"]
+    assert count["strong contacts"] + count["weak contacts"] == count["contacts"] == 819
+    orders = Counter(gl.loop_table(snapshot)["order"].clip(upper=8))
+    for order in range(3, 9):
+        assert count[f"loops of order {order}{'+' if order == 8 else ''}"] == orders[order]
+    np.testing.assert_allclose(table["F11"] + table["F22"], 1.0, rtol=1e-13)
+    assert table["anisotropy"]["strong contacts"] > table["anisotropy"]["contacts"]
+    np.testing.assert_allclose(loop_areas(snapshot), gl.loop_table(snapshot)["area"], rtol=1e-12)
+
+
+def test_errors_of_the_fabric_are_those_of_repeated_samples():
+    rng = np.random.default_rng(7)
+    found, said = [], []
+    for _ in range(300):
+        angle = rng.vonmises(0.0, 0.4, 400) / 2 + np.pi * rng.integers(2, size=400)
+        tensors = direction_tensors(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+        mean = mean_tensor(tensors).mean
+        found.append(mean[0, 0] - mean[1, 1])
+        said.append(axis_errors(tensors, None, 0.0)[0])
+    assert np.mean(said) == pytest.approx(np.std(found), rel=0.12)
+
+
+@pytest.mark.parametrize("of", ["contacts", "branches", "loops"])
+def test_a_rose_has_the_density_of_its_axes(snapshot, of):
+    ax = gl.plot.rose(snapshot, of, ax=matplotlib.figure.Figure().add_subplot(projection="polar"))
+    bars = [bar for bar in ax.patches if bar.get_height() > 0]
+    assert sum(bar.get_height() * bar.get_width() for bar in bars) == pytest.approx(1.0)
+    angle, density, error = axes_rose(np.array([0.0, 4.9, 90.0, -90.0]), np.ones(4), 10.0)
+    assert density[0] == density[18] == density[9] and error[0] == pytest.approx(
+        density[0] / 2**0.5
+    )
+    with pytest.raises(gl.InputError, match="polar"):
+        gl.plot.rose(snapshot, ax=matplotlib.figure.Figure().add_subplot())
+    assert np.degrees(angle[9]) == pytest.approx(90.0)
+
+
+def test_check_is_that_of_the_command(snapshot):
+    found = gl.check(snapshot)
+    table = found.table()
+    assert found.verdict == "ok" and table["check"].iloc[-1] == "crossings"
+    tables = snapshot.tables()
+    tables["contacts"] = tables["contacts"] | {"fx_on_2": -tables["contacts"]["fx_on_2"]}
+    wrong = gl.check(gl.snapshot_from_tables(**tables, strict=False))
+    assert wrong.verdict != "ok" and (wrong.table()["severity"] != "ok").any()
+
+
+def test_every_question_takes_a_loop_of_a_snapshot(snapshot):
+    one = gl.loop(snapshot, 230)
+    stage = gl.Stage("drained_biaxial", "H11", 1e-5)
+    path = gl.follow(one, stage, closure="traction")
+    assert len(path.table()) == len(path) and isinstance(drawn(path), Axes)
+    rates = gl.rates_at(one, "drained_biaxial", closure="traction")
+    (row,) = rates.table().to_dict("records")
+    assert row["status"] == rates.status and row["H11"] == rates.strain_rate[0, 0]
+    for result in (one, gl.traction_tangent(one.graph, one.law), snapshot):
+        assert isinstance(drawn(result), Axes)
+    envelope = gl.plot.envelope(one, closure="traction", ax=matplotlib.figure.Figure().subplots())
+    assert len(envelope.lines) >= 3
+
+
+def test_tables_of_results(snapshot):
+    tangent = gl.loop_tangents(snapshot.graph, snapshot.law, snapshot.faces, "traction")
+    cones = gl.plane_cone(gl.restrict(tangent, "diagonal"))
+    assert len(cones.table()) == 309 and {"opening", "edges_0"} <= set(cones.table())
+    one = gl.loop(snapshot, 230)
+    verdict = gl.judge(gl.traction_tangent(one.graph, one.law), "symmetric", kn=snapshot.mean_kn)
+    assert verdict.table()["over_kn"].item() == verdict.over_kn
+    held = gl.hold(gl.Scene(jammed(16, 2), LAW))
+    assert isinstance(held.table(), pd.DataFrame)
+    with pytest.raises(gl.InputError, match=r"HeldPacking.*a result with a figure"):
+        held.plot()
+
+
+def test_without_the_front_door_a_table_says_what_is_missing(monkeypatch, snapshot):
+    monkeypatch.setattr(lazy, "SERVED", lazy.SERVED.copy())
+    for name in ("table", "plot"):
+        assert name in lazy.SERVED
+    monkeypatch.setattr("loops.shown.SERVED", {})
+    with pytest.raises(gl.InputError, match="import grainloops"):
+        Shown.table(snapshot)
+
+
+def test_evolution_is_drawn_with_its_errors(tmp_path):
+    columns = {"shear_strain": [0.0, 1.0], "q_over_p": [0.1, 0.3], "q_over_p_error": [0.01, 0.02]}
+    table = pd.DataFrame(columns)
+    table.to_parquet(tmp_path / "evolution.parquet")
+    for given in (table, tmp_path, tmp_path / "evolution.parquet"):
+        ax = gl.plot.evolution(given, ax=matplotlib.figure.Figure().subplots())
+        np.testing.assert_array_equal(ax.lines[0].get_ydata(), [0.1, 0.3])
+        assert ax.get_ylabel() == "$q/p$ (–)" and len(ax.collections) == 1
+    with pytest.raises(gl.InputError, match="one of the table evolution"):
+        gl.plot.evolution(table, "nothing")
+    with pytest.raises(gl.InputError, match="a file that is there"):
+        gl.plot.evolution(tmp_path / "none")
+
+
+def test_old_names_work_with_a_warning(snapshot):
+    with pytest.warns(DeprecationWarning, match=r"use grainloops\.plot\.map"):
+        assert gl.plot_map is gl.plot.map
+    with pytest.warns(DeprecationWarning, match=r"use grainloops\.loop"):
+        assert gl.loop_of_snapshot is gl.loop
