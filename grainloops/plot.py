@@ -1,4 +1,13 @@
-"""Figures by name, `gl.plot.map(snapshot)`: each draws into the axes given, or into pyplot's."""
+"""Figures by name, `gl.plot.map(snapshot)`: each draws into the axes given, or into pyplot's.
+
+Examples
+--------
+>>> import grainloops as gl
+>>> from matplotlib.figure import Figure
+>>> ax = gl.plot.loop(gl.regular_polygon(5, strain=0.1), ax=Figure().add_subplot())
+>>> ax.get_xlabel()
+'$x_1$ (length)'
+"""
 
 from studies.plots import plot_cone as cone
 from studies.plots import plot_envelope as envelope
