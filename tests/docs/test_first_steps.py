@@ -38,7 +38,7 @@ LINES = {
     "Arrays in, a snapshot out, and back": 2,
     "A table of several snapshots, and a plot": 5,
     "The smallest eigenvalue by order, at three stiffness ratios": 7,
-    "A cohesive law in a path and in a snapshot": 9,
+    "A cohesive law in a path and in a snapshot": 10,
     "Fates of the unstable loops": 3,
     "Strain, stress and work of each loop": 1,
     "The envelope of a snapshot": 1,
