@@ -143,12 +143,15 @@ class PackingState(Shown):
         return self.forces.T @ self.apart / abs(np.linalg.det(self.cell))
 
     @property
+    def pull(self) -> float:
+        """Mean stress that contacts which pull take from the others."""
+        pulled = float(np.maximum(-self.normal_force, 0.0) @ self.length)
+        return pulled / abs(float(np.linalg.det(self.cell)))
+
+    @property
     def pressure(self) -> float:
-        """Half the trace of the stress; where contacts pull, of the sizes of the normal forces."""
-        if not (self.normal_force < 0).any():
-            return 0.5 * float(np.trace(self.stress))
-        carried = np.abs(self.normal_force) @ self.length
-        return 0.5 * float(carried) / abs(float(np.linalg.det(self.cell)))
+        """Half the trace of the stress, as if contacts that pull pressed by as much."""
+        return 0.5 * float(np.trace(self.stress)) + self.pull
 
     @cached_property
     def resultants(self) -> Floats:

@@ -20,7 +20,7 @@ from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
 from stability.packing.pathologies import pathologies
-from stability.packing.rattlers import free_rattlers
+from stability.packing.rattlers import free_rattlers, share_until_caught
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.state import jumped
 from stability.packing.strain_increment import (
@@ -42,6 +42,8 @@ DECAY = 1e-5
 REACH = 4.0
 # Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
 MAX_SPEED_RATIO = 1e3
+# Times that an interval is cut where it catches grains that carried nothing.
+CUTS_AT_CATCH = 3
 # Intervals before the end of a path that are kept, to go through them again.
 HISTORY = 64
 CONTROL_LIMIT = "limit of the control: the strain grows without bound"
@@ -75,6 +77,8 @@ class PackingPathSolver:
         self.by_radii = checked.shear_increment == "radii"
         self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
+        # Share of the last increment up to which no grain that carried nothing was caught.
+        self.free_share = 1.0
         self.work = np.zeros(4)
         self.events: list[Event] = []
         self.rows: list[tuple[Any, ...]] = []
@@ -224,7 +228,7 @@ class PackingPathSolver:
         before = self.saved()
         events: list[Event] = []
         try:
-            met, duration = self._interval(stage, events)
+            met, duration = self._interval_to_catch(stage, events)
         except RejectedError as error:
             status, message = error.args
         except ControlLimitError:
@@ -246,6 +250,27 @@ class PackingPathSolver:
             # The events that led there stay.
             self._add_events(events)
         return status, message
+
+    def _interval_to_catch(
+        self, stage: Stage, events: list[Event]
+    ) -> tuple[InstabilityError | ControlLimitError | None, float]:
+        """Strain by an increment, a shorter one where it catches grains that carried nothing.
+
+        There their forces are next to nothing, and grow with the rates of the packing.
+        """
+        before = self.saved()
+        for _ in range(CUTS_AT_CATCH):
+            ended = self._interval(stage, events)
+            if self.free_share == 1.0:
+                break
+            size = self.free_share * self.size
+            self.restore(before)
+            events.clear()
+            self.size = size
+        else:
+            ended = self._interval(stage, events)
+        self.size = before["size"]
+        return ended
 
     def _interval(
         self, stage: Stage, events: list[Event]
@@ -342,7 +367,12 @@ class PackingPathSolver:
 
         Grains that carry nothing leave the system, or join it; some did not carry `before`.
         """
+        start, idle = self.state, self.rattlers
         self.state, self.rattlers, released = free_rattlers(state, before)
+        caught = idle & ~self.rattlers
+        self.free_share = 1.0
+        if before is not None and caught.any():
+            self.free_share = share_until_caught(start, state, caught, before)
         self.first_resultants[self.rattlers] = 0.0
         self.parameter += duration
         self.work += work

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from loops.contacts import Contacts
+from loops.contacts import Contacts, PackingState
 from loops.laws.of_pairs import SMALL_OVERLAP
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
@@ -26,13 +26,20 @@ UNLOADED_SHARE = 1e-5
 # regimes it leaves the system. Such a snap of one grain moves the sample by 3e-7 and has 1e-9 of
 # its energy; whether an interval met it changed the first loss by a factor of two.
 LIGHT_SHARE = 1e-2
-# Motions of these grains are left out that take less than this share of the best one out of an
-# overlap: with a smooth grain between two others, more than thirty times the overlap to the side.
-WEDGED = 0.03
-# Rounds in which the grains that carry nothing move out of overlap, one after the other.
+# An interval in which a grain is caught ends where its largest force is below this share of the
+# mean force: its load enters the packing at once.
+CAUGHT_SHARE = 5e-4
+# Halvings by which that place is found.
+CATCH_HALVINGS = 20
+# Rounds in which the grains that carry nothing move out of overlap.
 MOST_ROUNDS = 30
-# Shares of a step that are tried until the energy falls.
-HALVES = tuple(0.5**k for k in range(10))
+# Dampings of Newton's step (Levenberg's), over the stiffness, tried until the energy falls.
+DAMPINGS = (1e-12, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
+# Falls of the energy below this share are rounding.
+ENERGY_RTOL = 1e-14
+# A grain whose resultant is below this share of its largest force is in balance. One that is not
+# still moves out of overlap, as a chain of two discs does, which no friction holds.
+IN_BALANCE = 1e-3
 
 
 class Freed(NamedTuple):
@@ -93,8 +100,8 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     )
     overlap = np.where(free, moved.overlap, 0.0)
     N = state.law.normal_force(overlap)
-    loaded = (overlap > 0) & (N - state.law.at_touch >= LOADED_SHARE * state.mean_force)
-    idle[state.contacts[loaded].ravel()] = False
+    pressed = replace(moved, normal_force=N, shear_force=T)
+    idle = idle & ~_held(pressed, idle, LOADED_SHARE * state.mean_force)
     free = np.asarray(idle[state.contacts].any(axis=1))
     joined = ~free & (overlap > 0)
     N = np.where(joined, N, moved.normal_force)
@@ -103,75 +110,153 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     return Freed(moved, idle, energy - moved.energy(joined))
 
 
+def _held(state: Contacts, idle: Flags, least: float) -> Flags:
+    """Return the idle grains (B,) with a load of `least`, in balance with the others that have."""
+    rows = np.flatnonzero(idle[state.contacts].any(axis=1) & (state.normal_force != 0))
+    ends, load = state.contacts[rows], (state.normal_force - state.law.at_touch)[rows]
+    held = idle
+    while True:
+        carries = ~(idle & ~held)[ends].any(axis=1)
+        of, largest = rows[carries], np.zeros(len(idle))
+        np.maximum.at(largest, ends[carries], load[carries, None])
+        left = np.abs(_at(state, of).resultants).max(axis=1)
+        found = held & (largest >= least) & (left <= IN_BALANCE * largest)
+        if (found == held).all():
+            return held
+        held = found
+
+
+def _at(state: Contacts, rows: Integers) -> PackingState:
+    """Return the geometry and forces of some pairs alone, without rolling moments."""
+    forces = {name: getattr(state, name)[rows] for name in ("normal_force", "shear_force")}
+    moment = np.zeros(len(rows))
+    ends, images = state.contacts[rows], state.images[rows]
+    return replace(state, contacts=ends, images=images, rolling_moment=moment, **forces)
+
+
+def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flags) -> float:
+    """Return the share of the way between two states on which grains stay free of load.
+
+    They are `caught` at the end; `idle` are all grains that carried nothing. At the share the load
+    has reached `CAUGHT_SHARE` at most. One where it does not exceed that at the end.
+    """
+    others = (idle & ~caught)[end.contacts].any(axis=1)
+    free: Flags = np.asarray(caught[end.contacts].any(axis=1) & ~others)
+    low, share, high = 0.0, 1.0, 1.0
+    for _ in range(CATCH_HALVINGS):
+        x = start.x + share * (end.x - start.x)
+        here = replace(end, x=x, cell=start.cell + share * (end.cell - start.cell))
+        x, T = _out_of_overlap(here, caught, free)
+        here = replace(here, x=x)
+        N = here.law.normal_force(np.where(free, here.overlap, 0.0))
+        here = replace(here, normal_force=N, shear_force=T)
+        held = _held(here, caught, LOADED_SHARE * end.mean_force)
+        rows = free & held[end.contacts].any(axis=1)
+        load = float((N - here.law.at_touch)[rows].max(initial=0.0))
+        if 0.0 < load <= CAUGHT_SHARE * end.mean_force or (share == 1.0 and load == 0.0):
+            break
+        low, high = (low, share) if load > 0.0 else (share, high)
+        share = 0.5 * (low + high)
+    return share
+
+
+class _Cages:
+    """Springs of the pairs (R,) of grains that carry nothing, at centres and turns from the start.
+
+    Pressed contacts stick while friction can hold them: a grain between two others stays where the
+    line between its contacts lies in both friction cones, and slips out where it does not. `T` (P,)
+    are the shear forces of those that stick.
+    """
+
+    def __init__(self, state: Contacts, idle: Flags, free: Flags) -> None:
+        self.state, self.idle, self.rows = state, idle, np.flatnonzero(free)
+        self.ends, self.listed = state.contacts[self.rows], _at(state, self.rows)
+        touching, self.T = state.law.touching, np.zeros(len(free))
+        kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
+        weight = np.sqrt(np.where(state.law.kn > 0, state.law.kn, 1.0))[self.rows]
+        self.weight = weight / weight.max(initial=0.0)
+        self.ratio, self.touching = (kt / kn)[self.rows], touching[self.rows]
+        self.sticks = np.ones(len(self.rows), dtype=bool)
+        self.place(state.x, np.zeros(len(state.x)))
+
+    def place(self, x: Floats, turned: Floats) -> None:
+        """Set the centres (B, 2), and the turns times the radii (B,)."""
+        self.x, self.turned = x, turned
+        d = replace(self.listed, x=x).branches
+        length = np.linalg.norm(d, axis=1)
+        self.overlap, self.n = self.touching - length, d / length[:, None]
+
+    @property
+    def stuck(self) -> Flags:
+        """(R,) pressed contacts that stick."""
+        return np.asarray(self.sticks & (self.overlap > 0))
+
+    def slid(self, n: Floats) -> Floats:
+        """Return the shear (R,) since the start across normals (R, 2)."""
+        (i, j), u = self.ends.T, self.x - self.state.x
+        across = n[:, 0] * (u[j] - u[i])[:, 1] - n[:, 1] * (u[j] - u[i])[:, 0]
+        return np.asarray(across - self.turned[i] - self.turned[j])
+
+    def energy(self, n: Floats, stuck: Flags) -> float:
+        """Return the energy with shear across normals of contacts that stick."""
+        shear = np.where(stuck, self.ratio, 0.0) * self.slid(n) ** 2
+        return float(np.sum(self.weight**2 * (np.maximum(self.overlap, 0.0) ** 2 + shear)))
+
+    def step(self, rounding: float) -> bool:
+        """Take a step of Newton's, damped until the energy falls; whether it did."""
+        pressed, stuck, n = np.flatnonzero(self.overlap > 0), self.stuck, self.n
+        grains = np.unique(self.ends[pressed])
+        grains = grains[self.idle[grains]]
+        shear = np.where(stuck, np.sqrt(self.ratio), 0.0)[pressed]
+        matrix = _parting_and_slip(self.ends[pressed], n[pressed], grains, len(self.x))
+        weight = self.weight[pressed]
+        matrix *= (weight * np.stack([np.ones(len(pressed)), shear]))[..., None]
+        matrix = matrix.reshape(2 * len(pressed), -1)
+        # Contacts that only touch, by rounding, are open.
+        parting = self.overlap[pressed] + 4.0 * rounding
+        right = weight * np.stack([parting, -shear * self.slid(n)[pressed]])
+        stiffness, force = matrix.T @ matrix, matrix.T @ right.ravel()
+        before, start = self.energy(n, stuck), (self.x, self.turned)
+        for damping in DAMPINGS:
+            moves = np.linalg.solve(stiffness + damping * np.eye(len(force)), force).reshape(-1, 3)
+            x, turned = start[0].copy(), start[1].copy()
+            x[grains] += moves[:, :2]
+            turned[grains] += moves[:, 2]
+            self.place(x, turned)
+            if self.energy(n, stuck) < (1.0 - ENERGY_RTOL) * before:
+                return True
+        self.place(*start)
+        return False
+
+    def slip(self) -> bool:
+        """Find the shear forces, and let contacts beyond their strength slip; whether any do."""
+        rows, stuck, law = self.rows, self.stuck, self.state.law
+        every = np.zeros(len(self.T))
+        every[rows] = np.maximum(self.overlap, 0.0)
+        N = law.normal_force(every)
+        carried = (N - law.at_touch)[rows] / np.where(stuck, self.overlap, 1.0)
+        self.T[rows] = np.where(stuck, -self.ratio * self.slid(self.n) * carried, 0.0)
+        most = law.strength(every, N)
+        slips = np.abs(self.T[rows]) > most[rows]
+        self.T[rows[slips]] = 0.0
+        self.sticks &= ~slips
+        return bool(slips.any())
+
+
 def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, Floats]:
     """Return centres (B, 2) where grains that carry nothing have least energy, and `T` (P,) there.
 
-    Newton's steps of all these grains together, halved until the energy falls; all others stay.
-    Pressed contacts stick while friction can hold them: a grain between two others stays where the
-    line between its contacts lies in both friction cones, and slips out where it does not.
+    All these grains move together, the others stay.
     """
-    rows = np.flatnonzero(free)
-    ends = state.contacts[rows]
-    i, j = ends.T
-    touching, T = state.law.touching, np.zeros(len(free))
-    kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
-    weight = np.sqrt(np.where(state.law.kn > 0, state.law.kn, 1.0))[rows]
-    weight /= weight.max(initial=0.0)
-    ratio, still = (kt / kn)[rows], np.finfo(float).eps * float(np.abs(state.x).max())
-    sticks = np.ones(len(rows), dtype=bool)
-
-    def deep(x: Floats) -> tuple[Floats, Floats]:
-        d = replace(state, x=x).branches[rows]
-        length = np.linalg.norm(d, axis=1)
-        return touching[rows] - length, d / length[:, None]
-
-    def slid(x: Floats, rolled: Floats) -> Floats:
-        u = x - state.x
-        t = np.column_stack([-n[:, 1], n[:, 0]])
-        return np.asarray(np.sum((u[j] - u[i]) * t, axis=1) - rolled[i] - rolled[j])
-
-    def energy(x: Floats, rolled: Floats) -> float:
-        shear = np.where(stuck, ratio, 0.0) * slid(x, rolled) ** 2
-        return float(np.sum(weight**2 * (np.maximum(deep(x)[0], 0.0) ** 2 + shear)))
-
-    x, rolled = state.x, np.zeros(len(state.x))
-    overlap, n = deep(x)
+    cages = _Cages(state, idle, free)
+    rounding = np.finfo(float).eps * float(np.abs(state.x).max())
     for _ in range(MOST_ROUNDS):
-        pressed, stuck = np.flatnonzero(overlap > 0), sticks & (overlap > 0)
-        if not len(pressed):
+        if not (cages.overlap > 0).any():
             break
-        grains = np.unique(ends[pressed])
-        grains = grains[idle[grains]]
-        shear = np.where(stuck, np.sqrt(ratio), 0.0)[pressed]
-        matrix = _parting_and_slip(ends[pressed], n[pressed], grains, len(x))
-        matrix *= weight[pressed, None] * np.stack([np.ones(len(pressed)), shear])[..., None]
-        # Contacts that only touch, by rounding, are open.
-        right = np.stack([overlap[pressed] + 4.0 * still, -shear * slid(x, rolled)[pressed]])
-        right *= weight[pressed]
-        moves = np.linalg.lstsq(matrix.reshape(right.size, -1), right.ravel(), rcond=WEDGED)[0]
-        before, start, moves = energy(x, rolled), (x, rolled), moves.reshape(-1, 3)
-        for step in HALVES:
-            x, rolled = start[0].copy(), start[1].copy()
-            x[grains] += step * moves[:, :2]
-            rolled[grains] += step * moves[:, 2]
-            if energy(x, rolled) < before:
-                break
-        else:
-            x, rolled = start
-        overlap, n = deep(x)
-        stuck = sticks & (overlap > 0)
-        every = np.zeros(len(free))
-        every[rows] = np.maximum(overlap, 0.0)
-        N = state.law.normal_force(every)
-        carried = (N - state.law.at_touch)[rows] / np.where(stuck, overlap, 1.0)
-        T[rows] = np.where(stuck, -ratio * slid(x, rolled) * carried, 0.0)
-        most = replace(state, x=x, normal_force=N).strength
-        slips = np.abs(T[rows]) > most[rows]
-        T[rows[slips]] = 0.0
-        sticks &= ~slips
-        if x is start[0] and not slips.any():
+        moved = cages.step(rounding)
+        if not cages.slip() and not moved:
             break
-    return x, T
+    return cages.x, cages.T
 
 
 def _parting_and_slip(ends: Integers, n: Floats, grains: Integers, bodies: int) -> Floats:

@@ -72,7 +72,8 @@ KNOBS = (
     "LOADED_SHARE",
     "UNLOADED_SHARE",
     "LIGHT_SHARE",
-    "WEDGED",
+    "CAUGHT_SHARE",
+    "IN_BALANCE",
     "MOST_ROUNDS",
     "REGULARISATION",
 )

@@ -11,7 +11,12 @@ from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver
-from stability.packing.rattlers import LOADED_SHARE, carrying_nothing, free_rattlers
+from stability.packing.rattlers import (
+    CAUGHT_SHARE,
+    LOADED_SHARE,
+    carrying_nothing,
+    free_rattlers,
+)
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import between
 
@@ -129,6 +134,34 @@ def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degre
     np.testing.assert_allclose(N, 0.5 * overlap * cos**2 / (sin**2 + 0.5 * cos**2), rtol=1e-4)
     np.testing.assert_allclose(np.abs(T), np.tan(angle) * N, rtol=1e-4)
     assert np.abs(freed.resultants[2]).max() < 1e-4 * N.max()
+
+
+@pytest.mark.parametrize("degrees", [0.5, 2.0, 10.0])
+@pytest.mark.parametrize("second", ["above", "below"])
+def test_friction_holds_no_chain_of_two_grains(second, degrees):
+    """Six forces, six balances: an arch of two carries nothing, however flat, and rolls away.
+
+    With the second disc below the line the three contacts are in a line, where forces balance; the
+    chain buckles there, as a column of discs does.
+    """
+    angle, overlap, r = np.radians(degrees), 1e-6, 0.1
+    up = np.array([np.cos(angle), np.sin(angle)])
+    first = (LARGE + r - overlap) * up
+    turn = 0.0 if second == "above" else 2.0 * np.arcsin(first[1] / (2 * r - overlap))
+    between = (2 * r - overlap) * np.array([np.cos(0.5 * turn), -np.sin(0.5 * turn)])
+    end = first + between + (LARGE + r - overlap) * up * ([1, -1] if second == "above" else [1, 1])
+    graph = GrainGraph(
+        x=[[0, 0], end, first, first + between, [0, 1], end + np.array([0, 1])],
+        radii=[LARGE, LARGE, r, r, LARGE, LARGE],
+        contacts=[[0, 4], [4, 0], [1, 5], [5, 1], [2, 0], [2, 3], [1, 3]],
+        images=[[0, 0], [0, 1], [0, 0], [0, 1], [0, 0], [0, 0], [0, 0]],
+        normal_force=[FORCE] * 4 + [0] * 3, cell=[[10, 0], [0, 2]],
+    )  # fmt: skip
+    state = contacts_of(start_state(graph), LinearFrictional(1.0, 0.5, 0.7))
+    freed = free_rattlers(state, np.isin(np.arange(6), [2, 3])).state
+    assert state.overlap[4:] == pytest.approx([overlap] * 3, rel=1e-6)
+    assert not freed.normal_force[4:].any() and not freed.shear_force.any()
+    assert freed.overlap[4:].max() < 1e-3 * overlap
 
 
 def test_a_grain_in_a_tight_cage_is_loaded_from_the_least_force_on():
@@ -283,6 +316,20 @@ def test_a_cage_that_closes_loads_its_grain_and_lets_it_go_again(interval):
     assert not path.states[-1].normal_force[path.states[-1].contacts.max(axis=1) >= 4].any()
     worst = np.abs(path.work[:, 0] - path.work[:, 1:].sum(axis=1) - path.energy + path.energy[0])
     assert worst.max() < 1e-9 * np.abs(path.work[:, 0]).max()
+
+
+@pytest.mark.parametrize("interval", [2e-4, 5e-5])
+def test_an_interval_ends_where_a_grain_is_caught(interval):
+    """Its force grows from next to nothing: at the end of the interval it was .014 of the mean."""
+    graph = lattice_around([ROOM - 1e-4], [[0.5003, 0.5]])
+    stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
+    solver = PackingPathSolver(graph, LAW, [stage], interval, "viscous", None)
+    solver.start_stage(0, stage, 1)
+    while solver.rattlers.any():
+        assert solver.step(stage, 1) is None and solver.size == interval
+    largest = solver.state.normal_force[(solver.state.contacts == 4).any(axis=1)].max()
+    assert LOADED_SHARE <= largest / solver.state.mean_force <= 1.05 * CAUGHT_SHARE
+    assert np.abs(solver.imbalance).max() <= 1.05 * largest
 
 
 def test_rows_leave_the_rattlers_where_they_are():
