@@ -34,7 +34,7 @@ CATCH_HALVINGS = 20
 # Rounds in which the grains that carry nothing move out of overlap.
 MOST_ROUNDS = 30
 # Dampings of Newton's step (Levenberg's), over the stiffness, tried until the energy falls.
-DAMPINGS = (1e-12, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
+DAMPINGS = (1e-6, 1e-4, 1e-2, 1.0, 1e2)
 # Falls of the energy below this share are rounding.
 ENERGY_RTOL = 1e-14
 # A grain whose resultant is below this share of its largest force is in balance. One that is not

@@ -141,15 +141,15 @@ def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degre
 def test_friction_holds_no_chain_of_two_grains(second, degrees):
     """Six forces, six balances: an arch of two carries nothing, however flat, and rolls away.
 
-    With the second disc below the line the three contacts are in a line, where forces balance; the
-    chain buckles there, as a column of discs does.
+    So does one with the second disc below the line, where the three contacts are not in a line.
     """
-    angle, overlap, r = np.radians(degrees), 1e-6, 0.1
+    angle, overlap, r = np.radians(degrees), 1e-5, 0.1
     up = np.array([np.cos(angle), np.sin(angle)])
     first = (LARGE + r - overlap) * up
     turn = 0.0 if second == "above" else 2.0 * np.arcsin(first[1] / (2 * r - overlap))
     between = (2 * r - overlap) * np.array([np.cos(0.5 * turn), -np.sin(0.5 * turn)])
-    end = first + between + (LARGE + r - overlap) * up * ([1, -1] if second == "above" else [1, 1])
+    last = -angle if second == "above" else 1.5 * angle
+    end = first + between + (LARGE + r - overlap) * np.array([np.cos(last), np.sin(last)])
     graph = GrainGraph(
         x=[[0, 0], end, first, first + between, [0, 1], end + np.array([0, 1])],
         radii=[LARGE, LARGE, r, r, LARGE, LARGE],
