@@ -24,6 +24,8 @@ from stability.complementarity import (
     STARTS,
     Complementarity,
     Family,
+    feasible_for_all,
+    known_solutions,
     solve_complementarity,
 )
 
@@ -35,6 +37,10 @@ SEARCH_LIMIT = 8192
 # Contacts at yield up to which all combinations of sticking and sliding are tried in the small
 # system of their slips: half a second for 16.
 MOST_SLIPS = 16
+# Contacts at yield up to which several starts are worth their time.
+STARTED = 600
+# In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
+HELD_STUCK = "two-contact grains stick"
 # Rounding of rates in sign conditions, over the largest rate.
 SIGN_TOLERANCE = 1e-10
 # Difference within which two solutions are the same, over their norm.
@@ -311,6 +317,49 @@ def agreeing(
         proof,
         tuple(lines) if distinct else (),
     )
+
+
+class SlipSearch:
+    """The search among the contacts at yield of one packing, for any control: which ones slide.
+
+    Of `w = q + M z` the controls change `q` and, where they drive the stress, `M`. `free` (m,) are
+    the contacts that may slide in any case: where there is no solution the others are kept from it.
+    """
+
+    def __init__(self, free: Flags) -> None:
+        self.free = free
+        # The last matrix under which no control is infeasible.
+        self._feasible: Floats = np.empty((0, 0))
+
+    def solutions(
+        self,
+        q: Floats,
+        M: Floats,
+        starts: int = STARTS,
+        known: Sequence[Flags] = (),
+        complete: str = "",
+    ) -> Complementarity:
+        """Return the sets that slide in each solution found; `known` ones are tried first.
+
+        They are all that there are if `complete` names a proof of it, and all that are tried
+        without a start.
+        """
+        if complete:
+            return known_solutions(q, M, known, complete)
+        starts = starts if len(q) <= STARTED else min(starts, 1)
+        feasible = np.array_equal(M, self._feasible)
+        found = solve_complementarity(q, M, starts, known, feasible)
+        if starts == 0 or len(found.active) or found.proof:
+            return found
+        if not feasible and feasible_for_all(M):
+            self._feasible = M
+        free = self.free
+        if free.all():
+            return found
+        others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
+        sets = np.zeros((len(others), len(q)), dtype=bool)
+        sets[:, free] = others
+        return Complementarity(sets, HELD_STUCK) if len(others) else found
 
 
 def given(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:

@@ -19,10 +19,8 @@ from stability.directional.branches import plane_directions, works
 from stability.packing.controls import HeldAndDriven, controlled_strain
 from stability.packing.response import (
     CRITICAL,
-    HELD_STUCK,
     SCALED,
     SOLVED,
-    STARTED,
     TRUSTED,
     WHOLE_CIRCLE,
     PackingRates,
@@ -30,6 +28,7 @@ from stability.packing.response import (
     Solved,
 )
 from stability.packing.yielding import complementary_rates
+from stability.regimes import HELD_STUCK, STARTED
 from stability.second_order_work import plane_cone
 from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch
 from stability.spectra import subspace_basis

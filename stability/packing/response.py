@@ -29,11 +29,8 @@ from stability.complementarity import (
     STARTS,
     Complementarity,
     Family,
-    feasible_for_all,
-    known_solutions,
     nearest_regimes,
     regular_factors,
-    solve_complementarity,
     solve_from,
 )
 from stability.packing.controls import (
@@ -56,6 +53,7 @@ from stability.packing.yielding import (
     yield_response,
 )
 from stability.programmes import Programme
+from stability.regimes import HELD_STUCK, SlipSearch
 
 ResponseStatus = Literal[
     "unique",
@@ -77,16 +75,12 @@ WHOLE_CIRCLE = "whole circle"
 SCALED = "scaled definite"
 # Proof: without one contact the others are; all solutions over its slip were followed.
 CRITICAL = "one critical contact"
-# In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
-HELD_STUCK = "two-contact grains stick"
 # In place of a proof: regimes that were told, not searched.
 GIVEN = "given"
 # Forces left out of balance beyond this share: a mechanism that no regime stops.
 TRUSTED = 1e-6
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 2000
-# Up to so many several starts are worth their time.
-STARTED = 600
 # Most candidates of one part; of more, all wrong ones change sides.
 PART = 300
 # Contacts between a wrong candidate and those of its part.
@@ -219,8 +213,7 @@ class PackingRates:
         self.elastic = linear_answer(yielding, self.none)
         self.refine = refine
         self.last = (self.none, self.elastic)
-        # The last matrix under which no direction is infeasible.
-        self.feasible: Floats = np.empty((0, 0))
+        self.search = SlipSearch(~yielding.of_two)
 
     @property
     def small(self) -> bool:
@@ -270,33 +263,16 @@ class PackingRates:
         known: Sequence[Flags] = (),
         complete: str = "",
     ) -> Solved:
-        """Answer one control; `known` are sets of sliding candidates to try first.
-
-        They are all that there are if `complete` names a proof of it, and all that are tried
-        without a start.
-        """
-        free = ~self.yielding.of_two
+        """Answer one control; `known` and `complete` as in `SlipSearch.solutions`."""
         if not self.small:
+            free = self.search.free
             first = self._by_parts(control, ~self.none, "")
             if first.response.status in SOLVED or free.all():
                 return first
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
         q, M = self.problem(control)
-        starts = starts if len(q) <= STARTED else min(starts, 1)
-        if complete:
-            found = known_solutions(q, M, known, complete)
-        else:
-            feasible = np.array_equal(M, self.feasible)
-            found = solve_complementarity(q, M, starts, known, feasible)
-            if not (starts == 0 or feasible or len(found.active) or found.proof):
-                self.feasible = M if feasible_for_all(M) else self.feasible
-        if starts and not len(found.active) and not found.proof and not free.all():
-            others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
-            if len(others):
-                sets = np.zeros((len(others), len(q)), dtype=bool)
-                sets[:, free] = others
-                found = Complementarity(sets, HELD_STUCK)
+        found = self.search.solutions(q, M, starts, known, complete)
         active = self.none
         if len(found.active):
             active = found.active[0]

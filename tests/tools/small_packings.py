@@ -27,7 +27,7 @@ from loops import (
 )
 from stability import complementarity
 from stability.packing import probe, regime_regions
-from stability.packing.response import HELD_STUCK
+from stability.regimes import HELD_STUCK
 from tests.packings import packing
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 

@@ -10,7 +10,7 @@ from loops.boundary import Boundary
 from loops.system import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
-from stability import complementarity, plane_cone, rates_at, restrict
+from stability import complementarity, plane_cone, rates_at, regimes, restrict
 from stability.packing import (
     probe,
     regime_regions,
@@ -221,7 +221,7 @@ def test_directions_that_are_not_searched_are_answered_by_the_branches(monkeypat
         searched.append(starts)
         return complementarity.solve_complementarity(q, M, starts, *rest)
 
-    monkeypatch.setattr(response, "solve_complementarity", counted)
+    monkeypatch.setattr(regimes, "solve_complementarity", counted)
     fewer = probe(Scene(graph, LAW), 24, yield_band=AT_YIELD)
     assert np.count_nonzero(searched[:24]) == 5
     np.testing.assert_allclose(fewer.stress_rate, everywhere.stress_rate, rtol=1e-12)

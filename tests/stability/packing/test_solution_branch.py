@@ -27,13 +27,13 @@ from stability.packing.probe import probe_edge
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,
-    HELD_STUCK,
     SCALED,
     SOLVED,
     WHOLE_CIRCLE,
     PackingRates,
 )
 from stability.packing.yielding import linear_answer, yield_response
+from stability.regimes import HELD_STUCK
 from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
@@ -422,7 +422,7 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
         return Complementarity(np.array(active, dtype=bool).reshape(-1, len(q)), "")
 
     true_solution = lambda q, M: [solve_from(q, M, np.zeros(len(q), bool))]  # noqa: E731
-    monkeypatch.setattr("stability.packing.response.solve_complementarity", only_once)
+    monkeypatch.setattr("stability.regimes.solve_complementarity", only_once)
     followed = 0
     for case, wanted in zip(cases, true, strict=True):
         asked.clear()
