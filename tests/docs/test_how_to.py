@@ -14,7 +14,10 @@ from tests.docs.pages import DOCS, page
 from tests.stability.packing.walled_packings import small_sample
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
-PAGES = ("accuracy", "larger-loops", "packing", "series")
+PAGES = (
+    *("accuracy", "larger-loops", "packing", "packing-paths"),
+    *("probing", "series", "sustaining"),
+)
 CODE = re.compile(r"```(python|sql)\n(.*?)```", re.DOTALL)
 SAMPLE = "gl.read_snapshot(gl.sample_path())"
 BLANK = re.compile(r"HXX,HXY,HYX,HYY")
@@ -63,6 +66,33 @@ def test_blocks_on_a_packing_run_wherever_a_sample_ends(ends):
     assert names["scene"].boundary.kind == ends
     assert names["rates"].strain.shape[0] == len(names["scene"].faces.loops)
     assert names["drained"].strain_rate[1, 1] == 1.0 and names["step"].status != "none"
+
+
+# What the pages ask of thousands of grains, asked of a dozen.
+SMALLER = ((", 72,", ", 4,"), ("24, largest=20.0", "4, largest=1e-3, interval=1e-4"))
+
+
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+@pytest.mark.parametrize("name", ["packing-paths", "probing", "sustaining"])
+def test_blocks_on_a_sample_at_rest_run_or_say_what_is_missing(tmp_path, monkeypatch, name, ends):
+    monkeypatch.chdir(tmp_path)
+    sample = small_sample(ends, LAW)
+    gl.write_snapshot("grains.parquet", sample)
+    code = "\n".join(blocks(name))
+    for large, small in SMALLER:
+        code = code.replace(large, small)
+    names = {"cell": sample.graph.cell, "snapshot": sample, "faces": sample.faces}
+    if ends == "outline":
+        with pytest.raises(gl.InputError, match="walls"):
+            exec(code, names)
+        return
+    exec(code, names)
+    status = {
+        "packing-paths": lambda: names["path"].status == "finished" and names["end"].steps > 0,
+        "probing": lambda: len(names["found"].status) == 4 and names["held"].status == "at rest",
+        "sustaining": lambda: len(names["found"].status) == 4,
+    }
+    assert status[name]()
 
 
 def test_blocks_on_one_loop_say_what_the_page_says(capsys):

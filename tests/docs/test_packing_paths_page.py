@@ -1,4 +1,4 @@
-"""`docs/packing-paths.md`: settings and numbers are those of the code and of the series."""
+"""`packing-paths.md` of `docs` and of `docs/evidence`: numbers are those of code and series."""
 
 import numpy as np
 import pandas as pd
@@ -22,8 +22,8 @@ from tests.docs.pages import DOCS, page, says, sections, tables
 from tests.packings import strained
 from tests.yade_slow import in_collection, predicted, slow, strain_between
 
-PAGE = " ".join(page("packing-paths").split())
-TABLES = {section: tables(part) for section, part in sections(page("packing-paths"))}
+PAGE = " ".join((page("packing-paths") + page("evidence/packing-paths")).split())
+TABLES = {section: tables(part) for section, part in sections(page("evidence/packing-paths"))}
 TABLE, FORETOLD = TABLES["What it predicts"]
 
 

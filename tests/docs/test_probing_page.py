@@ -1,4 +1,4 @@
-"""`docs/probing.md`: its numbers are those that the example finds in the sample."""
+"""`docs/evidence/probing.md`: its numbers are those that the example finds in the sample."""
 
 import json
 
@@ -13,7 +13,7 @@ from tests.unsaved import leave_files_empty
 # Three states in 24 directions; one of Yade's probes is held to in tests/studies/probe.
 pytestmark = pytest.mark.slow
 
-TEXT = section(page("probing"), "## Held to Yade")
+TEXT = section(page("evidence/probing"), "## Held to Yade")
 *ERRORS, ON_THE_WAY = tables(TEXT)
 WORDS = " ".join(TEXT.split())
 
