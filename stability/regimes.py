@@ -362,7 +362,7 @@ class SlipSearch:
         return Complementarity(sets, HELD_STUCK) if len(others) else found
 
 
-def given(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:
+def given_regimes(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:
     """Return the rates with regimes that were told, whether they agree or not."""
     taken, count = tuple(choices), prod(float(len(can)) for can in problem.options)
     rates = problem.rates(taken)

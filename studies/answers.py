@@ -1,4 +1,4 @@
-"""What the front door answers about a sample, and tables and figures of every result."""
+"""Answers of the front door about a sample, and tables and figures of every result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from studies.snapshot.stress import Stress
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Check(Shown):
-    """What `check` found: the worst of `SEVERITIES`, and a finding for each check."""
+    """Findings of `check`: the worst of `SEVERITIES`, and a finding for each check."""
 
     verdict: str
     findings: tuple[Finding, ...]

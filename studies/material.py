@@ -118,9 +118,9 @@ def run_material(
             name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
             for name, each in zip(SETS, (loops, loops.one(number)), strict=True)
         }
-        table = pd.concat([path_table(name, path) for name, path in paths.items()])
+        table = pd.concat([march_table(name, path) for name, path in paths.items()])
         summary = results.write_results(
-            {"path": table, "loops": loop_columns(loops)},
+            {"path": table, "loops": averaged_loops(loops)},
             material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
         )
         if figures:
@@ -180,7 +180,7 @@ def _stage(programme: Programme, start: float, end: float) -> Stage:
     return Stage(programme, quantity, start + end)
 
 
-def path_table(name: str, path: MaterialPath) -> pd.DataFrame:
+def march_table(name: str, path: MaterialPath) -> pd.DataFrame:
     """Return the rows of a path: strain, stress, tangent, work, cone and regimes."""
     K = restrict(path.A, "diagonal")
     cone = plane_cone(K)
@@ -215,7 +215,7 @@ def path_table(name: str, path: MaterialPath) -> pd.DataFrame:
     )  # fmt: skip
 
 
-def loop_columns(loops: LoopSet) -> dict[str, Any]:
+def averaged_loops(loops: LoopSet) -> dict[str, Any]:
     """Return order, area and weight of what was averaged."""
     return {
         "loop": np.arange(len(loops.weights)),
@@ -247,7 +247,7 @@ def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
     told: dict[str, Any] = {
         "status": path.status,
         "end_strain": float(run["strain"].iloc[-1]),
-        "end_stress_ratio": _known(ratio[-1]),
+        "end_stress_ratio": float(ratio[-1]) if np.isfinite(ratio[-1]) else None,
         "peak_stress_ratio": None,
         "peak_strain": None,
         "failed": float(run["failed"].max()),
@@ -262,10 +262,6 @@ def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
     for key, rows_there in (("w2_negative_strain", negative), ("cone_strain", open_cone)):
         told[key] = float(run["strain"][rows_there].iloc[0]) if rows_there.any() else None
     return told
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def material_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:

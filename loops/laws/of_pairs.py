@@ -1,4 +1,4 @@
-"""What a contact law gives for the pairs of a packing at their overlaps, one class a kind of law.
+"""Formulae of contact laws for the pairs of a packing at their overlaps, one class a kind of law.
 
 A pair is two grains, or a grain and a wall. Those who ask know none of the kinds: springs of an
 interval (`tangent`), forces, energies, strengths, the law as the kernel of motion calls it
@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple, Self, cast
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, median
 from loops.graph import ContactState
 from loops.laws.cohesive import CohesiveFrictional
 from loops.laws.compiled import Filling, answer_of, compiled
@@ -578,11 +578,6 @@ def effective_radii(radii: Floats) -> Floats:
     """Return `r_i r_j/(r_i + r_j)` (P,) of radii (2, P); of the grain alone at a wall."""
     i, j = radii
     return np.asarray(np.where(j > 0, i * j / (i + j), i))
-
-
-def median(values: Floats) -> float:
-    """Return the median; at once where all are equal."""
-    return float(values[0] if len(values) and (values == values[0]).all() else np.median(values))
 
 
 def as_known(values: Floats, radii: Floats, others: Floats) -> Floats:

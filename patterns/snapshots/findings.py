@@ -1,4 +1,4 @@
-"""What a check of a snapshot answers, and how numbers of a file are recognised."""
+"""Answers of the checks of a snapshot, and how numbers of a file are recognised."""
 
 from __future__ import annotations
 

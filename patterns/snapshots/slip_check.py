@@ -40,7 +40,12 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     second = match.after[first]
     both = (before, first), (after, second)
     T = np.stack([one.graph.shear_force[rows] for one, rows in both])
-    kt = np.stack([_shear_stiffness(one)[rows] for one, rows in both])
+    springs = []
+    for one, rows in both:
+        assert isinstance(one.law, READ_LAWS)
+        spring = one.law.stiffnesses(contact_state(one.graph))[1]
+        springs.append(np.broadcast_to(spring, one.graph.contact_count)[rows])
+    kt = np.stack(springs)
     elastic = (before.regime[first] != Regime.SLIDING) & (after.regime[second] != Regime.SLIDING)
     # Contacts without friction or shear stiffness keep T = 0.
     elastic &= T.any(axis=0) & (kt > 0).all(axis=0)
@@ -80,13 +85,6 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
         f"The forces need kt = {factor * median(kt):.4g}.",
         abs(factor - 1) > KT,
     )
-
-
-def _shear_stiffness(snapshot: Snapshot) -> Floats:
-    """`kt` of each contact."""
-    assert isinstance(snapshot.law, READ_LAWS)
-    kt = snapshot.law.stiffnesses(contact_state(snapshot.graph))[1]
-    return np.broadcast_to(kt, snapshot.graph.contact_count)
 
 
 def _moved(

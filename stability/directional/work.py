@@ -149,7 +149,7 @@ def directional_work(
     >>> found.work[:, 0].round(6).tolist()
     [1.0, 0.25, -0.05]
     """
-    branches, edge = branches_of(graph, law, closure, spins, subspace, regime, volume)
+    branches, edge = law_branches(graph, law, closure, spins, subspace, regime, volume)
     e = np.asarray(directions, dtype=np.float64)
     m = len(subspace_basis(subspace))
     if e.ndim < 2 or e.shape[-1] != m or not (np.abs(e).max(axis=-1, initial=0.0) > 0.0).all():
@@ -168,7 +168,7 @@ def directional_work(
     )
 
 
-def branches_of(
+def law_branches(
     graph: GrainGraph,
     law: ContactLaw,
     closure: Closure | None,
@@ -285,7 +285,7 @@ def branch_fraction(
     """
     whole_number("scramblings", scramblings, least=2)
     whole_number("seed", seed, least=0)
-    branches, edge = branches_of(graph, law, closure, spins, subspace, regime, volume)
+    branches, edge = law_branches(graph, law, closure, spins, subspace, regime, volume)
 
     def form(regimes: Regimes) -> Floats:
         tangent = macroscopic_tangent(

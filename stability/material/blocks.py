@@ -36,7 +36,7 @@ from stability.material.kernels import (
     Y,
     affine_steps,
     affine_sums,
-    relax,
+    relax_centres,
     relaxed_sums,
 )
 from stability.material.loop_set import LoopSet
@@ -217,7 +217,7 @@ def traction(block: Block, U: Floats, old: MaterialState, new: MaterialState) ->
     status = np.where(old.failed, LOST, MOVING)
     for _ in range(MOST_STEPS):
         answer = block.steps(old.branches, end, old.shear_force)
-        moving = relax(
+        moving = relax_centres(
             answer, block.offsets, stretch, block.boundary, block.dead, block.size, x, end, stress,
             tangent, status,
         )  # fmt: skip

@@ -468,7 +468,7 @@ def _balance(
 
 
 @kernel
-def relax(
+def relax_centres(
     answer: Floats, offsets: Integers, stretch: Floats, boundary: Floats, dead: Floats,
     size: Floats, x: Floats, end: Floats, stress: Floats, tangent: Floats, status: Integers,
 ) -> int:  # fmt: skip

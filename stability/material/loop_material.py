@@ -18,7 +18,7 @@ from loops.shown import Shown
 from stability.material.blocks import BLOCK, CLOSURES, MaterialState, blocks_of
 from stability.material.kernels import A11, OPENED, P11, STUCK, SUMS, WEIGHT
 from stability.material.loop_set import LoopSet, loop_set
-from stability.material.rotation import nominal, polar
+from stability.material.rotation import nominal_response, polar
 
 MaterialClosure = Literal["affine", "traction", "cell"]
 # Share of the loops, by weight, that may be without a solution.
@@ -215,7 +215,7 @@ class LoopMaterial(Shown):
         mean = sums / answered[:, None]
         B = mean[:, P11:A11].reshape(-1, 2, 2)
         A = mean[:, A11:STUCK].reshape(-1, 2, 2, 2, 2)
-        stress, tangent = nominal(R, U, B, A)
+        stress, tangent = nominal_response(R, U, B, A)
         regimes = mean[:, STUCK : OPENED + 1]
         return MaterialResponse(stress, tangent, new.freeze(), regimes, new.failed)
 

@@ -17,7 +17,7 @@ def polar(F: Floats) -> tuple[Floats, Floats]:
     return R, 0.5 * (U + np.swapaxes(U, 1, 2))
 
 
-def nominal(R: Floats, U: Floats, B: Floats, A: Floats) -> tuple[Floats, Floats]:
+def nominal_response(R: Floats, U: Floats, B: Floats, A: Floats) -> tuple[Floats, Floats]:
     """Return the nominal stress (Q, 2, 2) and its tangent (Q, 2, 2, 2, 2) `dP/dH`, `H = 1 - F`.
 
     `B` (Q, 2, 2) is the stress in the frame of `U` and `A` (Q, 2, 2, 2, 2) its tangent over
@@ -32,7 +32,7 @@ def nominal(R: Floats, U: Floats, B: Floats, A: Floats) -> tuple[Floats, Floats]
 
 @kernel
 def turn_all(R: Floats, U: Floats, B: Floats, A: Floats, stress: Floats, tangent: Floats) -> None:
-    """Fill `stress` and `tangent` of `nominal`."""
+    """Fill `stress` and `tangent` of `nominal_response`."""
     X, dX, G, dB = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
     for q in range(len(U)):
         u11, u12, u22 = U[q, 0, 0], U[q, 0, 1], U[q, 1, 1]

@@ -90,13 +90,13 @@ def pivot(
             return [*changed, c]
         else:
             break
-    # Of the columns that are there; `slip_problem` has others.
+    # Of the columns that are there; `slip_system` has others.
     motion = packing.motion(unit)
     for other in changed:
         packing.flip(other)
     proof = ""
     if search:
-        solved = solve_complementarity(*slip_problem(packing, control, every))
+        solved = solve_complementarity(*slip_system(packing, control, every))
         for active in solved.active[:1]:
             wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
             packing.set_regimes(every, np.where(active, SLIDING, ELASTIC))
@@ -109,7 +109,7 @@ def pivot(
     raise UnsolvedError(c, motion, bool(turns < 0), proof)
 
 
-def slip_problem(
+def slip_system(
     packing: RegimeFactor, control: MixedControl, contacts: Integers
 ) -> tuple[Floats, Floats]:
     """`q` (m,), `M` (m, m) of `w = q + M z`, of contacts at yield on their sides of slip.

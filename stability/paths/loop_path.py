@@ -30,7 +30,7 @@ from stability.paths.regimes import EdgeTrial, edge_problem, path_symmetry, rate
 from stability.paths.state import (
     Mode,
     contact_overlaps,
-    contacts_of,
+    contacts_at,
     pack,
     relative_displacements,
     scales,
@@ -246,11 +246,11 @@ class LoopPathSolver:
         model, trial, old = self.model, problem.taken.rates, self.mode
         self.mode = trial.mode
         state = unpack(model, self.y)
-        shear = contacts_of(model, state, self.mode).shear_force
+        shear = contacts_at(model, state, self.mode).shear_force
         parting = (self.mode.regime == Regime.OPEN) & (old.regime != Regime.OPEN)
         work = state.work
         if parting.any():
-            closed = contacts_of(model, state, old)
+            closed = contacts_at(model, state, old)
             elastic = state.shear_force**2 / (2 * shear_stiffness(model, closed))
             stored = model.law.normal_energy(closed)
             lost = np.where(parting, stored, 0.0).sum()
@@ -364,7 +364,7 @@ class LoopPathSolver:
 
     def _carries_nothing(self) -> bool:
         """Whether every contact force is below `RELEASE`."""
-        contacts = contacts_of(self.model, unpack(self.model, self.y), self.mode)
+        contacts = contacts_at(self.model, unpack(self.model, self.y), self.mode)
         force = np.maximum(np.abs(contacts.normal_force), np.abs(contacts.shear_force))
         return bool(force.max(initial=0.0) <= RELEASE * self.model.stiffness * self.model.length)
 

@@ -15,7 +15,7 @@ from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.stress_strain import cauchy_rate
 from loops.symmetry import PointGroup, point_group
 from stability.paths.model import PathModel, compressed
-from stability.paths.state import Mode, PathState, Rates, centres, contacts_of, unpack
+from stability.paths.state import Mode, PathState, Rates, centres, contacts_at, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import NOTHING, Programme
 from stability.regimes import (
@@ -26,7 +26,7 @@ from stability.regimes import (
     Regimes,
     agreeing,
     edge_options,
-    given,
+    given_regimes,
 )
 
 # Regimes that all contacts at the edge are told to have.
@@ -72,7 +72,7 @@ def edge_choices(
 
     Contacts whose event has `fired` are at the edge, however few digits their forces have left.
     """
-    contacts = contacts_of(model, state, mode)
+    contacts = contacts_at(model, state, mode)
     closed = mode.regime != Regime.OPEN
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
     edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
@@ -115,7 +115,7 @@ def edge_problem(
     options = edge_choices(model, state, mode, preferred)
     orbits = edge_orbits(model, options)
     closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
-    contacts = contacts_of(model, state, closed)
+    contacts = contacts_at(model, state, closed)
     inside = np.array([each == INSIDE for each in orbits.options], dtype=bool)
 
     def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
@@ -143,15 +143,12 @@ def edge_problem(
     if held is None:
         found = agreeing(problem, preferred=first, direction=direction)
     else:
-        found = given(problem, [_held(can, held) for can in orbits.options])
+        wished = Regime.ELASTIC if held == "elastic" else Regime.SLIDING
+        # What a contact has where it cannot do that.
+        told = [next((c for c in can if c.regime == wished), can[0]) for can in orbits.options]
+        found = given_regimes(problem, told)
     count = prod(float(len(can)) for can in options.values())
     return replace(found, combinations=count, contacts=orbits.representatives)
-
-
-def _held(can: Sequence[Choice], held: Held) -> Choice:
-    """Return the option of a contact that sticks, or that slides; what it has where that is not."""
-    wanted = Regime.ELASTIC if held == "elastic" else Regime.SLIDING
-    return next((choice for choice in can if choice.regime == wanted), can[0])
 
 
 def rate_vector(model: PathModel, rates: Rates) -> Floats:
@@ -172,7 +169,7 @@ def path_symmetry(
     if periodic:
         return None
     state = unpack(model, y)
-    contacts = contacts_of(model, state, mode)
+    contacts = contacts_at(model, state, mode)
     shear = contacts.shear_force
     slides = (mode.regime == Regime.SLIDING) & (model.mu > 0)
     group = point_group(

@@ -167,7 +167,7 @@ class PathContacts(ContactState):
         return self.exact_overlap
 
 
-def contacts_of(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
+def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
     """Contacts with their forces: `N` from the geometry, `T` at its strength where sliding.
 
     `N` of a closed contact may be negative, so that it stays smooth beyond an opening that is yet

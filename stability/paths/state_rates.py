@@ -22,7 +22,7 @@ from stability.paths.state import (
     Rates,
     centres,
     contact_rates,
-    contacts_of,
+    contacts_at,
     displacement_gradient,
     forces,
     pack,
@@ -77,7 +77,7 @@ class StateRates:
     @cached_property
     def contacts(self) -> ContactState:
         """Contacts with their forces."""
-        return contacts_of(self.model, self.state, self.mode)
+        return contacts_at(self.model, self.state, self.mode)
 
     @cached_property
     def sided(self) -> ContactState:

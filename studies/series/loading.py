@@ -61,13 +61,11 @@ class StrainTable:
             )
         inside = (self.time > start + near) & (self.time < end - near)
         at = np.append(self.time[inside], end)
-        first, *F = (self._at(time) for time in (start, *at.tolist()))
+        rows = self.F.reshape(-1, 4).T
+        F = np.stack([np.interp([start, *at], self.time, row) for row in rows], axis=-1)
+        first, *F_at = F.reshape(-1, 2, 2)
         shares = (at - start) / (end - start)
-        return np.eye(2) - np.array(F) @ np.linalg.inv(first), np.append(shares[:-1], 1.0)
-
-    def _at(self, time: float) -> Floats:
-        parts = [np.interp(time, self.time, values) for values in self.F.reshape(-1, 4).T]
-        return np.reshape(parts, (2, 2))
+        return np.eye(2) - np.array(F_at) @ np.linalg.inv(first), np.append(shares[:-1], 1.0)
 
 
 def read_strains(path: Path) -> StrainTable:

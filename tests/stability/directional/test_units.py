@@ -8,7 +8,7 @@ from patterns import regular_polygon
 from patterns.diamond import TABLE_1, diamond, drained_path
 from stability.directional import directional_work
 from stability.directional.branches import line_angles
-from stability.directional.work import branches_of
+from stability.directional.work import law_branches
 
 ANGLES = 2 * np.pi * (np.arange(53) + 0.3) / 53
 CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
@@ -30,7 +30,7 @@ def at_yield(side, unit=1.0):
 def test_the_line_of_sliding_parts_the_plane(closure, side):
     graph, law, volume = at_yield(side)
     a0, alpha = TABLE_1.alpha0, drained_path(TABLE_1).end.alpha
-    branches, edge = branches_of(graph, law, closure, "blocked", "diagonal", None, volume)
+    branches, edge = law_branches(graph, law, closure, "blocked", "diagonal", None, volume)
     assert edge.at_yield.all()
     turn = np.array([np.cos(a0) * np.sin(alpha), -np.sin(a0) * np.cos(alpha)])
     shorten = np.array([np.cos(a0) * np.cos(alpha), np.sin(a0) * np.sin(alpha)])
@@ -47,7 +47,7 @@ def test_regimes_of_one_contact_change_at_critical_angles_alone(closure, spins, 
     graph = regular_polygon(5, strain=0.2)
     law = LinearFrictional(kn=1.0, kt=0.3, mu=0.5)
     graph = graph.replace(shear_force=side * 0.5 * graph.normal_force * (np.arange(5) == 1))
-    branches, edge = branches_of(graph, law, closure, spins, "diagonal", None, None)
+    branches, edge = law_branches(graph, law, closure, spins, "diagonal", None, None)
     assert edge.at_yield.tolist() == [False, True, False, False, False]
     angle = 2 * np.pi * (np.arange(4001) + 0.5) / 4001
     answer = branches.solve(np.stack([np.cos(angle), np.sin(angle)], axis=-1))

@@ -16,7 +16,7 @@ from loops.laws import CohesiveFrictional
 from patterns import hexagon, polydisperse_polygon, random_loop, regular_polygon
 from stability import Stage, follow, programmes
 from stability.material import LoopMaterial, march, oriented
-from stability.material.rotation import nominal
+from stability.material.rotation import nominal_response
 
 MU = np.tan(np.radians(30))
 LAW = LinearFrictional(kn=1.0, kt=0.5, mu=MU)
@@ -92,7 +92,7 @@ def test_contacts_taken_together_answer_as_each_by_itself(law):
         stress = np.einsum("m,mi,mj->ij", shares, answer[:, :2], block.branches)
         K = answer[:, 2:6].reshape(-1, 2, 2)
         A = np.einsum("m,mik,mj,ml->ijkl", shares, K, block.branches, block.branches)
-        turned_back = nominal(np.eye(2)[None], U[None], stress[None], A[None])
+        turned_back = nominal_response(np.eye(2)[None], U[None], stress[None], A[None])
         size = np.abs(K).max()
         assert np.abs(response.stress - turned_back[0]).max() <= 1e-15 * size
         assert np.abs(response.tangent - turned_back[1]).max() <= 2e-14 * size

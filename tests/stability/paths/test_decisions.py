@@ -11,7 +11,7 @@ from stability import Stage, programmes
 from stability.path import Event
 from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
-from stability.paths.state import Mode, contacts_of, pack, scales, unpack
+from stability.paths.state import Mode, contacts_at, pack, scales, unpack
 from stability.paths.state_rates import UNIT_PARAMETER
 from stability.regimes import ELASTIC, LEFT, OPEN
 from tests.stability.paths.test_loop_path import STAGE, UNITS, solver_of, square
@@ -175,7 +175,7 @@ def test_what_a_parting_contact_stores_is_dissipated(length, kn):
         np.array([Regime.ELASTIC, Regime.ELASTIC, Regime.ELASTIC, Regime.OPEN], dtype=np.int8),
         np.zeros(4),
     )
-    N = contacts_of(solver.model, unpack(solver.model, solver.y), old).normal_force
+    N = contacts_at(solver.model, unpack(solver.model, solver.y), old).normal_force
     new = Mode(
         np.array([Regime.ELASTIC, Regime.OPEN, Regime.OPEN, Regime.OPEN], dtype=np.int8),
         np.zeros(4),

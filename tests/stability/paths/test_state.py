@@ -34,7 +34,7 @@ from stability.paths.state import (
     Rates,
     centres,
     contact_overlaps,
-    contacts_of,
+    contacts_at,
     displacement_gradient,
     first_state,
     initial_state,
@@ -104,7 +104,7 @@ def test_forces_of_contacts_by_their_regime(length, kn):
     T = 0.01 * kn * length * np.arange(1.0, 6.0)
     state = unpack(model, pack(np.zeros((5, 2)), T, 0.0, np.zeros(4)))
     mode = mode_of(STICK, SLIDE, APART, SLIDE, STICK, side=-1.0)
-    found = contacts_of(model, state, mode)
+    found = contacts_at(model, state, mode)
     overlap = graph.radii[graph.contacts].sum(axis=1) - model.length0
     N = np.where(np.arange(5) == 2, 0.0, law.kn * overlap)
     np.testing.assert_allclose(found.normal_force, N, rtol=1e-12, atol=1e-14 * kn * length)
@@ -135,7 +135,7 @@ def test_powers_contact_by_contact(length, kn):
     state = unpack(model, pack(np.zeros((5, 2)), T, 0.0, np.zeros(4)))
     for regimes in ((STICK, SLIDE, APART, SLIDE, STICK), (STICK,) * 5):
         mode = mode_of(*regimes)
-        contacts = contacts_of(model, state, mode)
+        contacts = contacts_at(model, state, mode)
         turned = sheared = slipped = 0.0
         for c, (i, j) in enumerate(graph.contacts):
             force = contacts.shear_force[c]
