@@ -65,6 +65,9 @@ class MaterialOptions:
         number("--kappa", self.kappa, 0.0)
         number("--confine", self.confine, 0.0, open_low=True)
         number("--end", self.end, 0.0, open_low=True)
+        if self.end >= 1.0 and self.programme != "isotropic-stress":
+            expected = "a strain below 1: there the loops have no length left"
+            raise InputError("--end", f"{self.end:g}", expected, "Give 0.1, for example.")
         one_of("--closure", self.closure, get_args(MaterialClosure))
         one_of("--programme", self.programme, get_args(ProgrammeName))
         self.loading_programme()

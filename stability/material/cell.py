@@ -1,7 +1,7 @@
 """The H-model's cell: a hexagon that its normal strains drive, its shoulders free along the axis.
 
 F. Nicot, F. Darve, The H-microdirectional model: Accounting for a mesoscopic scale, Mechanics of
-Materials 43 (2011) 918-929.
+Materials 43 (2011) 918-929; from its geometry and balance, equations (12.6) and (12.7).
 """
 
 from __future__ import annotations

@@ -227,7 +227,7 @@ def _shares(given: ArrayLike | None, own: Floats) -> Floats:
         received = f"shape {weights.shape}" if weights.shape != own.shape else "not finite"
         raise InputError("weights", received, f"{len(own)} finite numbers", "One for each loop.")
     if (weights < 0.0).any() or not weights.sum() > 0.0:
-        received = f"a least one of {weights.min():g} and a sum of {weights.sum():g}"
+        received = f"{weights.min():g} as the smallest, a sum of {weights.sum():g}"
         expected = "none negative and a sum above zero"
         raise InputError("weights", received, expected, "Correct them.")
     return weights / weights.sum()

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import skfem
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from loops import InputError, LinearFrictional
@@ -36,8 +37,9 @@ WIDTH = 1.0
 HEIGHT = 1.6
 # Confining pressure, over kn.
 CONFINING = 1e-2
-# Number of the point whose loops are weaker.
-WEAK = 12
+# Centre and side of the weak square: one element of the default mesh.
+WEAK = 0.3, 0.9
+WEAK_SIZE = 0.2
 # Axial strain at the end, and steps up to it.
 END = 0.068
 STEPS = 68
@@ -56,6 +58,12 @@ def law(phi: float) -> LinearFrictional:
     return LinearFrictional(1.0, 0.5, np.tan(np.radians(phi)))
 
 
+def weak_elements(mesh: skfem.MeshQuad) -> NDArray[np.intp]:
+    """Return the elements with their centre in the weak square, or the nearest one."""
+    away = np.abs(mesh.p[:, mesh.t].mean(axis=1) - np.array(WEAK)[:, None]).max(axis=0)
+    return np.flatnonzero(away < max(0.5 * WEAK_SIZE, (1.0 + 1e-9) * away.min()))
+
+
 class Specimen:
     """The mesh, its two materials and the state of their points."""
 
@@ -72,9 +80,9 @@ class Specimen:
         # A nominal stress, constant on the sides as they were.
         self.load = skfem.LinearForm(lambda v, w: -CONFINING * (w.n[0] * v[0] + w.n[1] * v[1]))
         self.load = self.load.assemble(sides)
-        points = self.basis.dx.shape
-        weak = np.zeros(points, dtype=bool)
-        weak[WEAK % points[0]] = True
+        self.weak = weak_elements(mesh)
+        weak = np.zeros(self.basis.dx.shape, dtype=bool)
+        weak[self.weak] = True
         loops = oriented(regular_polygon(6), orientations)
         self.rows = [np.flatnonzero(weak.ravel() == is_weak) for is_weak in (False, True)]
         self.materials = [LoopMaterial(loops, None, law(phi)) for phi in (30.0, 28.0)]
@@ -142,8 +150,13 @@ class Specimen:
         return np.asarray(2.0 * shear.mean(axis=-1))
 
 
-def compute(end: float = END, steps: int = STEPS, **mesh: Any) -> dict[str, Any]:
-    """Compress a specimen; return its curve, the residuals of its steps and its last state."""
+def compute(
+    end: float = END, steps: int = STEPS, until: float = 0.0, **mesh: Any
+) -> dict[str, Any]:
+    """Compress a specimen; return its curve, the residuals of its steps and its last state.
+
+    It ends early where the stress ratio is below the share `until` of its largest.
+    """
     specimen = Specimen(**mesh)
     material = specimen.materials[0]
     rest = march(material, Stage("isotropic_stress", "P11", CONFINING), 10).H[-1, 0]
@@ -166,8 +179,22 @@ def compute(end: float = END, steps: int = STEPS, **mesh: Any) -> dict[str, Any]
         now = target
         strain.append(now)
         ratio.append(specimen.axial() / CONFINING)
+        if ratio[-1] < until * max(ratio):
+            why = f"at {until:g} of the peak"
+            break
     return {"specimen": specimen, "strain": np.array(strain), "ratio": np.array(ratio),
             "residuals": residuals, "why": why}  # fmt: skip
+
+
+def band(specimen: Specimen) -> tuple[float, float]:
+    """Return the shear strain of the weak square over the median, and the band's share of the area.
+
+    The band is where the shear strain is above the lower decile by more than half the most.
+    """
+    shear = specimen.shear_strain()
+    excess = shear - np.quantile(shear, 0.1)
+    share = float(np.mean(excess > 0.5 * excess.max()))
+    return float(shear[specimen.weak].mean() / np.median(shear)), share
 
 
 @styled()
@@ -213,6 +240,7 @@ def main(out: Path) -> dict[str, Any]:
         "peak_ratio": float(ratio.max()),
         "peak_strain": float(strain[ratio.argmax()]),
         "residuals_of_step_10": [float(f"{r:.3g}") for r in found["residuals"][10]],
+        "weak_over_median_and_share_of_band": band(found["specimen"]),
         "shear_strain_median": float(np.median(shear)),
         "shear_strain_largest": float(shear.max()),
         "note": "no internal length: the band follows the mesh; a loop alone is not the packing",
