@@ -199,7 +199,7 @@ TOOLS = {
     "hold": lambda law: hold(in_cell(law)).stress,
     "hold between walls": lambda law: hold(in_box(law)).stress,
     "replay": lambda law: moved(in_cell(law)),
-    "sustain": lambda law: gl.sustain(in_cell(law), 2, largest=2e-4, spread=False).paths[0].P,
+    "sustain": lambda law: gl.sustain(in_cell(law), 2, largest=2e-4, spread=False).paths[0].H[-1],
 }
 # What no tool can do for a law, and why.
 REFUSED = {

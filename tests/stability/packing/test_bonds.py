@@ -15,9 +15,13 @@ from loops import (
 )
 from loops.contacts import contacts_of, start_state
 from loops.laws.movable import require_movable
+from patterns import Snapshot
 from stability import Stage, follow, programmes
-from stability.packing import hold, replay
+from stability.packing import hold, loop_changes, replay, sustain
+from studies.series.evolution import track_loops
+from studies.series.packing import Following, packing_predictions
 from tests.packings import jammed, strained
+from tests.stability.packing.test_sustain import SQUARE
 
 EXTENSION = np.array([[-6e-3, 2e-3], [0.0, 2e-3]])
 PULL, KN = 0.004, 1.0
@@ -186,3 +190,48 @@ def test_a_programme_with_a_held_stress_passes_a_bond_that_breaks():
     stage = Stage(programmes.drained_biaxial(), "H11", 5e-3)
     path = follow(Scene(graph, law), stage, closure="packing", past="dynamic", interval=1e-4)
     assert abs(left_over(path)) < 2e-12 or path.status != "finished"
+
+
+@pytest.mark.parametrize("bonded", [False, True])
+def test_a_square_lattice_that_pulls_fails_where_its_contacts_pull_off(bonded):
+    """The stress of an axis is its force over the spacing: from 0.01 to minus the pull."""
+    kn = 1.0 if bonded else (0.01 + PULL) / 0.01
+    law = CohesiveFrictional(kn, 0.5, 0.5, PULL, bonded=bonded, shear_increment="radii")
+    found = sustain(Scene(SQUARE, law), [[-1, 0], [1, 0]], largest=0.03, interval=1e-4)
+    assert found.status.tolist() == ["large, no rest", "held"]
+    np.testing.assert_allclose(found.limit, [0.01 + PULL, np.nan], rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bonded", [False, True])
+def test_a_slow_replay_moves_where_a_packing_that_pulls_no_longer_sustains(bonded):
+    """Below the load of the large motion it strains as the path does, above it by far more."""
+    graph, law = at_rest(0.3, bonded)
+    scene, how = Scene(graph, law), {"largest": 0.02, "interval": 2e-5, "spread": False}
+    (path,) = sustain(scene, [[-1, 1]], **how).paths
+    assert path.status.startswith("large")
+    strain = []
+    for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
+        stage = Stage(programmes.proportional_stress(*path.direction), "parameter", load)
+        strain.append(np.linalg.norm(replay(scene, stage, duration=1e5).state.strain))
+    before = np.linalg.norm(path.H, axis=1)[path.parameter <= path.motions[-1].lost].max()
+    assert strain[0] < 1.05 * before and strain[1] > 1.5 * before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bonded", [False, True])
+def test_a_series_under_bonds_predicts_what_the_equations_of_motion_do(bonded):
+    """Work of the loops along the path of events, beside that of a slow replay to the same cell."""
+    graph, law = at_rest(0.3, bonded)
+    ids, regime = np.arange(12), np.ones(graph.contact_count, dtype=np.int8)
+    one = Snapshot(graph, law, regime, ids, 0, (), rotation=0.0 * ids)
+    H = 2e-4 * np.array([[1.0, 0.3], [0.0, -1.0]])
+    end = replay(one.scene, H, inertial_number=1e-6).state
+    later = end.graph()
+    two = Snapshot(later, law, np.ones(later.contact_count, dtype=np.int8), ids, 0, (),
+                   rotation=end.angle)  # fmt: skip
+    columns, *_ = packing_predictions(one, two, track_loops(one, two), following=Following())
+    wanted = loop_changes(graph, end, one.faces).normalised_work
+    found = np.asarray(columns["path_w2"])
+    assert np.isfinite(found).sum() > 5
+    np.testing.assert_allclose(found, wanted, atol=0.02 * np.nanmax(np.abs(wanted)))
