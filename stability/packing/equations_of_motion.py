@@ -16,6 +16,7 @@ from loops.contacts import Contacts, PackingState
 from loops.errors import InputError
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
+from loops.laws.of_pairs import SMALL_OVERLAP
 from stability.packing.controls import MixedControl
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def snap_through(
     """
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, masses)
-    servo = steered(servo, state, *control)
+    servo = steered(servo, state, *control, lost=True)
     H, dt = servo.gain @ servo.rate, step_of(masses, inertias, state, by_radii)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, masses, inertias, lasting(servo, steps * dt), by_radii)
@@ -206,14 +207,26 @@ def servo_of(state: Contacts, masses: Floats) -> Servo:
     return Servo(False, back, *steering, lag, *rows, start, z, ask, np.inf, np.zeros(1))
 
 
-def steered(servo: Servo, state: Contacts, stress: Floats, strain: Floats, rate: Floats) -> Servo:
-    """The servo for `stress @ P' + strain @ H' = rate`, as stiff as the affine estimate."""
-    matrix = stress @ _affine_stiffness(state) + strain
-    if not np.linalg.cond(matrix) < 1e16:
-        remedy = "Hold strains, or start from a packing that carries."
-        raise InputError("packing", "no stiffness", "one that a servo can load", remedy)
-    gain = np.array(np.linalg.inv(matrix), dtype=float)
-    return servo._replace(on=True, stress=stress, strain=strain, rate=rate, gain=gain)
+def steered(
+    servo: Servo,
+    state: Contacts,
+    stress: Floats,
+    strain: Floats,
+    rate: Floats,
+    *,
+    lost: bool = False,
+) -> Servo:
+    """The servo for `stress @ P' + strain @ H' = rate`, as stiff as the affine estimate.
+
+    Where the equilibrium is `lost` all contacts of an axis may have opened: as if they touched.
+    """
+    for near in (False, True)[: 1 + lost]:
+        matrix = stress @ _affine_stiffness(state, near) + strain
+        if np.linalg.cond(matrix) < 1e16:
+            gain = np.array(np.linalg.inv(matrix), dtype=float)
+            return servo._replace(on=True, stress=stress, strain=strain, rate=rate, gain=gain)
+    remedy = "Hold strains, or start from a packing that carries."
+    raise InputError("packing", "no stiffness", "one that a servo can load", remedy)
 
 
 def lasting(servo: Servo, duration: float) -> Servo:
@@ -221,15 +234,20 @@ def lasting(servo: Servo, duration: float) -> Servo:
     return servo._replace(rate=servo.rate / duration, whole=duration)
 
 
-def _affine_stiffness(state: Contacts) -> Floats:
-    """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff."""
-    d, length = state.apart, state.length
-    touch, overlap = length <= state.law.touching, state.overlap
+def _affine_stiffness(state: Contacts, near: bool = False) -> Floats:
+    """`P' = C H'` (4, 4) if all grains went with the cell and none turned: too stiff.
+
+    Of `near` pairs as well, as if they hardly touched.
+    """
+    d, length, law = state.apart, state.length, state.law
+    touch, overlap = (length <= law.touching) | near, state.overlap
+    if near:
+        overlap = np.maximum(overlap, SMALL_OVERLAP * law.touching)
     n = state.branches / length[:, None]
     frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
     K = sum(
         (touch * k)[:, None, None] * a[:, :, None] * a[:, None, :]
-        for k, a in zip(state.law.stiffnesses(overlap), frames, strict=True)
+        for k, a in zip(law.stiffnesses(overlap), frames, strict=True)
     )
     C = np.einsum("kac,kb,kd->abcd", K, d, d) / abs(np.linalg.det(state.cell))
     return np.asarray(C.reshape(4, 4))

@@ -321,7 +321,7 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
             stop, change = _halved_loss(solver, stage, stop)
             if not solver.targets:
                 break
-        lost = _along(solver, stage)
+        lost = _load_of_loss(solver, stage)
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
@@ -384,6 +384,12 @@ def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
     return found
 
 
+def _load_of_loss(solver: PackingPathSolver, stage: Stage) -> float:
+    """Return the stress along the direction; what stood before a contact pulled off is the load."""
+    pulled = solver.events and solver.events[-1].cause == "pulls_off"
+    return solver.parameter if pulled else _along(solver, stage)
+
+
 def _along(solver: PackingPathSolver, stage: Stage) -> float:
     """Stress along the direction of a stage, less that of the start."""
     stress, _, rate = stage.programme.equations(solver.H, solver.P)
@@ -400,7 +406,7 @@ def _halved_loss(solver: PackingPathSolver, stage: Stage, stop: Stop) -> tuple[S
         stops.extend([] if again is None else [again])
         return again is not None
 
-    _, change = halved(solver, lost_again, lambda: _along(solver, stage))
+    _, change = halved(solver, lost_again, lambda: _load_of_loss(solver, stage))
     return stops[-1], change
 
 
@@ -451,7 +457,7 @@ class ConstantLoad:
         state, self.load = here.state, here.load
         self.masses, self.inertias = masses_of(state.radii[: state.count])
         servo = servo_of(state, self.masses)
-        servo = steered(servo, state, *control)
+        servo = steered(servo, state, *control, lost=True)
         self.dt = step_of(self.masses, self.inertias, state, here.by_radii, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
         self.moving = Moving(state, self.masses, self.inertias, servo, here.by_radii)
