@@ -104,6 +104,21 @@ def test_blocks_on_one_loop_say_what_the_page_says(capsys):
     assert 0.0 < float(said[0]) < 1e-6 and said[2].startswith("unstable")
 
 
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline", "sample"])
+def test_blocks_on_stress_and_fabric_run(tmp_path, monkeypatch, ends):
+    monkeypatch.chdir(tmp_path)
+    sample = gl.read_snapshot(gl.sample_path()) if ends == "sample" else small_sample(ends, LAW)
+    names = {"sample": sample}
+    exec("\n".join(blocks("fabric")).replace(SAMPLE, "sample"), names)
+    assert names["stress"].p > 0 and (tmp_path / "roses.png").stat().st_size > 10_000
+    if ends == "sample":
+        rows = names["fabric"].table().set_index("of").round(3)
+        for which in ("strong contacts", "weak contacts"):
+            row = rows.loc[which]
+            told = f"{row.anisotropy} ± {row.anisotropy_error} at {row.direction_deg:.0f}°"
+            assert told in page("fabric")
+
+
 def test_blocks_of_what_is_added_run(capsys):
     exec("\n".join(blocks("adding")), {})
     law, boundary, question = capsys.readouterr().out.splitlines()
