@@ -134,11 +134,10 @@ def run_evolve(
             tables["forecast"] = forecast_table(ways, tables["dem"], driven, sense)
             found["forecast"] = forecast_summary(tables["forecast"], [*ways])
         if rate is not None:
-            found["replay"] = {"inertial_number": rate.inertial_number, "source": rate.source}
-            if len(ways) > 1:
-                found["replay"] |= replay_summary(
-                    ways, tables, driven, snapshot.graph.contact_count
-                )
+            rates = {"inertial_number": rate.inertial_number, "source": rate.source}
+            contacts = snapshot.graph.contact_count
+            beside = replay_summary(ways, tables, driven, contacts) if len(ways) > 1 else {}
+            found["replay"] = rates | beside
         summary = results.write_results(tables, asked | found)
         if animation:
             from studies.packing_figures import animate_path

@@ -122,9 +122,8 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     state = Checked(*geometry, law, regime, branches.given, pushed, ids, forces_known=known)
     redundant = _redundant(table, rows, branches.n, (normal, shear)) if known else []
     findings = (*frame.findings, *check_state(state), *redundant)
-    for found in findings:
-        if strict and found.severity == "error":
-            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
+    if strict:
+        _require_sound(table, findings)
     said = [one for one in findings if one.check == "balance" and frame.measured and known]
     if any(one.severity != "ok" for one in said):
         law = regime = None
@@ -138,6 +137,13 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         *(bodies.rotation, tuple(lacks), mass, frame.time),
         *((None, None) if bodies.motion is None else (bodies.motion[:, :2], bodies.motion[:, 2])),
     )
+
+
+def _require_sound(table: Table, findings: Sequence[Finding]) -> None:
+    """Raise `InputError` for a finding that leaves no meaningful result."""
+    for found in findings:
+        if found.severity == "error":
+            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
 
 
 def _told_law(

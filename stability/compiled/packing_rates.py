@@ -274,15 +274,9 @@ def add_work(
     )
     for k in range(len(u)):
         force[:, k] = -load[k]
-    cell, shear, held, pressed, half_unit = 0.0, 0.0, 0.0, 0.0, 0.5 / unit
+    cell, shear, pressed, half_unit = 0.0, 0.0, 0.0, 0.5 / unit
     first_wall = count - len(walls)
-    for p in range(len(touching), len(pairs)):
-        # Springs against rolling: moments alone, whose work the motion at the contact is.
-        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
-        for q in range(2):
-            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
-            force[q, i + 2] -= S
-            force[q, j + 2] += S
+    _add_rolling(pairs, regime, len(touching), times, T, rates, force)
     for p in range(len(touching)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
@@ -325,17 +319,53 @@ def add_work(
             force[q, i + 1] -= f1
             force[q, i + 2] -= arm_i * S
             force[q, j + 2] -= arm_j * S
+    held = _release(force, load, turns, times, u, v, step, released)
+    work[0] += 0.5 * step * (cell - held + pressed)
+    work[2] -= 0.5 * step * shear
+
+
+@kernel
+def _add_rolling(
+    pairs: NDArray[Any],
+    regime: Regimes,
+    first: int,
+    times: tuple[float, float],
+    T: Floats,
+    rates: Floats,
+    force: Floats,
+) -> None:
+    """Add springs against rolling: moments alone, whose work the motion at the contact is."""
+    for p in range(first, len(pairs)):
+        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
+        for q in range(2):
+            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
+            force[q, i + 2] -= S
+            force[q, j + 2] += S
+
+
+@kernel
+def _release(
+    force: Floats,
+    load: Floats,
+    turns: tuple[tuple[float, float, float, float], tuple[float, float, float, float]],
+    times: tuple[float, float],
+    u: Floats,
+    v: Floats,
+    step: float,
+    released: Floats,
+) -> float:
+    """Add the work of the resultants `force` to `released`; return the power of the load."""
+    held = 0.0
     for q in range(2):
         t = turns[q]
-        for g in range(count):
+        for g in range(len(released)):
             k = 3 * g
             u0, u1 = u[k] + times[q] * v[k], u[k + 1] + times[q] * v[k + 1]
             v0, v1 = v[k] + t[0] * u0 + t[1] * u1, v[k + 1] + t[2] * u0 + t[3] * u1
             power = force[q, k] * v0 + force[q, k + 1] * v1 + force[q, k + 2] * v[k + 2]
             released[g] += 0.5 * step * power
             held += load[k] * v0 + load[k + 1] * v1 + load[k + 2] * v[k + 2]
-    work[0] += 0.5 * step * (cell - held + pressed)
-    work[2] -= 0.5 * step * shear
+    return held
 
 
 @kernel
