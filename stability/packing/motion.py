@@ -36,7 +36,8 @@ class Motion(Shown):
     released : float
         Energy that damping took, and that the motion still had (force times length).
     kinetic : float
-        Largest kinetic energy at a look at the motion.
+        Largest kinetic energy at a look at the motion, all grains having the mean mass of discs of
+        unit density.
     steps : int
         Steps of the motion.
     displacement : (G, 2) array

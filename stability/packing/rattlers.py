@@ -27,8 +27,9 @@ UNLOADED_SHARE = 1e-5
 # its energy; whether an interval met it changed the first loss by a factor of two.
 LIGHT_SHARE = 1e-2
 # An interval in which a grain is caught ends where its largest force is below this share of the
-# mean force: its load enters the packing at once.
-CAUGHT_SHARE = 5e-4
+# mean force: its load enters the packing at once. With 5e-4 two limits are the same to 2e-4 and
+# 1e-5, with 5e-3 one moves by 7e-4; without a bound forces are up to .05 of the mean.
+CAUGHT_SHARE = 2e-3
 # Halvings by which that place is found.
 CATCH_HALVINGS = 20
 # Rounds in which the grains that carry nothing move out of overlap.

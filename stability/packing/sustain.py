@@ -66,8 +66,12 @@ LATE_STEPS = 8_000
 LATE = 10.0
 # Strain of a motion from which on it is given up: the sample flows.
 FLOW_STRAIN = 0.02
-# Time step over that of a replay.
-STRIDE = 5.0 / 3.0
+# Time step over that of a replay, where this is stable.
+STRIDE = 2.5
+# Moment of inertia over `m r^2`. All grains have the mean mass of discs of unit density: one that
+# is light or turns fast would ask for short steps, and rest alone matters. It comes in 40 % fewer
+# steps; strains differ from those with masses of discs by 4 to 7 %, as with another damping.
+INERTIA = 0.8
 # Inertial number of the strain at rest. With 2e-8 the bottleneck after a fold counted as rest.
 STILL = 2e-10
 # Largest error of the stress along the direction, over its rise: else the interval is cut.
@@ -455,7 +459,10 @@ class ConstantLoad:
     def begin(self, here: Standing, control: MixedControl) -> None:
         """Set the packing in motion."""
         state, self.load = here.state, here.load
-        self.masses, self.inertias = masses_of(state.radii[: state.count])
+        radii = state.radii[: state.count]
+        masses, _ = masses_of(radii)
+        mass = np.full(len(radii), masses.mean())
+        self.masses, self.inertias = masses_of(radii, mass, INERTIA * mass * radii**2)
         servo = servo_of(state, self.masses)
         servo = steered(servo, state, *control, lost=True)
         self.dt = step_of(self.masses, self.inertias, state, here.by_radii, STRIDE)

@@ -15,7 +15,7 @@ from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
 from stability.packing.controls import MixedControl
-from stability.packing.equations_of_motion import Snap, masses_of
+from stability.packing.equations_of_motion import STABLE, Snap, largest_step, masses_of
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.pivots import UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, SLIDING
@@ -24,6 +24,7 @@ from stability.packing.strain_increment import InstabilityError, StrainIncrement
 from stability.packing.sustain import (
     CUT,
     FLOW_STRAIN,
+    INERTIA,
     LEAST_PUSH,
     LOOK,
     MOST_CUTS,
@@ -233,11 +234,16 @@ def test_a_packing_at_rest_is_asked_once_its_load_is_on():
     assert moving.hold() == "at rest"
     assert moving.steps == PUSH_STEPS + LOOK
     # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
-    masses = masses_of(solver.state.radii)[0]
+    radii = solver.state.radii
+    masses = masses_of(radii)[0]
     mean = 0.5 * np.trace(solver.state.stress)
     assert moving.pace**2 * masses.mean() == pytest.approx(mean, rel=1e-12)
-    smallest = 0.3 * np.sqrt(masses.min() / LAW.kn)
-    assert moving.dt == pytest.approx(STRIDE * smallest, rel=1e-12)
+    # All masses are the mean one; the step is short of the stable one.
+    np.testing.assert_allclose(moving.masses, masses.mean(), rtol=1e-12)
+    np.testing.assert_allclose(moving.inertias, INERTIA * masses.mean() * radii**2, rtol=1e-12)
+    stable = largest_step(moving.masses, moving.inertias, solver.state, solver.by_radii)
+    usual = STRIDE * 0.3 * np.sqrt(masses.mean() / LAW.kn)
+    assert moving.dt == pytest.approx(min(usual, STABLE * stable), rel=1e-2)
 
 
 def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does():
