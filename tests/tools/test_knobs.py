@@ -129,7 +129,7 @@ def test_a_number_of_a_kernel_is_read_where_one_that_calls_it_runs():
     for compiled in (True, False):
         _, codes = code_called(lambda compiled=compiled: find_faces(ring, compiled=compiled))
         assert reads(numbers["CLOSE"], codes) == compiled
-        assert not reads(numbers["WIDTH"], codes) and not reads(numbers["SHORT"], codes)
+        assert not reads(numbers["GEAR"], codes) and not reads(numbers["SHORT"], codes)
 
 
 def test_sources_are_edited_behind_the_assignment(planted):

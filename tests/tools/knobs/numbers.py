@@ -28,6 +28,10 @@ FIXED = re.compile(
 )
 
 
+# Decorators that compile (`loops.compiled`).
+KERNELS = {"kernel", "inlined", "inlined_sum"}
+
+
 class Number(NamedTuple):
     """A number, or a container of numbers, that a module's source names."""
 
@@ -160,7 +164,7 @@ def kernels_that_read(number: Number) -> set[tuple[str, str]]:
             node.name: _loaded(node)
             for node in _parsed(file).body
             if isinstance(node, ast.FunctionDef)
-            and any("kernel" in _loaded(one) for one in node.decorator_list)
+            and any(KERNELS & _loaded(one) for one in node.decorator_list)
         }
         reading = {name for name, loaded in names.items() if number.name in loaded}
         while more := {name for name, loaded in names.items() if loaded & reading} - reading:
