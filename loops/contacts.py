@@ -266,7 +266,7 @@ class Contacts(PackingState):
             law=self.law.grown(self.radii[ends].T, wall),
         )
 
-    def records(self, by_radii: bool, reach: float = 0.0) -> NDArray[Any]:
+    def records(self, reach: float = 0.0) -> NDArray[Any]:
         """Return records `PAIR` (C,) at this geometry and these forces.
 
         With springs for rolling (2 C,): theirs come after, `T` the moment over the mean radius.
@@ -281,8 +281,8 @@ class Contacts(PackingState):
         unit = self.mean_radius
         N, T = self.normal_force, self.shear_force
         frame["grains"], frame["d"], frame["n"], frame["t"] = self.contacts, self.apart, n, t
-        frame["turning"] = radii.sum(axis=1) / length if by_radii else 1.0
-        frame["lever"] = (radii if by_radii else arms) / unit
+        frame["turning"] = radii.sum(axis=1) / length if law.by_radii else 1.0
+        frame["lever"] = (radii if law.by_radii else arms) / unit
         frame["arm"] = arms / unit
         frame["rotation"] = (N[:, None] * t - T[:, None] * n) / length[:, None]
         # A wall keeps its direction.

@@ -90,6 +90,11 @@ class PairLaw:
         """Whether the equations of motion have to compile the law; None where they may choose."""
         return None
 
+    @property
+    def by_radii(self) -> bool:
+        """Whether a turn of the branch shears by the radii, see `FrictionalLaw`."""
+        return self.law.shear_increment == "radii"
+
     # ---- how it is made
 
     @classmethod

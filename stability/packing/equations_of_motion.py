@@ -71,7 +71,6 @@ def snap_through(
     state: Contacts,
     load: Floats,
     control: MixedControl,
-    by_radii: bool,
     damping: float,
 ) -> Snap:
     """Strain slowly by the whole of a control under a load (B, 3), then hold until at rest.
@@ -82,9 +81,9 @@ def snap_through(
     masses, inertias = masses_of(state.radii[: state.count])
     servo = servo_of(state, masses)
     servo = steered(servo, state, *control, lost=True)
-    H, dt = servo.gain @ servo.rate, step_of(masses, inertias, state, by_radii)
+    H, dt = servo.gain @ servo.rate, step_of(masses, inertias, state)
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
-    moving = Moving(state, masses, inertias, lasting(servo, steps * dt), by_radii)
+    moving = Moving(state, masses, inertias, lasting(servo, steps * dt))
     moving.load(load)
     energy = state.energy()
     ran, checks = moving.run(steps, dt, damping), 0
@@ -148,7 +147,6 @@ def step_of(
     masses: Floats,
     inertias: Floats,
     state: Contacts,
-    by_radii: bool,
     stride: float = 1.0,
 ) -> float:
     """Length of a step; `stride` times that of a replay where this is stable."""
@@ -160,14 +158,14 @@ def step_of(
     usual = stride * TIME_STEP * math.sqrt(float(masses.min() / stiffest))
     if not state.closed.any():
         return usual
-    return min(usual, STABLE * largest_step(masses, inertias, state, by_radii))
+    return min(usual, STABLE * largest_step(masses, inertias, state))
 
 
-def largest_step(masses: Floats, inertias: Floats, state: Contacts, by_radii: bool) -> float:
+def largest_step(masses: Floats, inertias: Floats, state: Contacts) -> float:
     """Length from which on steps are unstable: two over the largest frequency of the contacts."""
     from stability.compiled.packing_rates import blocks
 
-    frame = state.records(by_radii)
+    frame = state.records()
     regime = np.where(state.closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     regime = np.resize(regime, len(frame))
     size = 3 * len(state.x)
@@ -266,7 +264,6 @@ class Moving:
         masses: Floats,
         inertias: Floats,
         servo: Servo,
-        by_radii: bool,
         *,
         velocity: ArrayLike = 0.0,
         spin: ArrayLike = 0.0,
@@ -275,7 +272,8 @@ class Moving:
     ) -> None:
         from loops.compiled.motion import MovingDiscs, place, update_forces
 
-        self.start, self.listed, self.servo, self.by_radii = start, start, servo, by_radii
+        self.start, self.listed, self.servo = start, start, servo
+        self.by_radii = start.law.by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
         # How the law is asked; steps that are known of, and those made.
         self.asks, self.steps, self.made = "", steps, 0
@@ -311,7 +309,7 @@ class Moving:
         place(self.motion, self.discs)
         self.motion.before[:] = self.motion.overlap
         self._ask()
-        update_forces(self.law, self.motion, self.discs, 0.0, by_radii, servo.on)
+        update_forces(self.law, self.motion, self.discs, 0.0, self.by_radii, servo.on)
         servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
 
     def _list(self) -> None:

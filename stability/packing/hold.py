@@ -237,8 +237,7 @@ def hold(
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     masses, inertias = masses_of(graph.radii, mass, inertia)
     start = contacts_of(start_state(graph, around, still=True), checked, around)
-    by_radii = checked.shear_increment == "radii"
-    dt = step_of(masses, inertias, start, by_radii)
+    dt = step_of(masses, inertias, start)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)
@@ -250,7 +249,7 @@ def hold(
             servo = servo._replace(lag=slower * servo.lag)
             servo = steered(servo, start, HELD_STRESS, NO_ROTATION, np.zeros(4))
             servo = lasting(servo, dt)
-        moving = Moving(start, masses, inertias, servo, by_radii, velocity=speed[0], spin=speed[1])
+        moving = Moving(start, masses, inertias, servo, velocity=speed[0], spin=speed[1])
         before = _unbalanced(moving, start)
         return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
 

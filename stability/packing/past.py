@@ -31,7 +31,6 @@ class Standing(NamedTuple):
 
     state: Contacts
     load: Floats
-    by_radii: bool
     first_stress: float
 
 
@@ -86,8 +85,7 @@ class Dynamic:
     def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
         """Return the packing at rest."""
         try:
-            how = control, here.by_radii, self.damping
-            snap = snap_through(here.state, here.load, *how)
+            snap = snap_through(here.state, here.load, control, self.damping)
             jump = jumped(here.state, snap.state, here.first_stress)
             if jump:
                 raise ArithmeticError(jump)

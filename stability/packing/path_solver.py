@@ -74,7 +74,6 @@ class PackingPathSolver:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
         self.stages, self.looks_at_pathologies = stages, pathologies
         self.looked: RegimeFactor | None = None
-        self.by_radii = checked.shear_increment == "radii"
         self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
         # Share of the last increment up to which no grain that carried nothing was caught.
@@ -280,7 +279,6 @@ class PackingPathSolver:
             self.state,
             self.regime,
             self.side,
-            self.by_radii,
             np.zeros(3 * len(self.state.x)),
             self.packing,
             REACH * self.size * 2.0 * self.state.mean_radius,
@@ -399,7 +397,7 @@ class PackingPathSolver:
 
     def here(self) -> Standing:
         """Return what an instability meets, for a function that passes it."""
-        return Standing(self.state, -self.balance, self.by_radii, self.first_stress)
+        return Standing(self.state, -self.balance, self.first_stress)
 
     def take_motion(self, passed: Passed, load: float) -> None:
         """Go on from the end of a motion that came to rest, at another loading parameter."""
@@ -473,9 +471,7 @@ class PackingPathSolver:
         """Look at the matrix of the candidates of this state, with a factor of its own."""
         held = np.resize(self.rattlers[self.state.contacts].any(axis=1), len(self.regime))
         control, regimes = self._control(self.stages[self.stage], 0.0), (self.regime, self.side)
-        found, self.looked = pathologies(
-            self.state, *regimes, self.by_radii, control, held, self.looked
-        )
+        found, self.looked = pathologies(self.state, *regimes, control, held, self.looked)
         return found
 
     def path(self, status: PathStatus, message: str) -> Path:

@@ -84,15 +84,14 @@ class RegimeFactor:
         state: Contacts,
         regime: Regimes,
         side: Floats,
-        by_radii: bool,
         load: Floats,
         before: RegimeFactor | None = None,
         reach: float = 0.0,
     ) -> None:
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
-        self.by_radii, self.reach = by_radii, reach
-        self.frame: NDArray[Any] = state.records(by_radii, reach)
+        self.reach = reach
+        self.frame: NDArray[Any] = state.records(reach)
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius

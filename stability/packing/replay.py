@@ -121,12 +121,11 @@ def replay(
     """
     graph, boundary = scene.graph, scene.boundary
     checked = require_movable(graph, scene.law)
-    by_radii = checked.shear_increment == "radii"
     masses, inertias = masses_of(graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
     start = contacts_of(start_state(graph, boundary), checked, boundary)
-    dt = time_step or step_of(masses, inertias, start, by_radii)
+    dt = time_step or step_of(masses, inertias, start)
     servo, ends = _steering(start, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])
     if steps is not None:
@@ -146,7 +145,6 @@ def replay(
         masses,
         inertias,
         servo,
-        by_radii,
         velocity=0.0 if velocity is None else velocity,
         spin=0.0 if spin is None else spin,
         gradient=gradients.get(0),

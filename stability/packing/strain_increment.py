@@ -295,7 +295,7 @@ class StrainIncrement:
         self.work[RELEASED] += float(np.sum(before - after))
         self.touching = np.where(self.absent, 0.0, law.touching)
         self.gap += whole.law.reach - law.reach
-        frame = self.state.records(self.packing.by_radii, self.packing.reach)
+        frame = self.state.records(self.packing.reach)
         rows = np.flatnonzero(np.resize(opened, len(frame)))
         was = self.packing.frame[rows]
         self.packing.frame[rows] = frame[rows]

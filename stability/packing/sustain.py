@@ -465,9 +465,9 @@ class ConstantLoad:
         self.masses, self.inertias = masses_of(radii, mass, INERTIA * mass * radii**2)
         servo = servo_of(state, self.masses)
         servo = steered(servo, state, *control, lost=True)
-        self.dt = step_of(self.masses, self.inertias, state, here.by_radii, STRIDE)
+        self.dt = step_of(self.masses, self.inertias, state, STRIDE)
         servo = lasting(servo, PUSH_STEPS * self.dt)
-        self.moving = Moving(state, self.masses, self.inertias, servo, here.by_radii)
+        self.moving = Moving(state, self.masses, self.inertias, servo)
         self.moving.load(self.load)
         # Strain rate of an inertial number of one.
         self.pace = math.sqrt(state.pressure / self.masses.mean())

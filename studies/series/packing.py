@@ -142,8 +142,7 @@ def interval_rate(
     law = require_movable(before.graph, before.mechanics()[0])
     boundary, _ = sample_boundary(before)
     state = contacts_of(start_state(before.graph, boundary), law, boundary)
-    by_radii = law.shear_increment == "radii"
-    step = step_of(*masses_of(before.graph.radii, masses), state, by_radii)
+    step = step_of(*masses_of(before.graph.radii, masses), state)
     longest = MOST_STEPS * step
     duration = min(end - start, longest)
     size = float(np.linalg.norm(H)) if loading is None else loading.size

@@ -90,7 +90,7 @@ def replay_step(scene):
 
     start = start_state(scene.graph, scene.boundary)
     start = contacts_of(start, scene.law, scene.boundary)
-    return step_of(*masses_of(scene.graph.radii), start, False)
+    return step_of(*masses_of(scene.graph.radii), start)
 
 
 def test_a_scene_in_a_cell_is_followed_as_a_packing():

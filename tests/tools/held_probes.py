@@ -92,12 +92,11 @@ def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
     shear[rows] = np.sign(shear[rows]) * mu[rows] * graph.normal_force[rows]
     start = contacts_of(start_state(graph.replace(shear_force=shear)), law)
     masses, inertias = masses_of(graph.radii)
-    radii = law.shear_increment == "radii"
-    dt, servo = step_of(masses, inertias, start, radii), servo_of(start, masses)
+    dt, servo = step_of(masses, inertias, start), servo_of(start, masses)
     stresses, speeds = [], []
     for direction in found.directions:
         gradient = -np.diag(direction) * strain / (steps * dt)
-        moving = Moving(start, masses, inertias, servo, radii, gradient=gradient)
+        moving = Moving(start, masses, inertias, servo, gradient=gradient)
         moving.load(-moving.motion.resultant)
         for _ in range(looks):
             moving.run(steps // looks, dt)

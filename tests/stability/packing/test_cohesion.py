@@ -108,7 +108,7 @@ def test_records_of_a_cohesive_law(overlap, reach, bond):
     law = RollingResistance(glued(0.01, bond), 0.02, 0.1)
     state = contacts_of(start_state(two(overlap)), law).with_normal_forces()
     assert state.closed[0] == (overlap > 0)
-    free, rolling = state.records(True, reach)
+    free, rolling = state.records(reach)
     assert free["at_touch"] == -0.01
     # An open pair has its tangents at the reach, none without.
     known = overlap > 0 or reach > 0

@@ -155,10 +155,10 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     """In units of the loading parameter; a quantity that is not driven may be leapt over."""
     spans, graph, duration = [], jammed(12, 1), 0.01
 
-    def at_once(state, load, control, by_radii, damping):
+    def at_once(state, load, control, damping):
         spans.append(control.rate[0] / 1e-3)
         np.testing.assert_array_equal(load, -state.resultants)
-        assert by_radii and damping == 0.3
+        assert damping == 0.3
         return Snap(state, np.array([3.0, 2.0, 0.25, 0.75]))
 
     monkeypatch.setattr(past_module, "snap_through", at_once)
@@ -189,7 +189,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     """The rate of a snap takes the strain to where the programme would be after it."""
     rates = []
 
-    def kept(state, load, control, by_radii, damping):
+    def kept(state, load, control, damping):
         rates.append(control.rate)
         return Snap(state, np.zeros(4))
 

@@ -29,9 +29,8 @@ def in_motion(law, graph=None):
     start, (masses, inertias) = contacts_of(start, law), masses_of(start.radii)
     servo = servo_of(start, masses)
     gradient = np.array([[-2e-5, 1e-5], [0.0, 1e-5]])
-    by_radii = law.shear_increment == "radii"
-    dt = step_of(masses, inertias, start, by_radii)
-    return Moving(start, masses, inertias, servo, by_radii, gradient=gradient), dt
+    dt = step_of(masses, inertias, start)
+    return Moving(start, masses, inertias, servo, gradient=gradient), dt
 
 
 def steps_of(kernel, moving, steps, dt):

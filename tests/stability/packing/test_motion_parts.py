@@ -93,7 +93,7 @@ def test_a_servo_asks_for_the_strain_of_the_affine_stiffness():
     H = servo.gain @ rate
     np.testing.assert_allclose(H[1:], rate[1:], atol=1e-15)
     assert (_affine_stiffness(state) @ H)[0] == pytest.approx(0.02, rel=1e-9)
-    moving = Moving(state, masses, inertias, servo, True)
+    moving = Moving(state, masses, inertias, servo)
     np.testing.assert_allclose(moving.motion.gradient.ravel(), -H, rtol=1e-12)
     np.testing.assert_allclose(moving.lightness, [1 / masses, 1 / inertias], rtol=1e-14)
     before, load = moving.motion.resultant.copy(), np.arange(9.0).reshape(3, 3)
@@ -161,7 +161,7 @@ def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
 
     monkeypatch.setattr(Moving, "run", run)
     monkeypatch.setattr(equations_of_motion, "rests", asks)
-    snap_through(state, -state.resultants, MixedControl(NONE, ALL, rate * span), True, 0.3)
+    snap_through(state, -state.resultants, MixedControl(NONE, ALL, rate * span), 0.3)
     (steps, dt), *others = ran
     masses = masses_of(state.radii)[0]
     wanted = duration_of(span * rate, masses, state, 2.5e-7)
@@ -212,7 +212,7 @@ def test_time_goes_on_while_pairs_are_listed_anew():
         masses, inertias = masses_of(state.radii)
         servo = servo_of(state, masses)
         kick = 0.05 * np.random.default_rng(1).normal(size=(12, 2))
-        moving = Moving(state, masses, inertias, servo, True, velocity=kick)
+        moving = Moving(state, masses, inertias, servo, velocity=kick)
         assert all(moving.run(part, 0.1) for part in parts)
         ends.append(moving.state())
     for end in ends[1:]:

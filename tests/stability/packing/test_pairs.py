@@ -1,5 +1,6 @@
 """Pairs of a packing and their frames: unequal grains, stiffnesses that are not one."""
 
+from copy import copy
 from dataclasses import replace
 from itertools import product
 
@@ -149,8 +150,10 @@ def test_springs_of_walls_have_the_forces_that_they_were_given(law):
 @pytest.mark.parametrize("name", LAWS)
 def test_a_frame_has_the_slopes_of_force_and_moment(name, by_radii):
     """The force turns with the pair, the levers grow with it, spins shear by them."""
-    state = triangle(RollingResistance(LAWS[name], 0.3, 0.02))
-    frame, unit, size = state.records(by_radii), RADII.mean(), 1e-6
+    law = copy(LAWS[name])
+    object.__setattr__(law, "shear_increment", "radii" if by_radii else "branch")
+    state = triangle(RollingResistance(law, 0.3, 0.02))
+    frame, unit, size = state.records(), RADII.mean(), 1e-6
     free, springs = frame[:3], frame[3:]
     N, T = state.normal_force, state.shear_force
     d, length = state.branches, np.linalg.norm(state.branches, axis=1)
@@ -204,17 +207,17 @@ def test_contacts_that_may_open_have_the_force_over_their_overlap(name):
     """So they open where the grains part; open ones have it at the reach."""
     state = triangle(LAWS[name])
     for reach in (0.15, 0.3):
-        frame = state.records(True, reach)
+        frame = state.records(reach)
         secant, tangent = state.normal_force / OVERLAP, state.law.stiffnesses(OVERLAP)[0]
         np.testing.assert_allclose(frame["kn"], np.where(reach < OVERLAP, tangent, secant))
     apart = replace(state, x=1.5 * state.x, normal_force=np.zeros(3), shear_force=np.zeros(3))
-    frame, at = apart.records(True, 0.2), np.full(3, 0.2)
+    frame, at = apart.records(0.2), np.full(3, 0.2)
     np.testing.assert_allclose(frame["kn"], state.law.normal_force(at) / 0.2, rtol=1e-9)
     if name == "Hertz":
         assert (frame["coupling"] == 0).all()
     else:
         assert np.isfinite(frame["mu"]).all() and (frame["cohesion"] == 0).all()
-        near = state.records(True, 0.3)
+        near = state.records(0.3)
         np.testing.assert_allclose(near["mu"], state.strength / state.normal_force)
         np.testing.assert_allclose(near["cohesion"], 0.0, atol=1e-12)
 

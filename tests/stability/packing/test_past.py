@@ -81,10 +81,10 @@ def snapped(steps, damping, drag):
     graph = passed("stop").states[-1].graph()
     start = contacts_of(start_state(graph), BRANCH)
     masses, inertias = masses_of(start.radii)
-    dt = step_of(masses, inertias, start, False)
+    dt = step_of(masses, inertias, start)
     rate = INTERVAL * STRAIN.ravel() / np.linalg.norm(STRAIN)
     servo = steered(servo_of(start, masses), start, np.zeros((4, 4)), np.eye(4), rate)
-    moving = Moving(start, masses, inertias, lasting(servo, steps * dt), False)
+    moving = Moving(start, masses, inertias, lasting(servo, steps * dt))
     moving.load(-moving.motion.resultant)
     motion, powers = moving.motion, [0.0]
     for _ in range(2 * steps // 20):

@@ -105,7 +105,7 @@ def test_the_largest_stable_step_of_a_lattice_in_closed_form(kn, unit):
     masses, inertias = masses_of(state.radii)
     # The branches are shorter than the diameters, by the overlap.
     expected = 2.0 / np.sqrt(30.0 * law.kt / masses[0] / 1.001**2)
-    found = largest_step(masses, inertias, contacts_of(state, law), False)
+    found = largest_step(masses, inertias, contacts_of(state, law))
     assert found == pytest.approx(expected, rel=1e-4)
 
 
@@ -168,7 +168,7 @@ def test_energy_of_a_packing_under_hertzs_law_closes_with_the_step_squared(histo
     for steps in (1000, 2000, 4000):
         servo = servo_of(start, masses)
         servo = steered(servo, start, np.zeros((4, 4)), np.eye(4), rate)
-        moving = Moving(start, masses, inertias, lasting(servo, time), True)
+        moving = Moving(start, masses, inertias, lasting(servo, time))
         still = moving.state().energy()
         assert moving.run(steps, time / steps, 0.0)
         work = work_of(moving, moving.state(), np.zeros((len(masses), 3)), still)
