@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Floats
 from stability.complementarity import positive_definite, scaled_definite
 
 # Diagonal entries below this share of what they were before elimination are rounding.
@@ -93,11 +93,3 @@ def _dominant(A: Floats) -> bool:
         x = np.maximum(y, 1e-3 * x)
         x /= x.max()
     return False
-
-
-def principal_minors(M: Floats) -> Floats:
-    """Return all `2^m - 1` principal minors of `M` (m, m), by determinants: for small `m`."""
-    m = len(M)
-    sets: Flags = (np.arange(1, 2**m)[:, None] >> np.arange(m) & 1).astype(bool)
-    both = sets[:, :, None] & sets[:, None, :]
-    return np.asarray(np.linalg.det(np.where(both, M, np.eye(m))))

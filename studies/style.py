@@ -20,9 +20,9 @@ from matplotlib.image import imsave
 from loops import InputError
 from studies.output import as_json
 
-# Okabe and Ito's palette, told apart with any colour vision; yellow is too light for lines.
+# Okabe and Ito's palette, told apart with any colour vision, but for yellow: too light for lines.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 GREY, LIGHT_GREY = "#767676", "#D9D9D9"
 # Colours of the loops by order, from 3 on; the last one stands for all larger orders.
 ORDER_COLOURS = (BLUE, SKY, GREEN, ORANGE, VERMILION, PURPLE)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from stability.complementarity import solve_complementarity
-from stability.p_matrix import is_p_matrix, principal_minors
+from stability.p_matrix import is_p_matrix
+from tests.oracles.minors import principal_minors
 
 
 def matrices(count, seed):

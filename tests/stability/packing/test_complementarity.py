@@ -16,6 +16,7 @@ from stability.complementarity import (
     violation,
 )
 from stability.solution_branch import solutions_over_slip
+from tests.oracles.minors import principal_minors
 
 
 def random_problem(m, seed):
@@ -148,11 +149,6 @@ def test_newton_ends_where_sets_recur(monkeypatch):
     found, wrong = _newton(np.array([-1.0]), np.array([[-1.0]]), np.zeros(1, bool))
     assert not found.any() and wrong == 1
     assert [one.tolist() for one in asked] == [[False], [True]]
-
-
-def principal_minors(M):
-    sets = (np.arange(1, 2 ** len(M))[:, None] >> np.arange(len(M)) & 1).astype(bool)
-    return np.array([np.linalg.det(M[np.ix_(one, one)]) for one in sets])
 
 
 def test_a_matrix_that_a_scaling_makes_definite_is_recognised_and_no_other():

@@ -6,10 +6,10 @@ import pytest
 from loops import LinearFrictional, Scene
 from stability import Stage, follow, programmes
 from stability.complementarity import solve_complementarity
-from stability.p_matrix import principal_minors
 from stability.packing import pathologies as room
 from stability.packing.pathologies import columns
 from stability.packing.response import PackingRates, component_control, yield_response
+from tests.oracles.minors import principal_minors
 from tests.packings import LAW, jammed, packing
 
 NAN = np.nan
