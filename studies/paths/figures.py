@@ -56,7 +56,7 @@ REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: 
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
 # Width of the largest force (points).
-LARGEST_FORCE_WIDTH = 4.0
+FORCE_WIDTH = 4.0
 # Length of its arrow, in diameters of a grain.
 ARROW_LENGTH = 0.45
 # Grains up to which forces are arrows.
@@ -325,7 +325,7 @@ def draw_grains(
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
     largest = max(largest, np.finfo(float).tiny)
     colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
-    width = LARGEST_FORCE_WIDTH * np.hypot(N, T) / largest
+    width = FORCE_WIDTH * np.hypot(N, T) / largest
     ax.add_collection(LineCollection(list(x[pairs]), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
     if len(x) > MOST_WITH_ARROWS:
@@ -353,14 +353,14 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
             [],
             [],
             color=REGIME_COLOURS[regime],
-            linewidth=0.5 * LARGEST_FORCE_WIDTH,
+            linewidth=0.5 * FORCE_WIDTH,
             label=f"{name} contact",
         )
         for regime, name in REGIME_NAMES.items()
         if regime in regimes
     ]
     width = f"contact force, widest: {largest:.3g} {unit}"
-    key.append(Line2D([], [], color=BLACK, linewidth=LARGEST_FORCE_WIDTH, label=width))
+    key.append(Line2D([], [], color=BLACK, linewidth=FORCE_WIDTH, label=width))
     if arrows:
         length = f"external force, {ARROW_LENGTH:g} diameters long: {largest:.3g} {unit}"
         key.append(
