@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.frames import to_geodataframe as to_geodataframe
+    from studies.present_domain import loop_domain as loop_domain
     from studies.probe import probe as probe
     from studies.series.tables import fates as fates
     from studies.series.tables import increments as increments
@@ -104,6 +105,7 @@ NAMES = {
     "studies": "__version__",
     "studies.answers": "check loop",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
+    "studies.present_domain": "loop_domain",
     "studies.probe": "probe",
     "studies.series.tables": "fates increments series skill",
     "studies.snapshot.fabric": "fabric",

@@ -10,6 +10,7 @@ Examples
 """
 
 from studies.plots import plot_cone as cone
+from studies.plots import plot_domain as domain
 from studies.plots import plot_envelope as envelope
 from studies.plots import plot_evolution as evolution
 from studies.plots import plot_loop as loop
@@ -18,4 +19,4 @@ from studies.plots import plot_path as path
 from studies.plots import plot_rose as rose
 from studies.style import figure_width
 
-__all__ = ["cone", "envelope", "evolution", "figure_width", "loop", "map", "path", "rose"]
+__all__ = ["cone", "domain", "envelope", "evolution", "figure_width", "loop", "map", "path", "rose"]

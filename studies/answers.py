@@ -17,6 +17,7 @@ from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_se
 from patterns.snapshots.snapshot import SnapshotLoop
 from stability import COMPONENTS, Path, PlaneCone, Regimes, Verdict
 from stability.packing import PackingResponse, Probe, Sustained
+from studies.present_domain import LoopDomain
 from studies.snapshot.fabric import Fabric
 from studies.snapshot.stress import Stress
 
@@ -156,6 +157,11 @@ def _(result: Fabric) -> pd.DataFrame:
 
 
 @table_of.register
+def _(result: LoopDomain) -> pd.DataFrame:
+    return result.rows
+
+
+@table_of.register
 def _(result: Snapshot) -> pd.DataFrame:
     from studies.frames import loop_table
 
@@ -206,6 +212,13 @@ def _(result: Fabric, ax: Axes | None = None) -> Axes:
     from studies.plots import plot_rose
 
     return plot_rose(result.snapshot, ax=ax)
+
+
+@plot_of.register
+def _(result: LoopDomain, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_domain
+
+    return plot_domain(result, ax=ax)
 
 
 @plot_of.register

@@ -30,6 +30,7 @@ from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
+from studies.snapshot.table import loop_polygons
 from studies.study import Results, one_of, study
 
 By = Literal["events", "replay", "both"]
@@ -123,6 +124,9 @@ def run_evolve(
         changes, rows_of_path, loops = _way_tables(snapshot, way, sense)
         events = event_table(way, snapshot.ids, sense)
         tables = {"path": rows_of_path, "events": events, "loops": loops}
+        tables["grains"] = grain_table(way, snapshot.ids)
+        offsets, _, grains = loop_polygons(snapshot.graph, snapshot.faces)
+        loops["grains"] = np.split(snapshot.ids[grains], offsets[1:-1])
         if len(ways) > 1:
             _, replayed, tables["replay_loops"] = _way_tables(snapshot, ways["replay"], sense)
             tables["replay"] = replayed.drop(columns="events")
@@ -282,6 +286,23 @@ def event_table(way: FollowedPath, ids: NDArray[np.int64], sense: float) -> pd.D
             "detail": np.array([describe(event) for event in way.events], dtype=str),
         }
     )
+
+
+def grain_table(way: FollowedPath, ids: NDArray[np.int64]) -> pd.DataFrame:
+    """One row per grain with its id in the file: where it ends, and how it got there."""
+    start, end, count = way.states[0], way.states[-1], len(ids)
+    moved = (end.x - start.x)[:count]
+    affine = start.x[:count] @ (end.cell @ np.linalg.inv(start.cell) - np.eye(2)).T
+    carrying = end.contacts[end.closed]
+    return pd.DataFrame(
+        {
+            "id": ids, "x": end.x[:count, 0], "y": end.x[:count, 1], "radius": end.radii[:count],
+            "theta_z": (end.angle - start.angle)[:count],
+            "dx": moved[:, 0], "dy": moved[:, 1],
+            "beyond": np.hypot(*(moved - affine).T),
+            "contacts": np.bincount(carrying.ravel(), minlength=len(end.x))[:count],
+        }
+    )  # fmt: skip
 
 
 def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.DataFrame:

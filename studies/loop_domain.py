@@ -23,6 +23,7 @@ from stability.paths.model import path_model
 from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
+from studies.present_domain import LoopDomain, domain_figure, domain_of, present_fan
 from studies.study import one_of, study
 from studies.style import (
     BLACK,
@@ -37,8 +38,6 @@ from studies.style import (
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
 LOST = ("det_Ks_zero", "limit")
-# End of the programmes on a snapshot's loop, over the mean overlap.
-REACH_OVERLAPS = 20.0
 LONGEST = 60
 # Distance of neighbours on a curve, over its extent, beyond which it jumps.
 JUMP = 0.15
@@ -99,15 +98,14 @@ def loop_limits(
 ) -> tuple[Fan, FanLimits]:
     """First limits of one loop along its fan; `follow` takes what the fan cannot settle."""
     graph, law = loop.graph(), loop.law()
-    reach = FAN_REACH
     if isinstance(loop, LoopOptions):
-        reach = REACH_OVERLAPS * float(np.mean(graph.normal_force))
+        return present_fan(graph, law, loop.closure, loop.spins, control, directions)
     if not friction:
         law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
     model = replace(model, symmetry=loop_symmetry(graph).along_axes())
-    fan = Fan(model, control, loop_fan(model.d0, directions), reach)
+    fan = Fan(model, control, loop_fan(model.d0, directions), FAN_REACH)
     if loop.spins == "blocked" and loop.contact_law == "linear":
         start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
         limits = first_limits(fan, start)
@@ -139,9 +137,14 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
     return float(1.0 - left / whole)
 
 
-def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[dict[str, Any]]]:
-    """Limits of every loop, contacts sticking and with friction; their counts and the shares."""
-    parts, loops = [], []
+def loop_domains(
+    parameters: LoopDomainParameters,
+) -> tuple[pd.DataFrame, list[dict[str, Any]], list[LoopDomain]]:
+    """Limits of every loop, contacts sticking and with friction; their counts and the shares.
+
+    Besides the domains of loops of a snapshot, which begin in their present state.
+    """
+    parts, loops, present = [], [], []
     for loop in parameters.loops:
         own = isinstance(loop, LoopOptions)
         for friction in (True,) if own else (False, True) if np.isfinite(loop.mu) else (False,):
@@ -155,8 +158,13 @@ def loop_domains(parameters: LoopDomainParameters) -> tuple[pd.DataFrame, list[d
             loops.append({**named, "limits": found})
             if parameters.control == "strain" and not own:
                 loops[-1]["unstable_share"] = unstable_share(fan, limits)
+            if own:
+                present.append(domain_of(loop.graph(), fan, limits, loop.spins, "over $k_n$"))
+                loops[-1]["present_state"] = present[-1].status
+                counts = present[-1].rows["kind"].value_counts().to_dict()
+                loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
     filled = [part for part in parts if len(part)] or parts[:1]
-    return pd.concat(filled, ignore_index=True), loops
+    return pd.concat(filled, ignore_index=True), loops, present
 
 
 def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
@@ -191,11 +199,19 @@ def run_loop_domains(
     with study(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
     ) as results:
-        table, loops = loop_domains(parameters)
+        table, loops, present = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
         found["definitions"] = definitions("domain")
-        summary = results.write_results({"domain": table}, found)
-        results.save_figures(loop_figures(table, loops, parameters))
+        tables = {"domain": table}
+        if present:
+            tables["boundary"] = present[0].rows
+        summary = results.write_results(tables, found)
+        if present:
+            planes = (("domain", "stress"), ("domain-strain", "strain"))
+            figures = [(name, domain_figure(present[0], plane)) for name, plane in planes]
+        else:
+            figures = loop_figures(table, loops, parameters)
+        results.save_figures(figures)
     return summary
 
 

@@ -45,6 +45,7 @@ from studies.paths.figures import (
     forces_key,
 )
 from studies.paths.polygon import operator_diagram
+from studies.present_domain import LoopDomain, draw_domain, loop_domain
 from studies.snapshot.fabric import axes_rose, axis_errors, strong_contacts
 from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
 from studies.snapshot.table import loop_columns
@@ -439,6 +440,52 @@ def plot_evolution(
     if len(names) > 1:
         ax.legend()
     return ax
+
+
+@drawn(ONE_COLUMN, 4.4)
+def plot_domain(
+    loop: LoopDomain | SnapshotLoop | Scene,
+    closure: Closure | None = None,
+    plane: str = "strain",
+    ax: Axes | None = None,
+    **how: Any,
+) -> Axes:
+    """Domain of one loop: where straight programmes from its present state end, and by what.
+
+    Parameters
+    ----------
+    loop : SnapshotLoop, Scene or LoopDomain
+        One loop, `gl.loop(snapshot, 62)` for example, or what `gl.loop_domain` found of it.
+    closure : {'affine', 'traction'}
+        How the surroundings drive the grains; it has to be named unless a domain is given.
+    plane : {'strain', 'stress'}
+        Plane of the figure.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; pyplot's current axes if left out.
+    **how
+        `spins`, `control` and `directions` of `gl.loop_domain`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        As `gl.loop_domain`, and for another plane.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
+    >>> one = loop_of_snapshot(read_snapshot(sample_path()), 62)
+    >>> ax = plot_domain(one, "traction", directions=9, ax=Figure().add_subplot())
+    >>> ax.get_legend().get_texts()[-1].get_text()
+    'present state, stable'
+    """
+    check_choice("plane", plane, ("strain", "stress"))
+    found = loop if isinstance(loop, LoopDomain) else loop_domain(loop, closure, **how)
+    return draw_domain(found, axes_or_new(ax), plane)
 
 
 def _shown(column: str) -> str:

@@ -48,6 +48,8 @@ class CohesiveFrictional(FrictionalLaw):
         Tangential stiffness (force per length, not negative).
     mu : float or (..., C) array, default inf
         Coefficient of friction (not negative; inf never slides).
+    phi : float or (..., C) array, optional
+        Angle of friction (radians) in place of `mu`.
     adhesion : float or (..., C) array
         Largest pull `a` (force, not negative); zero of contacts that do not pull.
     cohesion : float or (..., C) array, optional
@@ -91,12 +93,14 @@ class CohesiveFrictional(FrictionalLaw):
         cohesion: ArrayLike | None = None,
         bonded: bool = False,
         shear_increment: ShearIncrement = "branch",
+        *,
+        phi: ArrayLike | None = None,
     ) -> None:
         kn = parameter("kn", kn, "a positive finite stiffness", 0.0, open_low=True)
         object.__setattr__(self, "kn", kn)
         kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
         object.__setattr__(self, "kt", kt)
-        friction_and_increment(self, mu, shear_increment)
+        friction_and_increment(self, mu, shear_increment, phi)
         force = "a finite force, zero or more"
         adhesion = parameter("adhesion", adhesion, force, 0.0, open_low=False)
         object.__setattr__(self, "adhesion", adhesion)

@@ -390,9 +390,23 @@ def parameter(
     return array
 
 
-def friction_and_increment(law: Any, mu: ArrayLike, shear_increment: str) -> None:
+def friction_of(mu: ArrayLike | None, phi: ArrayLike | None) -> ArrayLike | None:
+    """Return the coefficient of friction, given as `mu` or by its angle `phi` (radians)."""
+    if phi is None:
+        return mu
+    if mu is not None:
+        raise InputError("mu, phi", "both", "one of them", "Leave one out.")
+    expected = "an angle in radians, from 0 to pi/2: np.radians(30) for 30 degrees"
+    return np.tan(parameter("phi", phi, expected, 0.0, open_low=False, high=0.5 * np.pi))
+
+
+def friction_and_increment(
+    law: Any, mu: ArrayLike, shear_increment: str, phi: ArrayLike | None = None
+) -> None:
     """Set what every law with friction has, or raise `InputError`."""
     expected = "a coefficient of friction, zero or more"
+    if phi is not None:
+        mu = cast(ArrayLike, friction_of(None if np.all(np.isinf(mu)) else mu, phi))
     object.__setattr__(law, "mu", parameter("mu", mu, expected, 0.0, open_low=False, high=np.inf))
     object.__setattr__(law, "shear_increment", checked_increment(shear_increment))
 
@@ -425,6 +439,8 @@ class LinearFrictional(FrictionalLaw):
     mu : float or (..., C) array, default inf
         Coefficient of friction, tan of the contact friction angle (not negative; inf never
         slides).
+    phi : float or (..., C) array, optional
+        Angle of friction (radians) in place of `mu`.
     shear_increment : {'branch', 'radii'}
         What a turn of the branch by `d(alpha)` adds to `ut`: `l d(alpha)` (the paper) or
         `(r_i + r_j) d(alpha)` (Yade's default, `avoidGranularRatcheting`).
@@ -456,12 +472,14 @@ class LinearFrictional(FrictionalLaw):
         kt: ArrayLike,
         mu: ArrayLike = np.inf,
         shear_increment: ShearIncrement = "branch",
+        *,
+        phi: ArrayLike | None = None,
     ) -> None:
         kn = parameter("kn", kn, "a positive finite stiffness", 0.0, open_low=True)
         object.__setattr__(self, "kn", kn)
         kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
         object.__setattr__(self, "kt", kt)
-        friction_and_increment(self, mu, shear_increment)
+        friction_and_increment(self, mu, shear_increment, phi)
 
     def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
         """The constants `kn` and `kt`."""

@@ -58,6 +58,8 @@ class HertzMindlin(FrictionalLaw):
         Their Poisson's ratio nu, above -1 and up to 0.5.
     mu : float or (..., C) array, default inf
         Coefficient of friction (not negative; inf never slides).
+    phi : float or (..., C) array, optional
+        Angle of friction (radians) in place of `mu`.
     shear_increment : {'branch', 'radii'}
         What a turn of the branch adds to `ut`, see `LinearFrictional`.
     shear_history : {'force', 'displacement'}
@@ -101,13 +103,15 @@ class HertzMindlin(FrictionalLaw):
         shear_increment: ShearIncrement = "branch",
         shear_history: ShearHistory = "force",
         ratio: ArrayLike | None = None,
+        *,
+        phi: ArrayLike | None = None,
     ) -> None:
         young = parameter("young", young, "a positive finite stiffness", 0.0, open_low=True)
         object.__setattr__(self, "young", young)
         expected = "a ratio above -1, up to 0.5"
         poisson = parameter("poisson", poisson, expected, -1.0, open_low=True, high=0.5)
         object.__setattr__(self, "poisson", poisson)
-        friction_and_increment(self, mu, shear_increment)
+        friction_and_increment(self, mu, shear_increment, phi)
         if shear_history not in get_args(ShearHistory):
             expected = "'force' or 'displacement'"
             raise InputError("shear_history", repr(shear_history), expected, "See the docstring.")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops import HertzMindlin, InputError
 from loops.errors import check_choice, number
-from loops.laws.frictional import checked_increment
+from loops.laws.frictional import checked_increment, friction_of
 from loops.laws.hertz_mindlin import ShearHistory
 from patterns.snapshots.build import COHESIVE, LawName, Parameters, build_snapshot
 from patterns.snapshots.files import head_of, require_file
@@ -87,6 +87,7 @@ def read_snapshot(
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
+    phi: float | None = None,
     shear_increment: str | None = None,
     law: str | None = None,
     young: float | None = None,
@@ -121,9 +122,9 @@ def read_snapshot(
         replaced by `contacts`.
     cell : (2, 2) array, optional
         Periodic cell, its columns are the cell vectors (length); comes before the file's own.
-    kn, kt, mu : float, optional
-        Stiffness (force per length) and friction where the file lacks them; a column of the file
-        comes first.
+    kn, kt, mu, phi : float, optional
+        Stiffness (force per length) and friction where the file lacks them, the coefficient `mu` or
+        its angle `phi` (radians); a column of the file comes first.
     shear_increment : {'branch', 'radii'}, optional
         Shear increment of the code (see `LinearFrictional`); by default that of the source:
         `radii` for Yade, else `branch`.
@@ -174,7 +175,16 @@ def read_snapshot(
     (600, 819, 61)
     """
     parameters = _parameters(
-        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+        kn,
+        kt,
+        friction_of(mu, phi),
+        shear_increment,
+        law,
+        young,
+        poisson,
+        shear_history,
+        adhesion,
+        cohesion,
     )
     found = _frames(path, contacts, format, columns, cell)
     if frame is None and len(found) > 1:
@@ -196,6 +206,7 @@ def snapshot_from_tables(
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
+    phi: float | None = None,
     shear_increment: str | None = None,
     law: str | None = None,
     young: float | None = None,
@@ -217,7 +228,7 @@ def snapshot_from_tables(
         A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
         of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
         (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks, and friction `mu`.
-    cell, kn, kt, mu, shear_increment, law, young, poisson, shear_history, columns, strict
+    cell, kn, kt, mu, phi, shear_increment, law, young, poisson, shear_history, columns, strict
         See `read_snapshot`.
 
     Returns
@@ -252,7 +263,16 @@ def snapshot_from_tables(
         of_walls, notes = with_aliases(given_table("walls", walls), WALL_COLUMNS)
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
     parameters = _parameters(
-        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+        kn,
+        kt,
+        friction_of(mu, phi),
+        shear_increment,
+        law,
+        young,
+        poisson,
+        shear_history,
+        adhesion,
+        cohesion,
     )
     return build_snapshot(frame, parameters, strict=strict)
 
@@ -265,6 +285,7 @@ def read_frames(
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
+    phi: float | None = None,
     shear_increment: str | None = None,
     law: str | None = None,
     young: float | None = None,
@@ -280,7 +301,7 @@ def read_frames(
 
     Parameters
     ----------
-    path, contacts, cell, kn, kt, mu, shear_increment, format, columns, strict
+    path, contacts, cell, kn, kt, mu, phi, shear_increment, format, columns, strict
         See `read_snapshot`.
     law, young, poisson, shear_history
         See `read_snapshot`.
@@ -303,7 +324,16 @@ def read_frames(
     [(0.0, 323)]
     """
     parameters = _parameters(
-        kn, kt, mu, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
+        kn,
+        kt,
+        friction_of(mu, phi),
+        shear_increment,
+        law,
+        young,
+        poisson,
+        shear_history,
+        adhesion,
+        cohesion,
     )
     for read in _frames(path, contacts, format, columns, cell):
         yield build_snapshot(read(), parameters, strict=strict)
@@ -355,7 +385,7 @@ def format_of(path: Path, name: str = "auto") -> Format:
 def _parameters(
     kn: float | None,
     kt: float | None,
-    mu: float | None,
+    mu: Any,
     shear_increment: str | None,
     law: str | None,
     young: float | None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -57,12 +57,14 @@ class FanLimits:
     """First limits along the programmes of a fan.
 
     `found` (B,) and `states` by kind, see `LIMITS`; of a limit reached in a jump the regimes are
-    those after it. `open_question` (B,): Programmes without an answer yet, for `follow`.
+    those after it. `open_question` (B,): Programmes without an answer yet, for `follow`. `end`:
+    Last states of the programmes, where they are kept.
     """
 
     found: dict[str, Flags]
     states: dict[str, LoopStates]
     open_question: Flags
+    end: LoopStates | None = None
 
     @classmethod
     def none(cls, programmes: int, contacts: int) -> FanLimits:
@@ -72,6 +74,7 @@ class FanLimits:
             found,
             {kind: LoopStates.at_rest(programmes, contacts) for kind in LIMITS},
             np.zeros(programmes, dtype=bool),
+            LoopStates.at_rest(programmes, contacts),
         )
 
     def record(self, kind: str, rows: Integers, states: LoopStates) -> None:
@@ -121,7 +124,7 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
             ended |= limits.found[kind]
         rows = np.flatnonzero(~ended & (gone < fan.reach * (1.0 - 1e-12)))
     limits.open_question[rows] = True
-    return limits
+    return replace(limits, end=now)
 
 
 def _set_balance(
@@ -342,3 +345,5 @@ def followed_limits(
             limits.record(kind, row, state(event.index + int(jumps), event.H))
         if kind in ("opening", "limit"):
             break
+    if limits.end is not None:
+        limits.end.put(row, state(len(path) - 1, path.H[-1]))

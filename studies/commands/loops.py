@@ -384,6 +384,9 @@ def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
     lines = []
     for row in summary["loops"]:
         limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
+        if "present_state" in row:
+            ends = ", ".join(f"{count} {kind}" for kind, count in row["ended_by"].items())
+            limits += f"; present state {row['present_state']}, programmes ended by: {ends}"
         if "unstable_share" in row:
             limits += f"; unstable share of strains {row['unstable_share']:.3f}"
         lines.append(

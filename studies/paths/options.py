@@ -352,8 +352,9 @@ class LoopOptions(PolygonOptions):
         assert self.snapshot is not None
         found = loop_of_snapshot(self.snapshot, self.loop)
         given, law = found.graph, found.law
-        # Files hold no other law.
-        assert isinstance(law, LinearFrictional)
+        if type(law) is not LinearFrictional:
+            expected, remedy = "linear springs", "Follow it in Python: gl.follow(gl.loop(...))."
+            raise InputError("--law", type(law).__name__, expected, remedy)
         length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
         law = LinearFrictional(law.kn / kn, law.kt / kn, law.mu, law.shear_increment)
         N, T = (force / (kn * length) for force in (given.normal_force, given.shear_force))

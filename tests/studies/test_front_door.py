@@ -175,3 +175,28 @@ def test_old_names_work_with_a_warning(snapshot):
         assert gl.plot_map is gl.plot.map
     with pytest.warns(DeprecationWarning, match=r"use grainloops\.loop"):
         assert gl.loop_of_snapshot is gl.loop
+
+
+@pytest.mark.parametrize("degrees", [0.0, 12.0, 89.0])
+def test_friction_by_its_angle(degrees):
+    phi, mu = np.radians(degrees), np.tan(np.radians(degrees))
+    laws = (
+        (gl.LinearFrictional, {"kn": 1.0, "kt": 0.2}),
+        (gl.HertzMindlin, {"young": 1.0, "poisson": 0.2}),
+        (gl.CohesiveFrictional, {"kn": 1.0, "kt": 0.2, "adhesion": 0.1}),
+    )
+    for law, parameters in laws:
+        assert law(**parameters, phi=phi).mu == law(**parameters, mu=mu).mu == mu
+    with pytest.raises(gl.InputError, match=r"phi of .*np\.radians\(30\)"):
+        gl.LinearFrictional(1.0, 0.2, phi=30.0)
+    with pytest.raises(gl.InputError, match="mu, phi: got both"):
+        gl.LinearFrictional(1.0, 0.2, 0.5, phi=phi)
+
+
+def test_a_snapshot_takes_the_angle_of_friction():
+    path = gl.sample_path("lammps/dump.atoms.0.gz")
+    spring = {"kn": 1e6, "kt": 5e5}
+    by_angle = gl.read_snapshot(path, **spring, phi=np.arctan(0.5))
+    np.testing.assert_allclose(by_angle.law.mu, gl.read_snapshot(path, **spring, mu=0.5).law.mu)
+    with pytest.raises(gl.InputError, match="mu, phi: got both"):
+        gl.read_snapshot(path, **spring, mu=0.5, phi=0.1)

@@ -56,7 +56,8 @@ def tables(out):
 
 
 def test_files_and_the_dems_next_state(results):
-    files = {f"{name}.parquet" for name in ("path", "events", "loops", "dem", "forecast")}
+    names = ("path", "events", "loops", "grains", "dem", "forecast")
+    files = {f"{name}.parquet" for name in names}
     assert {path.name for path in results.iterdir()} == {
         *files, *FIGURES, "summary.json", "report.html",
     }  # fmt: skip
@@ -149,6 +150,26 @@ def test_tables_are_the_numerics(small, tmp_path):
 
 
 @pytest.mark.slow
+def test_grains_and_loops_keep_the_ids_of_the_file(small, tmp_path):
+    path, snapshot = small
+    run_evolve([path], tmp_path / "out", to=1e-3, rows=2, figures=False)
+    grains, loops = (
+        pd.read_parquet(tmp_path / "out" / f"{n}.parquet") for n in ("grains", "loops")
+    )
+    stage, _ = stage_of("drained", 1, 1e-3)
+    end = follow(snapshot, stage, closure="packing", rows=2).states[-1]
+    np.testing.assert_array_equal(grains["id"], snapshot.ids)
+    np.testing.assert_allclose(grains[["x", "y"]], end.x[: len(grains)], rtol=1e-12)
+    np.testing.assert_allclose(grains["theta_z"], end.angle[: len(grains)], rtol=1e-12)
+    assert grains["contacts"].sum() == 2 * end.closed.sum()
+    still = grains["x"] - grains["dx"], grains["y"] - grains["dy"]
+    np.testing.assert_allclose(np.stack(still, axis=1), snapshot.graph.x, atol=1e-12)
+    faces = snapshot.faces
+    for row, ids in enumerate(loops["grains"]):
+        a, b = faces.offsets[faces.loops[row] + np.arange(2)]
+        assert list(ids) == snapshot.ids[faces.grains[a:b]].tolist()
+
+
 def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
     status = run(monkeypatch, "evolve", small[0], "--to", "0.2", "--interval", "1e-3", "--out", out)

@@ -1,0 +1,272 @@
+"""Domain of one loop in its present state: where programmes in all directions end, and by what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
+from loops.arrays import Floats
+from loops.closures import Closure, Spins
+from loops.closures.system import named_closure
+from loops.errors import check_choice, whole_number
+from loops.laws import LinearFrictional
+from loops.scene import Scene, Subject, scene_of
+from loops.shown import Shown
+from loops.symmetry import loop_symmetry
+from stability import judge
+from stability.paths.fan import Control, Fan, LoopStates
+from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
+from stability.paths.model import path_model
+from studies.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT_GREY,
+    ONE_COLUMN,
+    ORANGE,
+    VERMILION,
+    axes_or_new,
+    figure_of,
+    styled,
+)
+
+# End of the programmes over the mean overlap: the range of the figure, in which contacts near
+# opening and yield are seen.
+REACH_OVERLAPS = 5.0
+# What may end a programme, with colour, line and words; the first that is met counts.
+ENDS: dict[str, tuple[str, str, str]] = {
+    "det_Ks_zero": (VERMILION, "-", r"$\det K_s = 0$"),
+    "det_K_zero": (BLACK, "-", r"$\det K = 0$"),
+    "limit": (ORANGE, "-", "the programme has no continuation"),
+    "opening": (BLUE, "--", "a contact opens"),
+    "end": (GREY, ":", "end of the range"),
+}
+RAYS = 24  # programmes that are drawn as lines
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopDomain(Shown):
+    """Ends of the programmes that leave the present state of a loop in all directions.
+
+    Attributes
+    ----------
+    rows : pandas.DataFrame
+        One a programme: `programme_deg` (direction of strain, or of stress, from axis 1 to axis 2),
+        `kind` of what ended it (`ENDS`), the changes of strain `E1`, `E2` and the stresses `s1`,
+        `s2` there (unit `stress_unit`); not numbers where no end is known.
+    yields : pandas.DataFrame
+        The same of the first contact that yields on the programmes where one does.
+    start : (2,) array
+        Stress of the present state.
+    status : str
+        Verdict on the present state in (11, 22).
+    control, stress_unit : str
+        Whether programmes are straight in strain or in stress, and what stresses are over.
+    """
+
+    rows: pd.DataFrame
+    yields: pd.DataFrame
+    start: Floats
+    status: str
+    control: str
+    stress_unit: str
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        counts = self.rows["kind"].value_counts().to_dict()
+        return {
+            "present state": self.status, "programmes": len(self.rows), "of": self.control,
+            **{f"ended by {kind}": count for kind, count in counts.items()},
+        }  # fmt: skip
+
+
+def circle_of_programmes(directions: int) -> Floats:
+    """Angles of programmes in all directions, 45 degrees (isotropic for equal sides) among them."""
+    return np.asarray(0.25 * np.pi + np.linspace(-np.pi, np.pi, directions, endpoint=False))
+
+
+def present_fan(
+    graph: GrainGraph,
+    law: ContactLaw,
+    closure: Closure,
+    spins: Spins,
+    control: Control,
+    directions: int,
+) -> tuple[Fan, FanLimits]:
+    """Limits of the programmes from the present state of a loop in all directions."""
+    graph = graph.replace(x0=graph.x)
+    contacts = contact_state(graph)
+    overlap = float(np.mean(contacts.overlap / contacts.touching_length))
+    model = path_model(graph, contacts, law, closure, spins, None)
+    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
+    fan = Fan(model, control, circle_of_programmes(directions), REACH_OVERLAPS * overlap)
+    start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
+    if spins == "blocked" and type(law) is LinearFrictional:
+        limits = first_limits(fan, start)
+    else:
+        limits = FanLimits.none(directions, model.contact_count)
+        limits.open_question[:] = True
+    for programme in np.flatnonzero(limits.open_question):
+        followed_limits(fan, int(programme), limits, spins, graph)
+    return fan, limits
+
+
+def stresses_of(fan: Fan, states: LoopStates) -> Floats:
+    """(B, 2, 2) nominal stresses of states."""
+    contacts, model = fan.contacts(states), fan.model
+    N, T = contacts.normal_force[..., None], contacts.shear_force[..., None]
+    force = N * contacts.n + T * contacts.t
+    return np.asarray(np.einsum("bci,cj->bij", force, model.d0) / model.volume)
+
+
+def ends_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
+    """What ends each programme first, and the state there."""
+    count = len(fan.programme)
+    kinds = [kind for kind in ENDS if kind in LIMITS]
+    distance = np.stack(
+        [
+            np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T), np.inf)
+            for kind in kinds
+        ]
+    )
+    first, ended = distance.argmin(axis=0), np.isfinite(distance.min(axis=0))
+    kind = np.where(ended, np.array(kinds)[first], "end")
+    values = np.full((4, count), np.nan)
+    known = {name: limits.states[name] for name in kinds} | {"end": limits.end}
+    for name, states in known.items():
+        at = np.flatnonzero(kind == name)
+        if states is None or len(at) == 0:
+            continue
+        own = states.take(at)
+        P = stresses_of(fan, own)
+        values[:, at] = own.H[:, 0], own.H[:, 3], P[:, 0, 0], P[:, 1, 1]
+    names = ("E1", "E2", "s1", "s2")
+    frame = {"programme_deg": np.degrees(fan.programme), "kind": kind}
+    return pd.DataFrame(frame | dict(zip(names, values, strict=True)))
+
+
+def yields_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
+    """State of the first yield on each programme that has one."""
+    at = np.flatnonzero(limits.found["yield"])
+    own = limits.states["yield"].take(at)
+    P = stresses_of(fan, own)
+    return pd.DataFrame(
+        {
+            "programme_deg": np.degrees(fan.programme[at]), "E1": own.H[:, 0], "E2": own.H[:, 3],
+            "s1": P[:, 0, 0], "s2": P[:, 1, 1],
+        }
+    )  # fmt: skip
+
+
+def loop_domain(
+    loop: Subject,
+    closure: Closure | None = None,
+    *,
+    spins: Spins = "blocked",
+    control: Control = "strain",
+    directions: int = 361,
+) -> LoopDomain:
+    """Domain of one loop: what ends straight programmes from its present state, and where.
+
+    Parameters
+    ----------
+    loop : SnapshotLoop, Scene or Snapshot
+        One loop, `gl.loop(snapshot, 62)` for example.
+    closure : {'affine', 'traction'}
+        How the surrounding medium drives the grains; it has to be named.
+    spins : {'blocked', 'affine', 'free'}
+        What the grains' spins do; others than blocked follow each programme by itself.
+    control : {'strain', 'stress'}
+        Whether programmes are straight in (H11, H22) or in (P11, P22).
+    directions : int
+        Number of programmes in all directions; they end at a strain of five mean overlaps.
+
+    Returns
+    -------
+    LoopDomain
+        `.table()` has a row a programme, `.plot()` the boundary.
+
+    Raises
+    ------
+    InputError
+        Without a closure, for other words, or if the forces do not fit the law.
+
+    Examples
+    --------
+    >>> from patterns import loop_of_snapshot, read_snapshot, sample_path
+    >>> one = loop_of_snapshot(read_snapshot(sample_path()), 62)
+    >>> found = loop_domain(one, "traction", directions=9)
+    >>> found.status, len(found.rows)
+    ('stable', 9)
+    """
+    closure = named_closure(closure)
+    check_choice("control", control, ("strain", "stress"))
+    whole_number("directions", directions, 3)
+    scene: Scene = scene_of(loop)
+    if scene.boundary.kind != "free":
+        received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
+        raise InputError("first argument", received, "one loop", remedy)
+    fan, limits = present_fan(scene.graph, scene.law, closure, spins, control, directions)
+    return domain_of(scene.graph, fan, limits, spins, "force/length")
+
+
+def domain_of(
+    graph: GrainGraph, fan: Fan, limits: FanLimits, spins: Spins, stress_unit: str
+) -> LoopDomain:
+    """Domain of a loop from its fan and the limits along it."""
+    here = LoopStates.at_rest(1, fan.model.contact_count, graph.shear_force)
+    tangent = macroscopic_tangent(graph, fan.model.law, fan.model.closure, spins=spins)
+    return LoopDomain(
+        rows=ends_of(fan, limits),
+        yields=yields_of(fan, limits),
+        start=np.diagonal(stresses_of(fan, here)[0]),
+        status=judge(tangent, "diagonal").status,
+        control=fan.control,
+        stress_unit=stress_unit,
+    )
+
+
+@styled()
+def domain_figure(found: LoopDomain, plane: str) -> Figure:
+    """Figure of a domain in one plane, for a report."""
+    ax = axes_or_new(None, ONE_COLUMN, 4.4)
+    return figure_of(draw_domain(found, ax, plane))
+
+
+def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
+    """Boundary of a domain in the plane of strains or of stresses, its line by what ended it."""
+    names = ["E1", "E2"] if plane == "strain" else ["s1", "s2"]
+    origin = np.zeros(2) if plane == "strain" else found.start
+    points, kind = found.rows[names].to_numpy(dtype=float), found.rows["kind"].to_numpy()
+    step = max(1, len(points) // RAYS)
+    rays = [np.stack([origin, point]) for point in points[::step]]
+    ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
+    following = np.roll(points, -1, axis=0)
+    for name, (colour, style, words) in ENDS.items():
+        at = (kind == name) & np.isfinite(points).all(axis=1) & np.isfinite(following).all(axis=1)
+        if at.any():
+            pieces = np.stack([points[at], following[at]], axis=1)
+            ax.add_collection(LineCollection(list(pieces), colors=colour, linestyles=style,
+                                             linewidths=1.3))  # fmt: skip
+            share = 100.0 * np.mean(kind == name)
+            ax.plot([], [], style, color=colour, label=f"{words} ({share:.0f} %)")
+    if len(found.yields):
+        inside = found.yields[names].to_numpy(dtype=float)
+        ax.plot(*inside.T, ".", color=GREEN, markersize=1.5, label="a contact yields")
+    ax.plot(*origin, "P", color=BLACK, markersize=5, label=f"present state, {found.status}")
+    unit = "" if plane == "strain" else f" ({found.stress_unit})"
+    symbol = "E" if plane == "strain" else "P"
+    change = "change of strain " if plane == "strain" else "stress "
+    ax.set(xlabel=f"{change}${symbol}_{{11}}${unit}", ylabel=f"{change}${symbol}_{{22}}${unit}")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.autoscale_view()
+    ax.ticklabel_format(scilimits=(-2, 3))
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.02))
+    return ax
