@@ -297,7 +297,8 @@ def plot_envelope(
         answer[rows] = rates(regime)[rows]
     ax.plot(*answer.T, color=BLUE, label="contacts slide as the direction requires")
     unstable = np.where((found.work[:, 0] < 0.0)[:, None], answer, np.nan)
-    ax.plot(*unstable.T, color=VERMILION, linewidth=2.2, label="negative second-order work")
+    label = "negative second-order work" if np.isfinite(unstable).any() else "_none"
+    ax.plot(*unstable.T, color=VERMILION, linewidth=2.2, label=label)
     ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.set(xlabel="$P'_{11}$ (force / length)", ylabel="$P'_{22}$ (force / length)")
@@ -308,7 +309,7 @@ def plot_envelope(
     return ax
 
 
-@drawn(ONE_COLUMN, 4.2, "polar")
+@drawn(ONE_COLUMN + 0.2, 4.9, "polar")
 def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) -> Axes:
     """Rose of directions of the contacts or loops of a snapshot, with standard errors.
 

@@ -32,8 +32,9 @@ FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$"
 def reading(**how: Any) -> dict[str, Any]:
     """All options of `read_planar` but the path: the given ones, defaults for the others."""
     asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
-    # Contradictory input is always refused here.
-    defaults = {one.name: one.default for one in asked if one.name != "strict"}
+    # Contradictory input is always refused here, and friction has one name in a configuration.
+    left = ("strict", "phi")
+    defaults = {one.name: one.default for one in asked if one.name not in left}
     return {**defaults, "drop_crossings": False, **how}
 
 
