@@ -349,13 +349,7 @@ def draw_grains(
 def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool) -> list[Line2D]:
     """Handles of the legend: regimes, the force of the widest line, and of the arrows."""
     key = [
-        Line2D(
-            [],
-            [],
-            color=REGIME_COLOURS[regime],
-            linewidth=0.5 * FORCE_WIDTH,
-            label=f"{name} contact",
-        )
+        Line2D([], [], color=REGIME_COLOURS[regime], lw=0.5 * FORCE_WIDTH, label=f"{name} contact")
         for regime, name in REGIME_NAMES.items()
         if regime in regimes
     ]
