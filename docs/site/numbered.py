@@ -39,7 +39,8 @@ def shown(face):
     names = getattr(module, "__all__", None) or [n for n in vars(module) if n[0] != "_"]
     for name in sorted(names):
         what = getattr(module, name)
-        # A module shows its own, a package what it imports.
-        here = hasattr(module, "__path__") or getattr(what, "__module__", "") == face
+        # A module shows its own, a package and one with a list what they import.
+        listed = hasattr(module, "__path__") or hasattr(module, "__all__")
+        here = listed or getattr(what, "__module__", "") == face
         if here and (isfunction(what) or isclass(what)):
             yield name, what

@@ -1,10 +1,17 @@
 """The site's own pages: API reference, installation."""
 
 import re
+import sys
 import tomllib
 
 import grainloops as gl
 from tests.docs.pages import DOCS, page, section, tables
+
+sys.path.insert(0, str(DOCS / "site"))
+try:
+    from numbered import shown
+finally:
+    sys.path.pop(0)
 
 PAGES = sorted(path for path in (DOCS / "reference").glob("*.md") if path.stem != "index")
 
@@ -22,6 +29,14 @@ def test_every_name_of_the_front_door_stands_on_one_page_of_the_reference():
     # The programmes have a page of their own, and so have the figures.
     assert sorted([*named, "__version__", "plot", "programmes"]) == sorted(gl.__all__)
     assert "rooms/programmes.md" in page("reference/paths")
+
+
+def test_names_of_the_reference_are_those_that_their_face_shows():
+    for path in PAGES:
+        blocks = re.findall(r"^```{names} (\S+)\n(.*?)```", path.read_text(), re.M | re.S)
+        assert blocks
+        for face, names in blocks:
+            assert set(names.split()) <= {name for name, _ in shown(face)}, path.name
 
 
 def test_the_reference_lists_its_pages():
