@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from loops import LinearFrictional, Scene
+from loops import LinearFrictional, Scene, boundary_of
 from patterns.diamond import (
     PrintedRule,
     diamond,
@@ -46,11 +46,11 @@ def drained_test(table: int, rule: str) -> tuple[pd.DataFrame, float]:
     exact = drained_path(loop)
     strains = (float(exact.end.E1) + AFTER_YIELD, LAST_STRAIN)
     drained = [Stage(programmes.drained_biaxial(), "H11", E) for E in strains]
+    graph, law = diamond(loop.alpha0), RULES[rule](1.0, loop.kappa, loop.mu)
     path = follow(
-        Scene(diamond(loop.alpha0), RULES[rule](1.0, loop.kappa, loop.mu)),
+        Scene(graph, law, boundary_of(graph, volume=2.0 * np.sin(2.0 * loop.alpha0))),
         [Stage(programmes.isotropic_strain(), "H11", loop.confinement), *drained],
         closure="affine",
-        volume=2.0 * np.sin(2.0 * loop.alpha0),
         rows=80,
     )
     rows = path.stage > 0
