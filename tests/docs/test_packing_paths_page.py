@@ -181,6 +181,7 @@ def test_settings():
     assert regime_factor.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
     shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
     assert shares == (1e-4, 1e-5, 1e-2)
+    assert rattlers.CAUGHT_SHARE == 2e-3 and "at a force of at most 2e-3 of the mean" in PAGE
     assert "no force above 1e-4 of the mean" in PAGE and "until 1e-5 of the mean force" in PAGE
     assert path_solver.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
     assert path.MOST_HALVINGS == 5 and path.CONVERGED == 0.01 and "After five halvings" in PAGE
