@@ -18,6 +18,7 @@ from loops.laws.movable import require_movable
 from patterns import Snapshot
 from stability import Stage, follow, programmes
 from stability.packing import hold, loop_changes, replay, sustain
+from stability.packing.equations_of_motion import Moving, masses_of, servo_of
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from tests.packings import jammed, strained
@@ -236,3 +237,19 @@ def test_a_series_under_bonds_predicts_what_the_equations_of_motion_do(bonded):
     found = np.asarray(columns["path_w2"])
     assert np.isfinite(found).sum() > 5
     np.testing.assert_allclose(found, wanted, atol=0.02 * np.nanmax(np.abs(wanted)))
+
+
+@pytest.mark.parametrize("bonded", [False, True])
+def test_the_kernel_of_motion_has_the_forces_of_the_law_and_new_pairs_no_bond(bonded):
+    """An attraction pulls at any overlap, a bond alone beyond touch; what comes near is free."""
+    graph, law = row(bonded)
+    state = contacts_of(start_state(graph), law)
+    masses, inertias = masses_of(graph.radii)
+    moving = Moving(state, masses, inertias, servo_of(state, masses), gradient=np.zeros((2, 2)))
+    wanted = law.normal_force(contact_state(graph))
+    np.testing.assert_allclose(moving.motion.answer[0, :2], wanted, rtol=1e-12)
+    near = state.with_near(3.0)
+    assert len(near.contacts) > 2
+    adhesion = np.broadcast_to(near.law.law.adhesion, len(near.contacts))
+    np.testing.assert_array_equal(adhesion[:2], PULL)
+    np.testing.assert_array_equal(adhesion[2:], 0.0 if bonded else PULL)
