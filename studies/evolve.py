@@ -125,8 +125,6 @@ def run_evolve(
         events = event_table(way, snapshot.ids, sense)
         tables = {"path": rows_of_path, "events": events, "loops": loops}
         tables["grains"] = grain_table(way, snapshot.ids)
-        offsets, _, grains = loop_polygons(snapshot.graph, snapshot.faces)
-        loops["grains"] = np.split(snapshot.ids[grains], offsets[1:-1])
         if len(ways) > 1:
             _, replayed, tables["replay_loops"] = _way_tables(snapshot, ways["replay"], sense)
             tables["replay"] = replayed.drop(columns="events")
@@ -170,6 +168,8 @@ def _way_tables(
     faces = snapshot.faces
     changes = [loop_changes(snapshot.graph, state, faces) for state in way.states[1:]]
     loops = change_table(changes, faces, sense * way.parameter)
+    offsets, _, grains = loop_polygons(snapshot.graph, faces)
+    loops["grains"] = np.split(snapshot.ids[grains], offsets[1:-1])
     return changes, row_table(way, sense), loops
 
 

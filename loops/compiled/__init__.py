@@ -29,16 +29,13 @@ PASSES_FROM = 200_000
 """Contacts from which on kernels pass over them (`loops.compiled.passes`).
 
 Before, loading these kernels takes what they save: the processor time of `grainloops snapshot` is
-the same either way at 50,000, 100,000 and 200,000 grains of 1.85 contacts, to the 5 % that runs
-differ; of a million grains it is several seconds less.
+the same either way at 50,000, 100,000 and 200,000 grains of 1.85 contacts, to the scatter of runs;
+of a million grains it is several seconds less.
 """
 
 
 WIDTH = 8
-"""Right-hand sides that `loops.compiled.columns.solve_eight` solves at once: a processor's vector.
-
-Its kernels know it from when they were compiled: who changes it removes their cache.
-"""
+"""Right-hand sides that `columns.solve_eight` solves at once: a processor's vector."""
 
 
 def load_ahead(contacts: int) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from loops.arrays import Floats, Integers
-from loops.compiled import WIDTH, kernel
+from loops.compiled import kernel
+
+# `loops.compiled.WIDTH`: numba compiles a kernel anew for changes of its own file alone.
+WIDTH = 8
 
 
 @kernel

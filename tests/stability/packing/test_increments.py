@@ -241,7 +241,7 @@ def test_a_packing_at_rest_is_asked_once_its_load_is_on():
     # All masses are the mean one; the step is short of the stable one.
     np.testing.assert_allclose(moving.masses, masses.mean(), rtol=1e-12)
     np.testing.assert_allclose(moving.inertias, INERTIA * masses.mean() * radii**2, rtol=1e-12)
-    stable = largest_step(moving.masses, moving.inertias, solver.state, solver.by_radii)
+    stable = largest_step(moving.masses, moving.inertias, solver.state)
     usual = STRIDE * 0.3 * np.sqrt(masses.mean() / LAW.kn)
     assert moving.dt == pytest.approx(min(usual, STABLE * stable), rel=1e-2)
 

@@ -66,7 +66,7 @@ def test_verdicts_are_those_of_the_earlier_snapshot(ran):
     earlier = frame[frame.loop_before >= 0].merge(
         loops, left_on=["snapshot_before", "loop_before"], right_on=["snapshot", "loop"]
     )
-    for judge in JUDGES[:-1]:
+    for judge in JUDGES[1:]:
         smallest, verdict = earlier[f"{judge}_lambda_min"], earlier[f"{judge}_verdict"]
         assert (verdict[smallest.isna()] == "undetermined").all()
         assert (verdict[smallest < -1e-9] == "unstable").all()
