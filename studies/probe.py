@@ -29,7 +29,7 @@ from stability.path import Past
 from studies.output import UNITS, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.evolution import components
-from studies.series.workers import one_blas_thread, open_runner
+from studies.series.workers import open_runner
 from studies.snapshot.in_packing import (
     balance_notes,
     held_snapshot,
@@ -222,11 +222,10 @@ class _Direction:
 def _follow(one: _Direction) -> tuple[int, tuple[FollowedPath, float]]:
     """The path of a direction, and what it has reached: its last row may lie before."""
     reached = [0.0]
-    with one_blas_thread():
-        path = follow(
-            one.scene, one.stage, closure="packing", past=one.past,
-            progress=lambda done: reached.__setitem__(0, done),
-        )  # fmt: skip
+    path = follow(
+        one.scene, one.stage, closure="packing", past=one.past,
+        progress=lambda done: reached.__setitem__(0, done),
+    )  # fmt: skip
     return one.number, (path, max(reached[0], float(path.parameter[-1])))
 
 

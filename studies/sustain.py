@@ -32,7 +32,7 @@ from stability.path import Event
 from stability.path import Path as LoadedPath
 from studies.output import code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
-from studies.series.workers import Runner, one_blas_thread, open_runner
+from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
 from studies.study import study
 
@@ -248,9 +248,7 @@ class _Direction:
 
 
 def _load(one: _Direction) -> tuple[int, LoadedPath]:
-    scene = one.scene
-    with one_blas_thread():
-        return one.number, load_path(scene, one.direction, one.loading, scene.faces)
+    return one.number, load_path(one.scene, one.direction, one.loading, one.scene.faces)
 
 
 def _followed(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops import Faces, find_faces
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, one_blas_thread
 from loops.errors import InputError, check_choice, whole_number
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
@@ -203,6 +203,7 @@ class Probe(Shown):
 
 
 @of_scene()
+@one_blas_thread()
 def probe(
     scene: Scene,
     directions: ArrayLike = 72,

@@ -10,7 +10,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats
+from loops.arrays import Floats, one_blas_thread
 from loops.contacts import Contacts, start_state
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces
@@ -262,6 +262,7 @@ def sustain(
     return Sustained(subspace, unit, largest, tuple(paths), start.stress)
 
 
+@one_blas_thread()
 def load_path(scene: Scene, direction: Floats, loading: Loading, faces: Faces | None) -> Path:
     """Return the path along one direction of `sustain`, with its spread."""
     path = _loaded(scene, direction, loading, faces)

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from loops import InputError
+from loops.arrays import one_blas_thread
 from loops.kinetics import order_events
 from loops.tracking import LoopFates, exchange_counts
 from patterns import Snapshot
@@ -56,7 +57,7 @@ from studies.series.packing import (
     indicator_columns,
     packing_predictions,
 )
-from studies.series.workers import Runner, one_blas_thread
+from studies.series.workers import Runner
 from studies.snapshot.table import loop_columns
 
 KEY = b"grainloops"

@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 
 # A limit holds for libraries that are loaded before it: scipy has linear algebra of its own.
 import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_limits
 
 from loops import InputError
 from loops.arrays import available_cores
@@ -152,15 +151,6 @@ def _begin() -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
-
-
-def one_blas_thread() -> threadpool_limits:
-    """Run the linear algebra of numpy and scipy in one thread until the block ends.
-
-    The number of threads of OpenBLAS changes the last digit of a decomposition, from some 40
-    unknowns on; one process, several, and a cluster of other machines must write the same bytes.
-    """
-    return threadpool_limits(1, user_api="blas")
 
 
 @contextmanager

@@ -94,7 +94,7 @@ def fabric(snapshot: Snapshot) -> Fabric:
     --------
     >>> from patterns import read_snapshot, sample_path
     >>> found = fabric(read_snapshot(sample_path()))
-    >>> [(name, round(float(a), 3)) for name, a in zip(found.of[:3], found.anisotropy)]
+    >>> [(str(name), round(float(a), 3)) for name, a in zip(found.of[:3], found.anisotropy)]
     [('contacts', 0.093), ('strong contacts', 0.334), ('weak contacts', 0.086)]
     """
     snapshot = planar(snapshot)

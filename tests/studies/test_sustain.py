@@ -81,7 +81,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
 def test_tables_are_the_numerics(results, state):
     read = read_snapshot(state, shear_increment="radii")
     held = gl.hold(gl.Scene(read.graph, read.law))
-    found = sustain_packing(held.graph, held.law, 4, largest=0.0022, interval=1e-4)
+    found = sustain_packing(gl.Scene(held.graph, held.law), 4, largest=0.0022, interval=1e-4)
     table = pd.read_parquet(results / "sustain.parquet")
     assert table["status"].tolist() == found.status.tolist()
     assert "held" in found.status and any("large" in one for one in found.status)

@@ -7,6 +7,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from loops import (
     GrainGraph,
@@ -416,7 +417,8 @@ def test_rows_are_looks_at_a_path_and_no_steps_of_it(which, stress):
         assert told[0] == told[1]
         for name in ("P", "H", "energy", "work"):
             found, wanted = (getattr(path, name)[-1] for path in (other, one))
-            atol = 1e-10 * np.abs(getattr(one, name)).max()
+            # Rounding of some fifty intervals; a row that cut one would move the end by 1e-4.
+            atol = 1e-9 * np.abs(getattr(one, name)).max()
             np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
         size = one.states[-1].mean_force
         np.testing.assert_allclose(
@@ -599,7 +601,7 @@ def test_energy_of_yades_steps_is_closed(number):
     (one, _), (two, _) = slow(number), slow(number + 1)
     stage = strained(strain_between(one, two))
     path = followed(Scene(one.graph, one.law), stage, rows=5, instabilities=100)
-    assert path.status == "finished" and len(path.events) > 200
+    assert path.status == "finished" and len(path.events) > 150
     work, *spent = np.diff(path.work, axis=0).T
     open_ = work - sum(spent) - np.diff(path.energy)
     assert (np.abs(open_) < 1e-9 * work).all()
@@ -617,3 +619,16 @@ def test_strain_ratio_of_yades_sample(number):
     )
     ratio = path.H[-1, 0] / path.H[-1, 3]
     assert ratio == pytest.approx(strain[0, 0] / strain[1, 1], rel=0.02)
+
+
+def test_linear_algebra_of_a_path_has_one_thread():
+    """Several threads change last digits, and took seven times as long on two cores."""
+    asked, seen = threadpool_limits(2, user_api="blas"), []
+
+    def look(_):
+        seen.extend(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
+
+    with asked:
+        graph = jammed(12, 1, LAW)
+        followed(Scene(graph, LAW), strained(H), interval=2e-4, rows=1, progress=look)
+    assert seen and set(seen) == {1}

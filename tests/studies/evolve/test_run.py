@@ -156,7 +156,7 @@ def test_grains_and_loops_keep_the_ids_of_the_file(small, tmp_path):
     grains, loops = (
         pd.read_parquet(tmp_path / "out" / f"{n}.parquet") for n in ("grains", "loops")
     )
-    stage, _ = stage_of("drained", 1, 1e-3)
+    stage = stage_of("drained", 1, 1e-3)
     end = follow(snapshot, stage, closure="packing", rows=2).states[-1]
     np.testing.assert_array_equal(grains["id"], snapshot.ids)
     np.testing.assert_allclose(grains[["x", "y"]], end.x[: len(grains)], rtol=1e-12)

@@ -24,6 +24,7 @@ from threadpoolctl import ThreadpoolController
 
 import studies
 from loops import InputError
+from loops.arrays import one_blas_thread
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
@@ -206,7 +207,7 @@ def test_blas_threads_change_no_digit():
         for threads in (1, 2, 4):
             for library in libraries:
                 library.set_num_threads(threads)
-            with workers.one_blas_thread():
+            with one_blas_thread():
                 one = np.linalg.svd(matrix)[0].tobytes() + linalg.svd(matrix)[0].tobytes()
                 digests.append(one)
             assert [library.num_threads for library in libraries] == [threads] * 2
