@@ -363,7 +363,9 @@ def test_loops_that_the_sweep_spoils_are_solved_again(monkeypatch):
     # Where they would be too many, what the sweep makes is stated.
     monkeypatch.setattr(in_place, "AGAIN", 4 * found.system.size * 4.0)
     few, few_stated = errors(loops_in_place(Scene(graph.replace(regime=regime), law), faces))
-    assert np.array_equal(few[:4], error[:4]) and np.array_equal(few_stated[:4], stated[:4])
+    # Solved in other batches: the same to rounding.
+    assert (few[:4] < 1e-3 * stated[:4]).all()
+    np.testing.assert_allclose(few_stated[:4], stated[:4], rtol=1e-6)
     assert (few < few_stated).all() and (few[4:] > 10 * error[4:]).all()
     np.testing.assert_allclose(few_stated[4:], stated[4:] + met[0][worst[4:]], rtol=0.05)
 
@@ -519,11 +521,14 @@ def test_a_loop_beyond_its_buffer_has_no_error():
     """Grains of a loop that reaches further than the buffer move with it; all around is held."""
     graph = synthetic_network(400, seed=5, periodic=True, coordination=3.4)
     faces = find_faces(graph)
-    part = loops_in_place(Scene(graph, LAW), faces, method="blocks", block=5.0, buffer=1.0)
-    beyond = np.isinf(part.error)
     order = faces.order[faces.loops]
-    assert beyond.any() and order[beyond].min() > np.median(order)
-    assert np.isfinite(part.matrix[beyond]).all() and np.isfinite(part.error[order == 3]).all()
+    near, far = (
+        loops_in_place(Scene(graph, LAW), faces, method="blocks", block=5.0, buffer=buffer)
+        for buffer in (1.0, 6.0)
+    )
+    # Near by, held grains may change smaller loops by their whole operator, too.
+    assert np.isinf(near.error[order > 8]).all() and (order > 8).any()
+    assert np.isfinite(near.matrix).all() and np.isfinite(far.error).all()
 
 
 def test_a_loop_that_carries_nothing_has_no_operator():
