@@ -139,8 +139,8 @@ def test_the_stated_error_of_blocks_holds(request, name, buffer):
     # is infinite where held grains of a narrow buffer may change a loop by its whole operator.
     if "sheared" not in name:
         assert np.isfinite(found.error).mean() > (0.98 if buffer > 5.0 else 0.5)
-        change = found.error / (1.0 + found.error)
-        assert np.nanmedian(change / state.error(found)) < 200
+        change = 1.0 - 1.0 / (1.0 + found.error)
+        assert np.median(change / state.error(found)) < 200
 
 
 def test_loops_across_the_border_are_judged_where_they_stand(elastic):
