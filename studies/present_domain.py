@@ -127,7 +127,7 @@ def stresses_of(fan: Fan, states: LoopStates) -> Floats:
 
 
 def ends_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
-    """What ends each programme first, and the state there."""
+    """Return the first limit of each programme, or its end, with strains and stresses there."""
     count = len(fan.programme)
     kinds = [kind for kind in ENDS if kind in LIMITS]
     distance = np.stack(
