@@ -11,10 +11,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from loops import InputError, MacroTangent
+from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_severity
-from patterns.snapshots.snapshot import SnapshotLoop
+from patterns.snapshots.snapshot import SnapshotLoop, snapshot_of
 from stability import COMPONENTS, Path, PlaneCone, Regimes, Verdict
 from stability.packing import PackingResponse, Probe, Sustained
 from studies.present_domain import LoopDomain
@@ -39,13 +40,14 @@ class Check(Shown):
         return {"verdict": self.verdict, **counts, **said}
 
 
-def check(snapshot: Snapshot) -> Check:
+def check(snapshot: Snapshot | Subject) -> Check:
     """Check a snapshot for consistency, as `grainloops check` does: signs, units, balance.
 
     Parameters
     ----------
-    snapshot : Snapshot
-        A file that fails is read with `read_snapshot(path, strict=False)`.
+    snapshot : Snapshot or Scene
+        A file that fails is read with `read_snapshot(path, strict=False)`; of a scene only the
+        crossings of its branches are checked.
 
     Returns
     -------
@@ -58,16 +60,17 @@ def check(snapshot: Snapshot) -> Check:
     >>> check(read_snapshot(sample_path())).verdict
     'ok'
     """
+    snapshot = snapshot_of(snapshot)
     findings = (*snapshot.findings, crossings(snapshot.graph))
     return Check(worst_severity(findings), findings)
 
 
-def loop(snapshot: Snapshot, number: int) -> SnapshotLoop:
+def loop(snapshot: Snapshot | Subject, number: int) -> SnapshotLoop:
     """Take one loop out of a snapshot; every question about a scene takes it.
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
         With a law.
     number : int
         Of the loop in the column `loop` of `loop_table`.
@@ -89,7 +92,7 @@ def loop(snapshot: Snapshot, number: int) -> SnapshotLoop:
     >>> one.graph.grain_count == len(one.ids), one.scene.boundary.kind
     (True, 'free')
     """
-    return loop_of_snapshot(snapshot, number)
+    return loop_of_snapshot(snapshot_of(snapshot), number)
 
 
 @singledispatch

@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from loops import InputError, force_chains
+from loops.scene import Subject
 from patterns import Snapshot, planar
 from stability import Path
 from studies.output import SIGNS, UNITS, described, provenance
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
     from geopandas import GeoDataFrame
 
 
-def loop_table(snapshot: Snapshot, *, in_packing: bool = False) -> pd.DataFrame:
+def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.DataFrame:
     """One row per loop: shape, stress and stability, as `grainloops snapshot` writes them.
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
         Without forces only the geometry is there.
     in_packing : bool
         Whether to judge each loop inside its packing too, in the columns `packing_*` and

@@ -28,10 +28,11 @@ from loops import (
     outline_area,
 )
 from loops.arrays import Integers, Regimes, in_threads
+from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
 from loops.graph import branches_of, state_of_branches
 from loops.loop_batches import CONTACTS_AT_ONCE
-from loops.scene import Scene
+from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from patterns.snapshots.checked import READ_LAWS
 from patterns.snapshots.findings import Finding
@@ -255,6 +256,30 @@ class Snapshot(Shown):
         }
 
 
+def snapshot_of(subject: Snapshot | Subject) -> Snapshot:
+    """Return the snapshot of a question's first argument: itself, or one of a scene's grains.
+
+    The ids of a scene's grains are their indices. `InputError` for anything else.
+    """
+    if isinstance(subject, Snapshot):
+        return subject
+    scene = scene_of(subject)
+    graph, walls, at_walls = scene.graph, scene.boundary.walls, None
+    if walls is not None:
+        if walls.force is None:
+            raise InputError("walls of the scene", "no forces", "force (W, 2)", "Give them.")
+        sliding = walls.regime == Regime.SLIDING
+        springs = walls.kn, walls.kt, walls.mu
+        at_walls = WallContacts(walls.grain, walls.force, -walls.branch, *springs, sliding)
+    regime = contact_regime(contact_state(graph), scene.law)
+    own = graph.replace(regime=regime)
+    ids, count = np.arange(graph.grain_count), 0 if walls is None else len(walls.grain)
+    snapshot = Snapshot(own, scene.law, regime, ids, count, (), at_walls)
+    # The boundary stays the scene's own.
+    vars(snapshot)["scene"] = replace(scene, graph=own)
+    return snapshot
+
+
 def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
     """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held.
 
@@ -370,12 +395,15 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     )
 
 
-def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = False) -> Snapshot:
+def planar(
+    snapshot: Snapshot | Subject, where: str = "the snapshot", *, drop: bool = False
+) -> Snapshot:
     """Return a snapshot whose network has no crossing branches, so that its loops are defined.
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
+        A scene's grains are numbered as in its graph.
     where : str
         Its name in the error.
     drop : bool
@@ -402,6 +430,7 @@ def planar(snapshot: Snapshot, where: str = "the snapshot", *, drop: bool = Fals
     >>> planar(crossed, drop=True).graph.contact_count
     5
     """
+    snapshot = snapshot_of(snapshot)
     pairs = find_crossings(snapshot.graph, MOST_CROSSINGS)
     if len(pairs) == 0:
         return snapshot

@@ -6,13 +6,13 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from loops.errors import InputError
 
@@ -35,6 +35,17 @@ PATIENCE = 2.0
 TICK = 0.5
 CLEAR = "\r\x1b[K"
 
+
+def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
+    """Return the whole number of an option; the library's own converter rounds 6.5 to 6."""
+    with suppress(ValueError):
+        number = float(tokens[0].value)
+        if number.is_integer():
+            return int(number)
+    raise ValueError(f"got {tokens[0].value}, expected a whole number")
+
+
+Whole = Annotated[int, Parameter(converter=whole_number)]
 Out = Annotated[
     Path | None,
     Parameter(help="Result folder, created. Default: named after the input, in this folder."),
@@ -57,7 +68,7 @@ Candidates = Annotated[
     ),
 ]
 Workers = Annotated[
-    int | None, Parameter(help="Number of processes on this machine. Default: one per core.")
+    Whole | None, Parameter(help="Number of processes on this machine. Default: one per core.")
 ]
 Scheduler = Annotated[
     str | None,
@@ -243,7 +254,7 @@ class OneReading(PlaneReading):
 
     contacts: Contacts = None
     frame: Annotated[
-        int | None,
+        Whole | None,
         Parameter(help="Snapshot of a file with several: 0 is the first, -1 the last."),
     ] = None
     cells: Cells = None

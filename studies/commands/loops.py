@@ -20,6 +20,7 @@ from studies.commands import (
     OneReading,
     Out,
     StrainRatio,
+    Whole,
     Writing,
     answer,
     clock,
@@ -38,7 +39,7 @@ Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (de
 
 def diamond_command(
     *,
-    table: Annotated[int | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
+    table: Annotated[Whole | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
     alpha0: Annotated[
         float | None, Parameter(help="Branch angle of the reference (degrees).")
     ] = None,
@@ -106,7 +107,7 @@ def diamond_command(
 
 def polygon_command(
     *,
-    order: Annotated[int | None, Parameter(help="Number of grains, 3 or more.")] = None,
+    order: Annotated[Whole | None, Parameter(help="Number of grains, 3 or more.")] = None,
     compare: Annotated[
         str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
     ] = None,
@@ -119,7 +120,7 @@ def polygon_command(
     snapshot: Annotated[
         Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
     ] = None,
-    loop: Annotated[int | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
+    loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     orientation: Annotated[
         str | None, Parameter(help="On axis 1: vertex or edge. Default: vertex.")
     ] = None,
@@ -263,7 +264,7 @@ def _polygon_lines(summary: dict[str, Any]) -> list[str]:
 def domain_command(
     *,
     order: Annotated[
-        int | None, Parameter(help="Number of grains of a regular loop, 3 to 60.")
+        Whole | None, Parameter(help="Number of grains of a regular loop, 3 to 60.")
     ] = None,
     compare: Annotated[
         str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
@@ -274,7 +275,7 @@ def domain_command(
     snapshot: Annotated[
         Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
     ] = None,
-    loop: Annotated[int | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
+    loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     closure: Annotated[
         str | None, Parameter(help="affine or traction. Default: affine; with --compare both.")
     ] = None,
@@ -295,7 +296,7 @@ def domain_command(
     ] = None,
     phi: Phi = None,
     directions: Annotated[
-        int | None,
+        Whole | None,
         Parameter(
             help="Number of programmes, odd. Default: 361; without --order, --compare, --radii and "
             "--snapshot 1441."

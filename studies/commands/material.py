@@ -15,6 +15,7 @@ from studies.commands import (
     NoFigures,
     OneReading,
     StrainRatio,
+    Whole,
     Writing,
     answer,
     clock,
@@ -29,13 +30,13 @@ def material_command(
     ] = None,
     *,
     order: Annotated[
-        int | None, Parameter(help="Number of grains of a regular loop. Default: 6.")
+        Whole | None, Parameter(help="Number of grains of a regular loop. Default: 6.")
     ] = None,
     alpha0: Annotated[
         float | None, Parameter(help="Of a hexagon: angle of its inclined branches (degrees).")
     ] = None,
     orientations: Annotated[
-        int | None,
+        Whole | None,
         Parameter(help="Copies of the loop, turned evenly over half a turn. Default: 36."),
     ] = None,
     kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn. Default: 0.5.")] = None,
@@ -51,7 +52,7 @@ def material_command(
         Parameter(metavar="N1,N2,...", help="Of a snapshot: orders of the loops. Default: all."),
     ] = None,
     count: Annotated[
-        int | None, Parameter(help="Of a snapshot: at most so many loops, evenly spaced.")
+        Whole | None, Parameter(help="Of a snapshot: at most so many loops, evenly spaced.")
     ] = None,
     closure: Annotated[
         str,
@@ -69,7 +70,7 @@ def material_command(
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
     single: Annotated[
-        int | None,
+        Whole | None,
         Parameter(
             help="Number of the loop beside the mean, see loops.parquet. Default: of the median "
             "order, the one whose stress is nearest to the mean at the start."
@@ -82,7 +83,7 @@ def material_command(
             "snapshot 1e-3."
         ),
     ] = None,
-    steps: Annotated[int, Parameter(help="Steps of the programme.")] = 200,
+    steps: Annotated[Whole, Parameter(help="Steps of the programme.")] = 200,
     no_figures: NoFigures = False,
     writing: Writing | None = None,
     reading: OneReading | None = None,

@@ -22,6 +22,7 @@ from studies.commands import (
     Replaying,
     Scheduler,
     StrainRatio,
+    Whole,
     Workers,
     Writing,
     YieldBand,
@@ -150,7 +151,7 @@ def probe_command(
     /,
     *,
     writing: Writing | None = None,
-    directions: Annotated[int, Parameter(help="Number of directions.")] = 72,
+    directions: Annotated[Whole, Parameter(help="Number of directions.")] = 72,
     control: Annotated[
         str,
         Parameter(metavar="strain|stress", help="Which increment is prescribed in each direction."),
@@ -258,7 +259,7 @@ def sustain_command(
     /,
     *,
     writing: Writing | None = None,
-    directions: Annotated[int, Parameter(help="Number of directions of the stress rate.")] = 24,
+    directions: Annotated[Whole, Parameter(help="Number of directions of the stress rate.")] = 24,
     subspace: Annotated[
         str,
         Parameter(
@@ -276,7 +277,7 @@ def sustain_command(
     interval: Annotated[float, Parameter(help="Strain over which the geometry is kept.")] = 5e-6,
     large: Annotated[float, Parameter(help="Strain from which on a motion is large.")] = 3e-4,
     most_snaps: Annotated[
-        int,
+        Whole,
         Parameter(help="Largest number of smaller motions; a direction with more is unfinished."),
     ] = 30,
     no_spread: Annotated[
@@ -407,14 +408,15 @@ def evolve_command(
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
     axis: Annotated[
-        int, Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides.")
+        Whole,
+        Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides."),
     ] = 1,
-    rows: Annotated[int, Parameter(help="Rows of the path, evenly spaced.")] = 20,
+    rows: Annotated[Whole, Parameter(help="Rows of the path, evenly spaced.")] = 20,
     interval: Annotated[
         float,
         Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
     ] = 5e-6,
-    instabilities: Annotated[int, Parameter(help="Stop after this many unstable contacts.")] = 20,
+    instabilities: Annotated[Whole, Parameter(help="Stop after this many unstable contacts.")] = 20,
     past: PastOption = "viscous",
     pathologies: Annotated[
         bool,

@@ -28,6 +28,7 @@ from studies.commands import (
     Reading,
     Replaying,
     Scheduler,
+    Whole,
     Workers,
     Writing,
     YieldBand,
@@ -460,7 +461,7 @@ def series_command(
         ),
     ] = "straight",
     probe: Annotated[
-        int | None,
+        Whole | None,
         Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
     ] = None,
     indicators: Annotated[

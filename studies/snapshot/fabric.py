@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from loops import branch_vectors
 from loops.arrays import Flags, Floats
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
+from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
 from studies.snapshot.summary import group_rows
@@ -72,12 +73,12 @@ class Fabric(Shown):
         )  # fmt: skip
 
 
-def fabric(snapshot: Snapshot) -> Fabric:
+def fabric(snapshot: Snapshot | Subject) -> Fabric:
     """Anisotropy and direction of contacts and loops, by force and by order, with errors.
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
         Without forces contacts are not told apart by them.
 
     Returns

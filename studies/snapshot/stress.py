@@ -8,8 +8,10 @@ import numpy as np
 
 from loops import branch_vectors, contact_forces, outline_area
 from loops.arrays import Floats
+from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot
+from patterns.snapshots.snapshot import snapshot_of
 from patterns.snapshots.walls import box_area
 
 # Blocks along either axis, of which one after the other is left out for the errors.
@@ -73,12 +75,12 @@ class Stress(Shown):
         }  # fmt: skip
 
 
-def stress(snapshot: Snapshot) -> Stress:
+def stress(snapshot: Snapshot | Subject) -> Stress:
     """Stress of the whole sample: Love and Weber's mean over all contacts, walls included.
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
         With forces. The area is that of the cell, of the box within four upright walls, else of
         the polygon around the network, which makes the stress too large by the grains outside it.
 
@@ -99,6 +101,7 @@ def stress(snapshot: Snapshot) -> Stress:
     >>> round(found.p, 1), round(found.q_over_p, 3), found.volume_is
     (308.5, 0.334, 'box within the walls')
     """
+    snapshot = snapshot_of(snapshot)
     if not snapshot.has_forces:
         snapshot.mechanics()
     graph, walls = snapshot.graph, snapshot.walls

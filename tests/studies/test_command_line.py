@@ -82,6 +82,15 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     assert [str(path) for path in seen["paths"]] == ["a.csv", "b.csv"]
 
 
+@pytest.mark.parametrize("given", ["6.5", "nan", "six", "1e-3"])
+def test_whole_numbers_are_not_rounded(said, given):
+    asked = (("polygon", "--order"), ("series", SAMPLE, "--workers"), ("probe", SAMPLE, "--frame"))
+    for words in asked:
+        status, out, error = said(*words, given)
+        assert (status, out) == (2, "")
+        assert error.startswith(f"grainloops: Invalid value for {words[-1]}: got {given}, expected")
+
+
 def test_the_version_stands_anywhere(said):
     assert said("snapshot", "--version")[1] == f"grainloops {gl.__version__}\n"
 

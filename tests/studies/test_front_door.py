@@ -134,6 +134,20 @@ def test_every_question_takes_a_loop_of_a_snapshot(snapshot):
     assert len(envelope.lines) >= 3
 
 
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+def test_a_scene_answers_as_its_snapshot(ends):
+    sample = small_sample(ends, LAW)
+    asked = (gl.loop_table, lambda one: gl.stress(one).table(), lambda one: gl.fabric(one).table())
+    for ask in (*asked, lambda one: gl.loop_table(one, in_packing=True)):
+        frame, other = ask(sample), ask(sample.scene)
+        pd.testing.assert_frame_equal(frame, other, check_exact=True)
+    assert gl.check(sample.scene).verdict == "ok"
+    one, same = gl.loop(sample, 1), gl.loop(sample.scene, 1)
+    np.testing.assert_array_equal(one.graph.x, same.graph.x)
+    with pytest.raises(gl.InputError, match=r"got GrainGraph, expected a Scene or a Snapshot"):
+        gl.fabric(sample.graph)
+
+
 def test_tables_of_results(snapshot):
     tangent = gl.loop_tangents(snapshot.graph, snapshot.law, snapshot.faces, "traction")
     cones = gl.plane_cone(gl.restrict(tangent, "diagonal"))
