@@ -105,7 +105,6 @@ def test_all_predictors_stand_on_the_page():
             agrees(told[title], auc)
 
 
-@pytest.mark.slow
 def test_the_recipe_prints_what_stands_below_it():
     code, text = re.search(r"```python\n(.*?)```\n```text\n(.*?)```", TEXT, re.DOTALL).groups()
     said = io.StringIO()

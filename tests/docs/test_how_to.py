@@ -2,13 +2,11 @@
 
 import ast
 import re
-import shlex
 
 import duckdb
 import pytest
 
 import grainloops as gl
-from studies.cli import app
 from studies.series.run import run_series
 from tests.docs.pages import DOCS, page
 from tests.stability.packing.walled_packings import small_sample
@@ -20,15 +18,6 @@ PAGES = (
 )
 CODE = re.compile(r"```(python|sql)\n(.*?)```", re.DOTALL)
 SAMPLE = "gl.read_snapshot(gl.sample_path())"
-BLANK = re.compile(r"HXX,HXY,HYX,HYY")
-COMMANDS = sorted(
-    {
-        (path.relative_to(DOCS).as_posix(), line.strip().split("  #")[0])
-        for path in DOCS.rglob("*.md")
-        if "gallery" not in path.parts
-        for line in re.findall(r"^ {4}(grainloops .+)$", path.read_text(), re.MULTILINE)
-    }
-)
 
 
 def words(text):
@@ -142,11 +131,3 @@ def test_blocks_on_a_series_read_its_tables(tmp_path, monkeypatch, capsys):
     (query,) = blocks("series", "sql")
     ((after, missed, loops),) = duckdb.sql(query).fetchall()
     assert after == 1 and 0 < missed < loops
-
-
-@pytest.mark.parametrize(("name", "line"), COMMANDS)
-def test_commands_of_the_pages_are_commands(name, line):
-    # Alone, it means the rates.
-    line = re.sub(r"(series .*--in-packing)(?! events)", r"\1=rates", line)
-    tokens = shlex.split(BLANK.sub("1,0,0,1", line))[1:]
-    app.parse_args(tokens, exit_on_error=False, print_error=False)
