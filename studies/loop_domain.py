@@ -161,6 +161,8 @@ def loop_domains(
             if own:
                 present.append(domain_of(loop.graph(), fan, limits, loop.spins, "over $k_n$"))
                 loops[-1]["present_state"] = present[-1].status
+                negative = present[-1].rows["start_w2"] < 0.0
+                loops[-1]["negative_share"] = float(negative.mean())
                 counts = present[-1].rows["kind"].value_counts().to_dict()
                 loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
     filled = [part for part in parts if len(part)] or parts[:1]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
@@ -19,7 +19,7 @@ from loops.laws import LinearFrictional
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.symmetry import loop_symmetry
-from stability import judge
+from stability import judge, restrict
 from stability.paths.fan import Control, Fan, LoopStates
 from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
 from stability.paths.model import path_model
@@ -42,6 +42,7 @@ from studies.style import (
 REACH_OVERLAPS = 5.0
 # What may end a programme, with colour, line and words; the first that is met counts.
 ENDS: dict[str, tuple[str, str, str]] = {
+    "start": (VERMILION, "-", "unstable before it begins"),
     "det_Ks_zero": (VERMILION, "-", r"$\det K_s = 0$"),
     "det_K_zero": (BLACK, "-", r"$\det K = 0$"),
     "limit": (ORANGE, "-", "the programme has no continuation"),
@@ -49,6 +50,8 @@ ENDS: dict[str, tuple[str, str, str]] = {
     "end": (GREY, ":", "end of the range"),
 }
 RAYS = 24  # programmes that are drawn as lines
+FINE = 1440  # directions of strain in which the work of an unstable state is looked at
+STRAINS = np.eye(2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,7 +63,9 @@ class LoopDomain(Shown):
     rows : pandas.DataFrame
         One a programme: `programme_deg` (direction of strain, or of stress, from axis 1 to axis 2),
         `kind` of what ended it (`ENDS`), the changes of strain `E1`, `E2` and the stresses `s1`,
-        `s2` there (unit `stress_unit`); not numbers where no end is known.
+        `s2` there (unit `stress_unit`), not numbers where no end is known; `start_w2`, the
+        normalised second-order work of the present state along it. A loop that is unstable in
+        its present state is not followed: all of its programmes end at their `start`.
     yields : pandas.DataFrame
         The same of the first contact that yields on the programmes where one does.
     start : (2,) array
@@ -69,6 +74,10 @@ class LoopDomain(Shown):
         Verdict on the present state in (11, 22).
     control, stress_unit : str
         Whether programmes are straight in strain or in stress, and what stresses are over.
+    tangent : (2, 2) array
+        Tangent of the present state in (11, 22).
+    reach : float
+        Strain at which programmes end.
     """
 
     rows: pd.DataFrame
@@ -77,12 +86,17 @@ class LoopDomain(Shown):
     status: str
     control: str
     stress_unit: str
+    tangent: Floats
+    reach: float
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
         counts = self.rows["kind"].value_counts().to_dict()
+        negative = 100.0 * np.mean(self.rows["start_w2"] < 0.0)
+        lost = {"negative second-order work there": f"along {negative:.0f} % of the programmes"}
         return {
-            "present state": self.status, "programmes": len(self.rows), "of": self.control,
+            "present state": self.status, **(lost if negative else {}),
+            "programmes": len(self.rows), "of": self.control,
             **{f"ended by {kind}": count for kind, count in counts.items()},
         }  # fmt: skip
 
@@ -108,6 +122,8 @@ def present_fan(
     model = replace(model, symmetry=loop_symmetry(graph).along_axes())
     fan = Fan(model, control, circle_of_programmes(directions), REACH_OVERLAPS * overlap)
     start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
+    if present_tangent(graph, fan, spins)[1] == "unstable":
+        return fan, FanLimits.none(directions, model.contact_count)
     if spins == "blocked" and type(law) is LinearFrictional:
         limits = first_limits(fan, start)
     else:
@@ -116,6 +132,21 @@ def present_fan(
     for programme in np.flatnonzero(limits.open_question):
         followed_limits(fan, int(programme), limits, spins, graph)
     return fan, limits
+
+
+def present_tangent(graph: GrainGraph, fan: Fan, spins: Spins) -> tuple[Floats, str]:
+    """Tangent of the present state in (11, 22), and the verdict on it."""
+    tangent = macroscopic_tangent(graph, fan.model.law, fan.model.closure, spins=spins)
+    return restrict(tangent, "diagonal"), judge(tangent, "diagonal").status
+
+
+def start_work(tangent: Floats, fan: Fan) -> Floats:
+    """Normalised second-order work of a tangent in (11, 22) along the programmes of a fan."""
+    given = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
+    strain = given if fan.control == "strain" else np.linalg.solve(tangent, given.T).T
+    stress = strain @ tangent.T
+    size = np.linalg.norm(strain, axis=1) * np.linalg.norm(stress, axis=1)
+    return np.asarray((strain * stress).sum(axis=1) / size)
 
 
 def stresses_of(fan: Fan, states: LoopStates) -> Floats:
@@ -222,14 +253,20 @@ def domain_of(
 ) -> LoopDomain:
     """Domain of a loop from its fan and the limits along it."""
     here = LoopStates.at_rest(1, fan.model.contact_count, graph.shear_force)
-    tangent = macroscopic_tangent(graph, fan.model.law, fan.model.closure, spins=spins)
+    start = np.diagonal(stresses_of(fan, here)[0])
+    tangent, status = present_tangent(graph, fan, spins)
+    rows = ends_of(fan, limits)
+    if status == "unstable":
+        rows[["kind", "E1", "E2", "s1", "s2"]] = "start", 0.0, 0.0, *start
     return LoopDomain(
-        rows=ends_of(fan, limits),
+        rows=rows.assign(start_w2=start_work(tangent, fan)),
         yields=yields_of(fan, limits),
-        start=np.diagonal(stresses_of(fan, here)[0]),
-        status=judge(tangent, "diagonal").status,
+        start=start,
+        status=status,
         control=fan.control,
         stress_unit=stress_unit,
+        tangent=tangent,
+        reach=fan.reach,
     )
 
 
@@ -241,9 +278,30 @@ def domain_figure(found: LoopDomain, plane: str) -> Figure:
 
 
 def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
-    """Boundary of a domain in the plane of strains or of stresses, its line by what ended it."""
-    names = ["E1", "E2"] if plane == "strain" else ["s1", "s2"]
+    """Boundary of a domain in the plane of strains or of stresses, its line by what ended it.
+
+    Of a loop that is unstable in its present state: the strains of the range, or the stresses that
+    they cause, and among them those along which the second-order work is negative.
+    """
     origin = np.zeros(2) if plane == "strain" else found.start
+    if found.status == "unstable":
+        _draw_present(found, ax, origin, STRAINS if plane == "strain" else found.tangent)
+    else:
+        _draw_ends(found, ax, origin, ["E1", "E2"] if plane == "strain" else ["s1", "s2"])
+    ax.plot(*origin, "P", color=BLACK, markersize=5, label=f"present state, {found.status}")
+    unit = "" if plane == "strain" else f" ({found.stress_unit})"
+    symbol = "E" if plane == "strain" else "P"
+    change = "change of strain " if plane == "strain" else "stress "
+    ax.set(xlabel=f"{change}${symbol}_{{11}}${unit}", ylabel=f"{change}${symbol}_{{22}}${unit}")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.autoscale_view()
+    ax.ticklabel_format(scilimits=(-2, 3))
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.02))
+    return ax
+
+
+def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) -> None:
+    """Ends of the programmes as a closed line, a fan of programmes, and the first yields."""
     points, kind = found.rows[names].to_numpy(dtype=float), found.rows["kind"].to_numpy()
     step = max(1, len(points) // RAYS)
     rays = [np.stack([origin, point]) for point in points[::step]]
@@ -260,13 +318,23 @@ def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
     if len(found.yields):
         inside = found.yields[names].to_numpy(dtype=float)
         ax.plot(*inside.T, ".", color=GREEN, markersize=1.5, label="a contact yields")
-    ax.plot(*origin, "P", color=BLACK, markersize=5, label=f"present state, {found.status}")
-    unit = "" if plane == "strain" else f" ({found.stress_unit})"
-    symbol = "E" if plane == "strain" else "P"
-    change = "change of strain " if plane == "strain" else "stress "
-    ax.set(xlabel=f"{change}${symbol}_{{11}}${unit}", ylabel=f"{change}${symbol}_{{22}}${unit}")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.autoscale_view()
-    ax.ticklabel_format(scilimits=(-2, 3))
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.02))
-    return ax
+
+
+def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Floats) -> None:
+    """Directions of the present state: strains of the range, mapped, by the sign of their work."""
+    angle = np.linspace(0.0, 2.0 * np.pi, FINE + 1)
+    strain = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    between = np.stack([np.cos(angle[:-1] + np.pi / FINE), np.sin(angle[:-1] + np.pi / FINE)]).T
+    work = ((between @ found.tangent.T) * between).sum(axis=1)
+    points = origin + found.reach * strain @ map_strain.T
+    rays = [np.stack([origin, point]) for point in points[:: FINE // RAYS]]
+    ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
+    negative = np.stack([points[:-1], points[1:], np.tile(origin, (FINE, 1))], axis=1)[work < 0.0]
+    ax.add_collection(
+        PolyCollection(list(negative), facecolors=VERMILION, edgecolors=VERMILION, linewidths=0.4)
+    )
+    share = 100.0 * np.mean(work < 0.0)
+    label = f"negative second-order work ({share:.1f} % of the strains)"
+    ax.plot([], [], color=VERMILION, linewidth=4.0, label=label)
+    around = f"{'strain' if map_strain is STRAINS else 'response to a strain'} of {found.reach:.2g}"
+    ax.plot(*points.T, "-", color=GREY, linewidth=1.0, label=around)

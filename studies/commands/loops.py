@@ -388,6 +388,10 @@ def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
         if "present_state" in row:
             ends = ", ".join(f"{count} {kind}" for kind, count in row["ended_by"].items())
             limits += f"; present state {row['present_state']}, programmes ended by: {ends}"
+            if row["present_state"] == "unstable":
+                share = row["negative_share"]
+                limits = "none followed; the present state is unstable, with negative second-order"
+                limits += f" work along {100 * share:.0f} % of them"
         if "unstable_share" in row:
             limits += f"; unstable share of strains {row['unstable_share']:.3f}"
         lines.append(

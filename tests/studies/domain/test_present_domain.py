@@ -86,3 +86,64 @@ def test_the_command_writes_the_boundary(monkeypatch, capsys, tmp_path):
     )
     assert rows["kind"].tolist() == found.rows["kind"].tolist()
     np.testing.assert_allclose(rows["E1"], found.rows["E1"], rtol=1e-6, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def unstable():
+    """A pentagon compressed beyond its threshold, which isotropic strain has in closed form."""
+    critical = (1.0 + KAPPA) / (2.0 + KAPPA)
+    ring = gl.regular_polygon(5, strain=critical + 0.05)
+    scene = gl.Scene(ring, gl.LinearFrictional(1.0, KAPPA, 0.4))
+    return scene, gl.loop_domain(scene, "affine", directions=72)
+
+
+@pytest.mark.parametrize("control", ["strain", "stress"])
+def test_a_loop_that_is_unstable_at_its_start_is_not_followed(unstable, monkeypatch, control):
+    """Which directions have negative work is told by finite differences of the stress."""
+
+    def refused(*_, **__):
+        raise AssertionError("a programme was followed")
+
+    for name in ("first_limits", "followed_limits"):
+        monkeypatch.setattr(f"studies.present_domain.{name}", refused)
+    scene, _ = unstable
+    found = gl.loop_domain(scene, "affine", control=control, directions=72)
+    rows = found.rows
+    assert found.status == "unstable" and set(rows["kind"]) == {"start"} and len(rows) == 72
+    assert (rows[["E1", "E2"]] == 0.0).all(axis=None)
+    assert (rows[["s1", "s2"]] == found.start).all(axis=None)
+    assert "negative second-order work there: along" in repr(found)
+    assert "unstable" in repr(found)
+    step = 1e-6
+    for _, row in rows.iloc[::5].iterrows():
+        angle = np.radians(row["programme_deg"])
+        way = np.array([np.cos(angle), np.sin(angle)])
+        strain = way if control == "strain" else np.linalg.solve(found.tangent, way)
+        stress = stress_after(scene, step * strain) - stress_after(scene, -step * strain)
+        size = np.linalg.norm(strain) * np.linalg.norm(stress)
+        assert row["start_w2"] == pytest.approx(strain @ stress / size, abs=1e-6)
+
+
+def stress_after(scene, strain):
+    """Normal stresses of a pentagon whose centres and branches follow a small strain."""
+    graph, (i, j) = scene.graph, scene.graph.contacts.T
+    d = graph.x[j] - graph.x[i]
+    new = d * (1.0 - strain)
+    length, touching = np.linalg.norm(new, axis=1), graph.radii[i] + graph.radii[j]
+    n, old = new / length[:, None], d / np.linalg.norm(d, axis=1)[:, None]
+    turn = np.arctan2(old[:, 0] * n[:, 1] - old[:, 1] * n[:, 0], (old * n).sum(axis=1))
+    N, T = touching - length, -KAPPA * length * turn
+    force = N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+    (x, y), (after_x, after_y) = graph.x.T, np.roll(graph.x, -1, axis=0).T
+    return (force * d).sum(axis=0) / (0.5 * abs((x * after_y - y * after_x).sum()))
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_the_figure_of_an_unstable_loop_shows_its_directions(unstable, plane):
+    _, found = unstable
+    ax = gl.plot.domain(found, plane=plane, ax=matplotlib.figure.Figure().add_subplot())
+    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    cone = gl.plane_cone(found.tangent)
+    share = 100.0 * float(cone.opening) / np.pi
+    assert 1.0 < share and words[0] == f"negative second-order work ({share:.1f} % of the strains)"
+    assert words[-1] == "present state, unstable"
