@@ -253,6 +253,6 @@ def test_skill(row, numbers, step):
         areas.append(predicted(one, two, lambda f, g=one.graph, e=end: loop_changes(g, e, f)))
     assert len(areas) == int(told["steps"])
     assert says(told["AUC: mean"], np.mean(areas))
-    assert says(told["median"], np.median(areas))
-    assert says(told["smallest"], np.min(areas))
+    assert says(told["AUC: median"], np.median(areas))
+    assert says(told["AUC: smallest"], np.min(areas))
     assert events == pytest.approx(int(told["events"]), rel=0.02)

@@ -49,7 +49,7 @@ def test_errors_of_the_increments(found, state, table):
             for token, key in zip(quoted, ("median", "q90", "largest"), strict=True):
                 assert says(token, row[key]), (amplitude, band, key, row[key])
         row = error(found, state, "0.999", amplitude)
-        assert says(line["left over, 0.999"], row["of_state"])
+        assert says(line["remainder, band 0.999"], row["of_state"])
         assert says(line["unbalanced force"], row["unbalanced"])
 
 
