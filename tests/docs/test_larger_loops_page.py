@@ -226,9 +226,17 @@ def test_losses_at_large_n_under_the_traction_closure():
 def test_ensembles_are_those_of_the_table_beside_the_figure():
     (rows,) = tables(section(TEXT, "## Is a loop of a packing a typical one?"))
     found = pd.read_csv(DOCS / "figures" / "larger-ensembles.csv")
-    columns = {"n": "order", "real loops": "real", "real loops with a match": "matched", "median eigenvalue, real": "real_lambda",
-               "median eigenvalue, random": "random_lambda", "mean rank": "rank", "share of ranks below .05": "below_5",
-               "share convex, real": "real_convex", "share convex, random": "random_convex"}  # fmt: skip
+    columns = {
+        "n": "order",
+        "real loops": "real",
+        "real loops with a match": "matched",
+        "median eigenvalue, real": "real_lambda",
+        "median eigenvalue, random": "random_lambda",
+        "mean rank": "rank",
+        "share of ranks below .05": "below_5",
+        "share convex, real": "real_convex",
+        "share convex, random": "random_convex",
+    }
     assert len(rows) == len(found)
     for row, (_, value) in zip(rows, found.iterrows(), strict=True):
         assert all(says(row[name], value[column]) for name, column in columns.items())
