@@ -120,5 +120,33 @@ FORMER |= {
     f"plot_{name}": f"grainloops.plot.{name}" for name in "cone envelope loop map path".split()
 }
 FORMER |= {"figure_width": "grainloops.plot.figure_width", "loop_of_snapshot": "grainloops.loop"}
+# Words that are asked for, with the names to look at.
+MEANT = {
+    "read load open snapshot": "read_snapshot",
+    "save write export": "write_snapshot",
+    "sample example": "sample_path",
+    "verdict verdicts stable is_stable": "judge; loop_table has one row a loop",
+    "eigenvalues lambda_min": "symmetric_spectrum; loop_table has one row a loop",
+    "tangent operator k": "affine_tangent, traction_tangent, loop_tangents",
+    "cone cones": "plane_cone, plot.cone",
+    "loops table orders loop_ids": "loop_table, loop",
+    "in_packing packing place": "loop_table(snapshot, in_packing=True)",
+    "work w2": "second_order_work, directional_work",
+    "envelope rose map evolution": "plot.envelope, plot.rose, plot.map, plot.evolution",
+    "domain": "loop_domain, plot.domain",
+    "path integrate solve": "follow",
+    "evolve forecast predict": "follow(snapshot, stage, closure='packing'), replay",
+    "limits limit loads": "sustain",
+    "rest relax equilibrium": "hold",
+    "stresses sigma": "stress",
+    "rates strain_rate": "rates_at",
+    "kinetics tracking": "order_kinetics, loop_fates",
+    "chains": "force_chains, chain_table",
+    "polygon hexagon pentagon ring": "regular_polygon, polydisperse_polygon",
+    "law linear hertz rolling cohesive": "LinearFrictional, HertzMindlin, CohesiveFrictional, "
+    "RollingResistance",
+    "boundary cell walls": "Scene(graph, law, boundary); snapshot.scene has them",
+    "material": "LoopMaterial",
+}
 SERVED.update(table="studies.answers.table_of", plot="studies.answers.plot_of")
-lazy_face(__name__, NAMES, FORMER)
+lazy_face(__name__, NAMES, FORMER, MEANT)

@@ -31,7 +31,7 @@ class LazyFace(ModuleType):
             warn_of_old_name(f"{self.__name__}.{name}", former[name])
             return named(former[name])
         if name not in places:
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+            raise AttributeError(self._missing(name), name=name, obj=self)
         module = import_module(places[name])
         # A name that the module does not have stands for the module itself.
         value = getattr(module, name, module)
@@ -44,19 +44,40 @@ class LazyFace(ModuleType):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:
-        return sorted({*self.__dict__, *self.places})
+        return sorted({*filter(_is_special, self.__dict__), *self.places})
+
+    def _missing(self, name: str) -> str:
+        """Say that there is no such name, and which one may be meant."""
+        said = f"module {self.__name__!r} has no attribute {name!r}"
+        if _is_special(name):
+            return said
+        from difflib import get_close_matches
+
+        meant = self.__dict__["meant"].get(name.lower())
+        near = meant or ", ".join(get_close_matches(name, self.places))
+        return f"{said}: see {near}" if near else said
+
+
+def _is_special(name: str) -> bool:
+    return name.startswith("__")
 
 
 def lazy_face(
-    package: str, names: Mapping[str, str], former: Mapping[str, str] | None = None
+    package: str,
+    names: Mapping[str, str],
+    former: Mapping[str, str] | None = None,
+    meant: Mapping[str, str] | None = None,
 ) -> None:
     """Make a package a `LazyFace`: `names` are the names of each module, separated by blanks.
 
-    `former` are names that have left, with where they are now: they work with a warning.
+    `former` are names that have left, with where they are now: they work with a warning. `meant`
+    has for words that are no names those that the error points to.
     """
     face = sys.modules[package]
     places = {name: module for module, several in names.items() for name in several.split()}
     face.__dict__.update(places=places, former=dict(former or {}), __all__=sorted(places))
+    face.__dict__["meant"] = {word: said for key, said in (meant or {}).items()
+                              for word in key.split()}  # fmt: skip
     face.__class__ = LazyFace
 
 

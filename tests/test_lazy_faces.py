@@ -3,17 +3,21 @@
 import ast
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
+from functools import reduce
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import grainloops
+import grainloops as gl
 import loops
 import patterns
 import stability
+from grainloops import MEANT
 from patterns import sample_path
 
 ROOMS = (loops, patterns, stability, grainloops)
@@ -92,3 +96,27 @@ def test_the_diamond_loads_no_snapshots(tmp_path):
     assert (tmp_path / "out" / "summary.json").is_file()
     unused = {"sympy", "patterns.snapshots", "loops.faces", "loops.tracking"}
     assert not loaded & {*unused, "studies.snapshot", "studies.series"}
+
+
+def test_tab_shows_the_names_of_the_face_alone():
+    shown = [name for name in dir(gl) if not name.startswith("__")]
+    assert shown == sorted(name for name in gl.__all__ if not name.startswith("__"))
+
+
+@pytest.mark.parametrize("word", sorted(word for key in MEANT for word in key.split()))
+def test_a_word_that_is_no_name_points_to_names(word):
+    if word in gl.__all__:
+        return
+    with pytest.raises(AttributeError, match=f"no attribute '{word}': see ") as error:
+        getattr(gl, word)
+    said = re.sub(r"\(.*?\)|;.*", "", str(error.value).split(": see ")[1])
+    named = re.findall(r"[A-Za-z_][\w.]*", said)
+    assert named and all(reduce(getattr, name.split("."), gl) for name in named)
+
+
+def test_a_name_that_is_nearly_right_is_told():
+    with pytest.raises(AttributeError, match=r"see .*read_snapshot"):
+        gl.read_snapshots  # noqa: B018
+    with pytest.raises(AttributeError, match=r"has no attribute 'xyzzy'$"):
+        gl.xyzzy  # noqa: B018
+    assert not hasattr(gl, "__wrapped__")

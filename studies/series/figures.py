@@ -304,12 +304,13 @@ def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
     shown = orders["order"] <= LAST_DRAWN
     order, share = orders["order"][shown], orders["steady_share"][shown]
     right.plot(order, orders["observed_share"][shown], "o", color=BLUE, label="observed, mean")
-    known = bool(np.isfinite(share).any())
-    right.errorbar(
-        order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
-        markersize=3.5, elinewidth=0.8, capsize=2.0,
-        label="steady state of the rates" if known else "steady state: too few events",
-    )  # fmt: skip
+    if np.isfinite(share).any():
+        right.errorbar(
+            order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
+            markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
+        )  # fmt: skip
+    else:
+        right.set_title("too few events tell the steady state of the rates", color=GREY)
     right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
     least = orders["observed_share"][shown]
     right.set_ylim(0.3 * least[least > 0].min(), 1.0)
