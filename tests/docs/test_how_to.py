@@ -13,7 +13,7 @@ from tests.stability.packing.walled_packings import small_sample
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
 PAGES = (
-    *("accuracy", "larger-loops", "packing", "packing-paths"),
+    *("accuracy", "larger-loops", "laws-and-boundaries", "packing", "packing-paths"),
     *("probing", "series", "sustaining"),
 )
 # Pages of tasks without an evidence of their own.
