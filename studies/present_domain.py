@@ -49,6 +49,8 @@ ENDS: dict[str, tuple[str, str, str]] = {
     "opening": (BLUE, "--", "a contact opens"),
     "end": (GREY, ":", "end of the range"),
 }
+# Programmes if none are asked for: followed together, and one by one (up to 7 s each).
+TOGETHER, ONE_BY_ONE = 361, 61
 RAYS = 24  # programmes that are drawn as lines
 FINE = 1440  # directions of strain in which the work of an unstable state is looked at
 STRAINS = np.eye(2)
@@ -99,6 +101,11 @@ class LoopDomain(Shown):
             "programmes": len(self.rows), "of": self.control,
             **{f"ended by {kind}": count for kind, count in counts.items()},
         }  # fmt: skip
+
+
+def programmes_of(spins: Spins, *, linear: bool) -> int:
+    """Number of programmes of a loop for which none is asked."""
+    return TOGETHER if spins == "blocked" and linear else ONE_BY_ONE
 
 
 def circle_of_programmes(directions: int) -> Floats:
@@ -202,7 +209,7 @@ def loop_domain(
     *,
     spins: Spins = "blocked",
     control: Control = "strain",
-    directions: int = 361,
+    directions: int | None = None,
 ) -> LoopDomain:
     """Domain of one loop: what ends straight programmes from its present state, and where.
 
@@ -217,7 +224,8 @@ def loop_domain(
     control : {'strain', 'stress'}
         Whether programmes are straight in (H11, H22) or in (P11, P22).
     directions : int
-        Number of programmes in all directions; they end at a strain of five mean overlaps.
+        Number of programmes in all directions; they end at a strain of five mean overlaps. If left
+        out 361 that are followed together, or 61 one by one (spins that turn, other laws).
 
     Returns
     -------
@@ -239,8 +247,10 @@ def loop_domain(
     """
     closure = named_closure(closure)
     check_choice("control", control, ("strain", "stress"))
-    whole_number("directions", directions, 3)
     scene: Scene = scene_of(loop)
+    if directions is None:
+        directions = programmes_of(spins, linear=type(scene.law) is LinearFrictional)
+    whole_number("directions", directions, 3)
     if scene.boundary.kind != "free":
         received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
         raise InputError("first argument", received, "one loop", remedy)

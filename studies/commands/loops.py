@@ -298,8 +298,8 @@ def domain_command(
     directions: Annotated[
         Whole | None,
         Parameter(
-            help="Number of programmes, odd. Default: 361; without --order, --compare, --radii and "
-            "--snapshot 1441."
+            help="Number of programmes, odd. Default: 361; 61 with other spins than blocked or "
+            "under Hertz's law; without --order, --compare, --radii and --snapshot 1441."
         ),
     ] = None,
     writing: Writing | None = None,
@@ -320,6 +320,7 @@ def domain_command(
     with clock("grainloops domain"):
         from studies.domain import DomainParameters, run_domain
         from studies.loop_domain import LoopDomainParameters, run_loop_domains
+        from studies.present_domain import programmes_of
 
         if not given:
             plain = (None, "blocked", None, 0.0, "strain")
@@ -364,9 +365,10 @@ def domain_command(
                 for k in ratios or (KAPPA.get(law, 0.2),) for c in closures for n in orders
             ]  # fmt: skip
         control: Any = programmes
-        wanted = LoopDomainParameters(
-            tuple(loops), control, 361 if directions is None else directions
-        )
+        if directions is None:
+            linear = all(one.contact_law == "linear" for one in loops)
+            directions = programmes_of(loops[0].spins, linear=linear)
+        wanted = LoopDomainParameters(tuple(loops), control, directions)
         summary = run_loop_domains(wanted, out, **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary))
 
