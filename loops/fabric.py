@@ -17,7 +17,15 @@ from loops.arrays import Floats, Integers, in_threads
 from loops.compiled import given, use_passes
 from loops.errors import InputError
 from loops.faces import Faces
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state, require_plane
+from loops.graph import (
+    ContactState,
+    GrainGraph,
+    HasGraph,
+    contact_state,
+    graph_of,
+    require_one_state,
+    require_plane,
+)
 from loops.shown import Shown
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
@@ -255,7 +263,9 @@ class ForceChains(Shown):
         return counts[faces.loops]
 
 
-def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) -> ForceChains:
+def force_chains(
+    graph: GrainGraph | HasGraph, angle: float = np.pi / 4, least: int = 3
+) -> ForceChains:
     """Find the force chains of a packing.
 
     A grain may be in a chain if its major principal stress is above the mean over the grains that
@@ -266,7 +276,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop, scene or snapshot
         The packing, one state; forces of walls are not in it.
     angle : float
         Largest deviation (radians).
@@ -293,6 +303,7 @@ def force_chains(graph: GrainGraph, angle: float = np.pi / 4, least: int = 3) ->
     >>> force_chains(rows).chain.tolist()
     [0, 0, 0, -1, -1, -1]
     """
+    graph = graph_of(graph)
     require_one_state(graph)
     require_plane(graph.x, "centres of the grains")
     state = contact_state(graph)

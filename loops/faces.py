@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, require_one_state, require_plane
+from loops.graph import (
+    GrainGraph,
+    HasGraph,
+    branch_vectors,
+    graph_of,
+    require_one_state,
+    require_plane,
+)
 from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
 
@@ -95,7 +102,7 @@ class Faces(Shown):
                 "loops by order": shown}  # fmt: skip
 
 
-def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
+def find_faces(graph: GrainGraph | HasGraph, *, compiled: bool | None = None) -> Faces:
     """Find the loops of a contact graph, and the other faces with them.
 
     Dangling grains are pruned first. A loop may pass a grain twice (a pinch) or a contact twice,
@@ -105,7 +112,7 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop, scene or snapshot
         One state, in the plane or in a periodic cell.
     compiled : bool, optional
         Whether to take the compiled kernel, which gives the same faces, areas to round-off; by the
@@ -130,6 +137,7 @@ def find_faces(graph: GrainGraph, *, compiled: bool | None = None) -> Faces:
     >>> faces.order.tolist(), faces.area.tolist(), faces.loops.tolist()
     ([3, 3, 4], [0.5, 0.5, -1.0], [0, 1])
     """
+    graph = graph_of(graph)
     require_one_state(graph)
     require_plane(graph.x, "centres of the grains")
     if use_compiled(compiled, graph.contact_count):

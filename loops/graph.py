@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -393,12 +393,34 @@ class ContactState(Shown):
         return 0.5 * (self.length + self.radii_j - self.radii_i)
 
 
-def contact_state(graph: GrainGraph) -> ContactState:
+class HasGraph(Protocol):
+    """A loop, scene or snapshot: it has the graph of its grains."""
+
+    @property
+    def graph(self) -> GrainGraph:
+        """Grains and contacts."""
+        ...
+
+
+def graph_of(subject: GrainGraph | HasGraph) -> GrainGraph:
+    """Return the graph of a loop, scene or snapshot, or the graph itself.
+
+    `InputError` for anything else.
+    """
+    graph = subject if isinstance(subject, GrainGraph) else getattr(subject, "graph", None)
+    if not isinstance(graph, GrainGraph):
+        expected = "a graph, or a loop, scene or snapshot"
+        remedy = "Give what gl.read_snapshot or gl.loop returns."
+        raise InputError("first argument", type(subject).__name__, expected, remedy)
+    return graph
+
+
+def contact_state(graph: GrainGraph | HasGraph) -> ContactState:
     """Contacts of a graph as the contact law sees them.
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop, scene or snapshot
         Grain graph, batch axes `...` allowed.
 
     Returns
@@ -414,6 +436,7 @@ def contact_state(graph: GrainGraph) -> ContactState:
     >>> state.length.tolist(), state.arm_i.round(12).tolist(), state.touching_length.tolist()
     ([0.9], [0.45], [1.0])
     """
+    graph = graph_of(graph)
     return state_of_branches(graph, slice(None), branch_vectors(graph))
 
 
@@ -433,7 +456,7 @@ def state_of_branches(graph: GrainGraph, part: slice, d: Floats) -> ContactState
     )
 
 
-def to_networkx(graph: GrainGraph) -> networkx.MultiGraph:
+def to_networkx(graph: GrainGraph | HasGraph) -> networkx.MultiGraph:
     """Grain graph as a networkx multigraph.
 
     Nodes are the grain indices with the attributes `x`, `x0` (pairs) and `radius`; edges carry
@@ -443,7 +466,7 @@ def to_networkx(graph: GrainGraph) -> networkx.MultiGraph:
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop, scene or snapshot
         One state (no batch axes).
 
     Returns
@@ -465,6 +488,7 @@ def to_networkx(graph: GrainGraph) -> networkx.MultiGraph:
     >>> from_networkx(to_networkx(pair)).contacts.tolist()
     [[0, 1]]
     """
+    graph = graph_of(graph)
     import networkx
 
     require_one_state(graph)

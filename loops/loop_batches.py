@@ -12,10 +12,11 @@ import numpy as np
 from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
 from loops.assembly import turning_block
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
+from loops.closures.system import HasLaw, with_law
 from loops.closures.tangents import solved
 from loops.compiled import given
 from loops.errors import InputError
-from loops.faces import Faces, faces_by_order
+from loops.faces import Faces, faces_by_order, find_faces
 from loops.graph import GrainGraph, branches_of, state_of_branches
 from loops.laws import ContactLaw
 
@@ -104,9 +105,9 @@ def loop_batches(
 
 
 def loop_tangents(
-    graph: GrainGraph,
-    law: ContactLaw,
-    faces: Faces,
+    graph: GrainGraph | HasLaw,
+    law: ContactLaw | None = None,
+    faces: Faces | None = None,
     closure: Closure | None = None,
     *,
     spins: Spins = "blocked",
@@ -115,12 +116,12 @@ def loop_tangents(
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or scene or snapshot
         The packing, one state; contacts have the regimes that it tells.
-    law : ContactLaw
-        Law of its contacts.
-    faces : Faces
-        Its faces, from `find_faces`.
+    law : ContactLaw, optional
+        Law of its contacts; that of the scene or snapshot if left out.
+    faces : Faces, optional
+        Its faces, those that `find_faces` finds if left out.
     closure : {'affine', 'traction'}
         How the surrounding medium drives the grains; it has to be named.
     spins : {'blocked', 'affine', 'free'}
@@ -146,6 +147,8 @@ def loop_tangents(
     >>> loop_tangents(square, law, find_faces(square), "affine").matrix.shape
     (2, 4, 4)
     """
+    graph, law = with_law(graph, law)
+    faces = find_faces(graph) if faces is None else faces
     faced, tangents = [], []
     for batch in loop_batches(graph, faces):
         faced.append(batch.face)

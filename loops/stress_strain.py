@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.geometry import boundary_vectors, polygon_area, reference_volume, require_loop
-from loops.graph import GrainGraph, contact_frame, reference_branch_vectors
+from loops.graph import (
+    GrainGraph,
+    HasGraph,
+    contact_frame,
+    graph_of,
+    reference_branch_vectors,
+)
 
 
 def contact_forces(graph: GrainGraph) -> Floats:
@@ -40,13 +46,13 @@ def _forces(graph: GrainGraph, n: Floats, t: Floats) -> Floats:
     return graph.normal_force[..., None] * n + graph.shear_force[..., None] * t
 
 
-def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:
+def love_weber_stress(graph: GrainGraph | HasGraph, volume: ArrayLike | None = None) -> Floats:
     """Cauchy stress `sigma = (1/V) sum f (x) d` (Nicot et al. 2016, equation 47).
 
     Parameters
     ----------
-    graph : GrainGraph
-        Grain graph, batch axes `...` allowed.
+    graph : GrainGraph, or loop, scene or snapshot
+        Grain graph, batch axes `...` allowed. `gl.stress` has the walls of a snapshot too.
     volume : (...) array, optional
         Current area V (length squared). The cell's if periodic, else the loop's polygon.
 
@@ -69,6 +75,7 @@ def love_weber_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Flo
     >>> love_weber_stress(square).round(12).tolist()
     [[0.4, 0.0], [0.0, 0.4]]
     """
+    graph = graph_of(graph)
     if volume is None and graph.cell is not None:
         volume = np.abs(np.linalg.det(graph.cell))
     elif volume is None:

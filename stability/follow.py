@@ -142,7 +142,11 @@ def follow(
     >>> round(float(path.H[path.events[0].index, 0]), 12), path.of_kind("yield")[0].contacts
     (0.166666666667, (0, 1, 2, 3))
     """
-    stages = [stages] if isinstance(stages, Stage) else list(stages)
+    given: Any = stages
+    stages = [given] if isinstance(given, Stage | str) else list(given)
+    for other in (one for one in list[Any](stages) if not isinstance(one, Stage)):
+        remedy = "Write gl.Stage('drained_biaxial', 'H11', 1e-3), say."
+        raise InputError("stages", repr(other), "a Stage: programme and where it ends", remedy)
     if not stages or stages[0].fallback:
         received = "no stage" if not stages else "a fallback as the first stage"
         raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")

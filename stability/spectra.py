@@ -32,8 +32,9 @@ def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
     square = array.ndim >= 2 and array.shape[-1] == array.shape[-2] > 0
     if array.dtype.kind not in "fiu" or not square or size not in (None, array.shape[-1]):
         m = "m" if size is None else str(size)
-        received = f"shape {array.shape} of type {array.dtype}"
-        remedy = "Pass the tangent or its restriction, batch axes first."
+        thing = array.dtype == object and array.ndim == 0
+        received = type(K).__name__ if thing else f"shape {array.shape} of type {array.dtype}"
+        remedy = "Pass the tangent or its restriction, batch axes first: gl.traction_tangent(loop)."
         raise InputError("operator", received, f"a real array of shape (..., {m}, {m})", remedy)
     return array.astype(np.float64, copy=False)
 

@@ -19,7 +19,7 @@ equations: the limit of spins with a vanishing resistance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
@@ -37,13 +37,41 @@ from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
 from loops.errors import InputError, check_choice
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import ContactState, GrainGraph, reference_branch_vectors
+from loops.graph import ContactState, GrainGraph, graph_of, reference_branch_vectors
 from loops.laws.frictional import ContactLaw
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
 
 Arms = tuple[Floats, Floats]
+
+
+class HasLaw(Protocol):
+    """A loop, scene or snapshot: it has a graph and the law of its contacts."""
+
+    @property
+    def graph(self) -> GrainGraph:
+        """Grains and contacts."""
+        ...
+
+    @property
+    def law(self) -> ContactLaw:
+        """Law of the contacts."""
+        ...
+
+
+def with_law(subject: GrainGraph | HasLaw, law: ContactLaw | None) -> tuple[GrainGraph, ContactLaw]:
+    """Return a graph and its law: those of a loop, scene or snapshot, unless a law is given.
+
+    `InputError` for what has no graph, or no law.
+    """
+    graph = graph_of(subject)
+    law = getattr(subject, "law", None) if law is None else law
+    if not hasattr(law, "regime"):
+        received = "none" if law is None else type(law).__name__
+        expected = "a contact law, or as first argument a loop or scene, which has one"
+        raise InputError("law", received, expected, "Give gl.LinearFrictional(kn, kt, mu), say.")
+    return graph, law
 
 
 def named_closure(closure: Closure | None) -> Closure:

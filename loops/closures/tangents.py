@@ -18,6 +18,7 @@ from loops.assembly import (
 )
 from loops.closures.system import (
     Closure,
+    HasLaw,
     Relaxed,
     Spins,
     closure_form,
@@ -26,6 +27,7 @@ from loops.closures.system import (
     relax,
     relaxed_loop,
     spring_sizes,
+    with_law,
 )
 from loops.errors import InputError, check_choice
 from loops.geometry import (
@@ -173,8 +175,8 @@ REPLACED = ("matrix", "condition", "residual", "trusted")
 
 
 def affine_tangent(
-    graph: GrainGraph,
-    law: ContactLaw,
+    graph: GrainGraph | HasLaw,
+    law: ContactLaw | None = None,
     *,
     spins: Spins = "blocked",
     regime: ArrayLike | None = None,
@@ -187,10 +189,10 @@ def affine_tangent(
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop or scene
         A loop or a packing, batch axes `...` allowed.
-    law : ContactLaw
-        Contact law.
+    law : ContactLaw, optional
+        Contact law; that of the loop or scene if left out.
     spins : {'blocked', 'affine', 'free'}
         Spins held; turning with the loop; relaxed.
     regime : (..., C) array of Regime, optional
@@ -218,6 +220,7 @@ def affine_tangent(
     >>> tangent.matrix.diagonal().tolist()
     [2.0, 1.0, 1.0, 2.0]
     """
+    graph, law = with_law(graph, law)
     check_choice("spins", spins, get_args(Spins))
     v0 = reference_volume(graph) if volume is None else checked_volume(volume)
     state = contact_state(graph)
@@ -239,8 +242,8 @@ def affine_tangent(
 
 
 def traction_tangent(
-    graph: GrainGraph,
-    law: ContactLaw,
+    graph: GrainGraph | HasLaw,
+    law: ContactLaw | None = None,
     *,
     spins: Spins = "blocked",
     regime: ArrayLike | None = None,
@@ -255,10 +258,10 @@ def traction_tangent(
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop or scene
         A loop: contacts 0..n-1 are the ring, chords may follow; batch axes `...` allowed.
-    law : ContactLaw
-        Contact law.
+    law : ContactLaw, optional
+        Contact law; that of the loop or scene if left out.
     spins : {'blocked', 'affine', 'free'}
         Spins held; turning with the loop; relaxed to zero moment.
     regime : (..., C) array of Regime, optional
@@ -291,6 +294,7 @@ def traction_tangent(
     >>> tangent.matrix.diagonal().round(12).tolist()
     [2.0, 1.0, 1.0, 2.0]
     """
+    graph, law = with_law(graph, law)
     check_choice("spins", spins, get_args(Spins))
     check_choice("method", method, get_args(TractionMethod))
     require_loop(graph)

@@ -14,6 +14,10 @@ from loops.compiled import on_parts, use_passes
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
+GIVE_CELL = (
+    "Give --cell HXX,HXY,HYX,HYY or a table, --cells FILE; "
+    "in Python cell=[[h_xx, h_xy], [h_yx, h_yy]]."
+)
 # Largest distance of centres from their plane over the smallest radius: the precision of text.
 PLANE_TOLERANCE = 1e-3
 # Ids below this many times their number are looked up in a table, others by bisection.
@@ -359,5 +363,5 @@ def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Intege
         c = int(np.argmax(images.any(axis=1)))
         where = f"{table.path}, row {rows[c]}"
         received = f"periodic image {images[c].tolist()} and no cell"
-        raise InputError(where, received, "the periodic cell", "Give --cell HXX,HXY,HYX,HYY.")
+        raise InputError(where, received, "the periodic cell", GIVE_CELL)
     return None if cell is None else images

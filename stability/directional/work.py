@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import ContactLaw, GrainGraph, InputError, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
-from loops.closures.system import named_closure
+from loops.closures.system import HasLaw, named_closure, with_law
 from loops.errors import check_choice, whole_number
 from loops.shown import Shown
 from stability.directional.branches import (
@@ -90,9 +90,9 @@ class DirectionalWork(Shown):
 
 
 def directional_work(
-    graph: GrainGraph,
-    law: ContactLaw,
-    directions: ArrayLike,
+    graph: GrainGraph | HasLaw,
+    law: ContactLaw | None = None,
+    directions: ArrayLike = (),
     *,
     closure: Closure | None = None,
     spins: Spins = "blocked",
@@ -109,12 +109,13 @@ def directional_work(
 
     Parameters
     ----------
-    graph : GrainGraph
+    graph : GrainGraph, or loop or scene
         Batch axes `...` allowed where each contact decides by itself.
-    law : ContactLaw
-        Contact law.
+    law : ContactLaw, optional
+        Contact law; that of the loop or scene if left out.
     directions : (..., D, m) array_like
-        Strain rates in the components of the subspace, of any length.
+        Strain rates in the components of the subspace, of any length; named after a loop or scene:
+        `directional_work(loop, directions=[[1, 0]], closure="traction")`.
     closure : {'affine', 'traction'}
         How the surrounding medium drives the grains; it has to be named.
     spins, volume
@@ -149,6 +150,7 @@ def directional_work(
     >>> found.work[:, 0].round(6).tolist()
     [1.0, 0.25, -0.05]
     """
+    graph, law = with_law(graph, law)
     branches, edge = law_branches(graph, law, closure, spins, subspace, regime, volume)
     e = np.asarray(directions, dtype=np.float64)
     m = len(subspace_basis(subspace))

@@ -214,3 +214,47 @@ def test_a_snapshot_takes_the_angle_of_friction():
     np.testing.assert_allclose(by_angle.law.mu, gl.read_snapshot(path, **spring, mu=0.5).law.mu)
     with pytest.raises(gl.InputError, match="mu, phi: got both"):
         gl.read_snapshot(path, **spring, mu=0.5, phi=0.1)
+
+
+def test_a_loop_scene_or_snapshot_stands_for_its_graph_and_law(snapshot):
+    """To the bit what its graph and law give."""
+    loop, way = gl.loop(snapshot, 62), [[1.0, 0.0], [0.6, 0.8]]
+    scene = gl.Scene(loop.graph, loop.law)
+    for tangent in (gl.affine_tangent, gl.traction_tangent):
+        known = tangent(loop.graph, loop.law, spins="affine").matrix
+        for one in (loop, scene):
+            assert np.array_equal(tangent(one, spins="affine").matrix, known)
+        other = gl.LinearFrictional(1.0, 0.3, 0.5)
+        assert np.array_equal(tangent(loop, other).matrix, tangent(loop.graph, other).matrix)
+    known = gl.directional_work(loop.graph, loop.law, way, closure="traction").work
+    given = gl.directional_work(loop, directions=way, closure="traction").work
+    assert np.array_equal(given, known)
+    whole = gl.loop_tangents(snapshot.graph, snapshot.law, snapshot.faces, "traction").matrix
+    assert np.array_equal(gl.loop_tangents(snapshot, closure="traction").matrix, whole)
+    assert np.array_equal(gl.love_weber_stress(loop), gl.love_weber_stress(loop.graph))
+    assert np.array_equal(gl.contact_state(snapshot).n, gl.contact_state(snapshot.graph).n)
+    assert np.array_equal(gl.find_faces(snapshot).area, snapshot.faces.area)
+    chains = gl.force_chains(snapshot.graph).chain
+    assert np.array_equal(gl.force_chains(snapshot).chain, chains)
+    assert gl.to_networkx(loop).number_of_edges() == loop.graph.contact_count
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        (lambda one: gl.traction_tangent(one.graph), "law: got none, expected a contact law"),
+        (lambda one: gl.traction_tangent("loop"), "first argument: got str, expected a graph"),
+        (lambda one: gl.directional_work(one, [[1.0, 0.0]], closure="affine"), "law: got list"),
+        (lambda one: gl.directional_work(one, closure="affine"), "directions: got shape"),
+        (lambda one: gl.judge(one), r"operator: got SnapshotLoop.*gl\.traction_tangent\(loop\)"),
+        (lambda one: gl.plot.cone(one), "operator: got SnapshotLoop"),
+        (
+            lambda one: gl.follow(one, "drained_biaxial"),
+            r"stages: got 'drained_biaxial'.*gl\.Stage",
+        ),
+        (lambda one: gl.find_faces(62), "first argument: got int"),
+    ],
+)
+def test_what_is_no_loop_or_lacks_its_law_is_told(snapshot, question, said):
+    with pytest.raises(gl.InputError, match=said):
+        question(gl.loop(snapshot, 62))
