@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
-from loops.arrays import Floats
+from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
@@ -316,18 +316,28 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
     step = max(1, len(points) // RAYS)
     rays = [np.stack([origin, point]) for point in points[::step]]
     ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
-    following = np.roll(points, -1, axis=0)
+    known = np.isfinite(points).all(axis=1)
+    known &= np.roll(known, -1)
     for name, (colour, style, words) in ENDS.items():
-        at = (kind == name) & np.isfinite(points).all(axis=1) & np.isfinite(following).all(axis=1)
-        if at.any():
-            pieces = np.stack([points[at], following[at]], axis=1)
-            ax.add_collection(LineCollection(list(pieces), colors=colour, linestyles=style,
+        runs = _runs(known & (kind == name))
+        if runs:
+            # Joined, so that dashes go on from one programme to the next.
+            lines = [points[np.append(run, run[-1] + 1) % len(points)] for run in runs]
+            ax.add_collection(LineCollection(lines, colors=colour, linestyles=style,
                                              linewidths=1.3))  # fmt: skip
             share = 100.0 * np.mean(kind == name)
             ax.plot([], [], style, color=colour, label=f"{words} ({share:.0f} %)")
-    if len(found.yields):
-        inside = found.yields[names].to_numpy(dtype=float)
-        ax.plot(*inside.T, ".", color=GREEN, markersize=1.5, label="a contact yields")
+    inside = found.yields[names].to_numpy(dtype=float)
+    # Contacts that slide from the start yield in the present state itself.
+    inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.ptp(points[known])]
+    if len(inside):
+        ax.plot(*inside.T, ".", color=GREEN, markersize=2.5, label="a contact yields")
+
+
+def _runs(where: Flags) -> list[Integers]:
+    """Indices of each run of true values."""
+    at = np.flatnonzero(where)
+    return np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if len(at) else []
 
 
 def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Floats) -> None:

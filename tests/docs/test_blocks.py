@@ -45,6 +45,7 @@ TESTED = {
     "formats": "test_blocks",  # in a cell, between walls, cut out
     "larger-loops": "test_how_to",  # a hexagon
     "material": "test_blocks",  # hexagons, and loops of three kinds of samples
+    "one-loop": "test_blocks",  # in a cell, between walls, cut out
     "packing": "test_how_to",  # in a cell, between walls, cut out
     "packing-paths": "test_how_to",  # the same; cut out it is refused
     "probing": "test_how_to",
@@ -180,6 +181,23 @@ def test_the_file_beside_the_grains_is_read(tmp_path, ends):
         assert found.law.shear_increment == given
         assert (found.graph.cell is None) == (cell is None)
         assert cell is None or np.array_equal(found.graph.cell, cell)
+
+
+@pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
+def test_blocks_on_one_loop_run_wherever_a_sample_ends(ends):
+    """Loops of four in place of hexagons, and a domain of nine programmes."""
+    code = "\n".join(blocks("one-loop"))
+    for whole, small in (
+        ("gl.read_snapshot(gl.sample_path())", "sample"),
+        ("order == 6", "order == 4"),
+        ('gl.loop_domain(loop, "traction")', 'gl.loop_domain(loop, "traction", directions=9)'),
+    ):
+        assert code.count(whole) == 1
+        code = code.replace(whole, small)
+    names = {"sample": small_sample(ends, LAW)}
+    exec(code, names)
+    assert len(names["domain"].rows) == 9 and names["path"].status != "lost"
+    assert names["ax"].get_title() == "" and len(names["ax"].lines) > 1
 
 
 @pytest.mark.parametrize("folder", [BOX, PERIODIC], ids=lambda folder: folder.name)

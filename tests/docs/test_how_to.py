@@ -17,7 +17,10 @@ PAGES = (
     *("probing", "series", "sustaining"),
 )
 # Pages of tasks without an evidence of their own.
-SHORT = ("adding", "check", "fabric", "formats", "installation", "lammps", "material", "yade")
+SHORT = (
+    *("adding", "check", "fabric", "formats", "installation", "lammps", "material", "one-loop"),
+    "yade",
+)
 CODE = re.compile(r"```(python|sql)\n(.*?)```", re.DOTALL)
 SAMPLE = "gl.read_snapshot(gl.sample_path())"
 
