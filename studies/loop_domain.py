@@ -23,7 +23,14 @@ from stability.paths.model import path_model
 from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
-from studies.present_domain import LoopDomain, domain_figure, domain_of, present_fan
+from studies.present_domain import (
+    LoopDomain,
+    domain_figure,
+    domain_of,
+    present_fan,
+    virgin_domain,
+    virgin_figure,
+)
 from studies.study import one_of, study
 from studies.style import (
     BLACK,
@@ -39,6 +46,9 @@ FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
 LOST = ("det_Ks_zero", "limit")
 LONGEST = 60
+PRESENT = "present state"
+CONTACTS = {False: "contacts never slide", True: r"contacts slide at $|T| = \mu N$"}
+PLANES = (("domain", "stress"), ("domain-strain", "strain"))
 # Distance of neighbours on a curve, over its extent, beyond which it jumps.
 JUMP = 0.15
 
@@ -139,12 +149,13 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
 
 def loop_domains(
     parameters: LoopDomainParameters,
-) -> tuple[pd.DataFrame, list[dict[str, Any]], list[LoopDomain]]:
+) -> tuple[pd.DataFrame, list[dict[str, Any]], dict[str, LoopDomain]]:
     """Limits of every loop, contacts sticking and with friction; their counts and the shares.
 
-    Besides the domains of loops of a snapshot, which begin in their present state.
+    Besides the domains of a loop of a snapshot, which begins in its present state, or of a single
+    other one, by kind of contacts.
     """
-    parts, loops, present = [], [], []
+    parts, loops, alone = [], [], {}
     for loop in parameters.loops:
         own = isinstance(loop, LoopOptions)
         for friction in (True,) if own else (False, True) if np.isfinite(loop.mu) else (False,):
@@ -159,14 +170,16 @@ def loop_domains(
             if parameters.control == "strain" and not own:
                 loops[-1]["unstable_share"] = unstable_share(fan, limits)
             if own:
-                present.append(domain_of(loop.graph(), fan, limits, loop.spins, "over $k_n$"))
-                loops[-1]["present_state"] = present[-1].status
-                negative = present[-1].rows["start_w2"] < 0.0
-                loops[-1]["negative_share"] = float(negative.mean())
-                counts = present[-1].rows["kind"].value_counts().to_dict()
+                present = domain_of(loop.graph(), fan, limits, loop.spins, "over $k_n$")
+                loops[-1]["present_state"] = present.status
+                loops[-1]["negative_share"] = float((present.rows["start_w2"] < 0.0).mean())
+                counts = present.rows["kind"].value_counts().to_dict()
                 loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
+                alone[PRESENT] = present
+            elif len(parameters.loops) == 1:
+                alone[CONTACTS[friction]] = virgin_domain(fan, limits)
     filled = [part for part in parts if len(part)] or parts[:1]
-    return pd.concat(filled, ignore_index=True), loops, present
+    return pd.concat(filled, ignore_index=True), loops, alone
 
 
 def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
@@ -201,16 +214,17 @@ def run_loop_domains(
     with study(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
     ) as results:
-        table, loops, present = loop_domains(parameters)
+        table, loops, alone = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
         found["definitions"] = definitions("domain")
         tables = {"domain": table}
-        if present:
-            tables["boundary"] = present[0].rows
+        if PRESENT in alone:
+            tables["boundary"] = alone[PRESENT].rows
         summary = results.write_results(tables, found)
-        if present:
-            planes = (("domain", "stress"), ("domain-strain", "strain"))
-            figures = [(name, domain_figure(present[0], plane)) for name, plane in planes]
+        if PRESENT in alone:
+            figures = [(name, domain_figure(alone[PRESENT], plane)) for name, plane in PLANES]
+        elif alone:
+            figures = [(name, virgin_figure(alone, plane)) for name, plane in PLANES]
         else:
             figures = loop_figures(table, loops, parameters)
         results.save_figures(figures)

@@ -22,7 +22,7 @@ from studies.output import definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
 from studies.study import one_of, study
-from studies.style import BLUE, GREY, VERMILION, new_panels, styled
+from studies.style import BLUE, GREY, VERMILION, new_panels, say_empty, styled
 
 UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
 # Steps of the isotropic compression before the programme.
@@ -306,10 +306,12 @@ def draw_material(table: pd.DataFrame) -> Figure:
     axes[3].set_yticks(range(0, 181, 45))
     for ax in axes:
         ax.set_xlabel("axial strain since confinement (%)")
-        ax.set_xlim(left=0.0)
+        ax.set_xlim(0.0, axes[0].get_xlim()[1])
     axes[0].legend(loc="best")
     if axes[3].get_legend_handles_labels()[0]:
         axes[3].legend(loc="best")
+    else:
+        say_empty(axes[3], "no direction of negative\nsecond-order work")
     return figure
 
 

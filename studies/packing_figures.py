@@ -71,10 +71,10 @@ def probe_figures(
     yield "work", polar_work(found)
     if found.softest is not None:
         yield "orders", figure_of(order_shares(summary["orders"]))
-        yield (
-            "map",
-            additive_work_map(snapshot, loops["additive_w"].to_numpy() / summary["mean_kn"]),
-        )
+        # Under stress control work is a compliance.
+        factor = summary["mean_kn"] ** (1 if found.control == "stress" else -1)
+        unit = "· mean $k_n$" if found.control == "stress" else "/ mean $k_n$"
+        yield "map", additive_work_map(snapshot, factor * loops["additive_w"].to_numpy(), unit)
 
 
 @styled()
@@ -167,10 +167,10 @@ def order_shares(orders: dict[str, dict[str, float]], ax: Axes | None = None) ->
 
 
 @styled()
-def additive_work_map(snapshot: Snapshot, work: Floats) -> Figure:
-    """Loops coloured by their additive second-order work."""
+def additive_work_map(snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n$") -> Figure:
+    """Loops coloured by their additive second-order work, in the unit that the label names."""
     figure = new_figure(4.4, 4.0)
-    label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ / mean $k_n$"
+    label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ " + unit
     draw_values(loop_drawer(snapshot), figure.add_subplot(), work, label, signed=True)
     return figure
 
@@ -343,7 +343,8 @@ def limit_surface(found: Sustained, rates: Probe) -> Figure:
     ):
         radius = _radius(np.where(np.isnan(table[name]), largest, table[name]) / largest)
         if found.subspace == "diagonal":
-            ax.plot(*_closed(theta, radius), color=colour, linewidth=1.0, label=label)
+            wide = 2.4 if name == "limit" else 1.0  # the first large motion often lies on it
+            ax.plot(*_closed(theta, radius), color=colour, linewidth=wide, label=label)
     large = table["first_large_load"]
     radius = _radius(np.where(np.isnan(large), largest, large) / largest)
     if found.subspace == "diagonal":
@@ -362,7 +363,7 @@ def limit_surface(found: Sustained, rates: Probe) -> Figure:
     ax.set_rlabel_position(22.5)
     ax.set_thetagrids(range(0, 360, 45))
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
-    ax.set_title("load (force/length) along $(P'_{11}, P'_{22})$")
+    ax.set_title("load (force/length, logarithmic)\nalong $(P'_{11}, P'_{22})$")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2)
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,7 @@ from studies.style import (
     VERMILION,
     axes_or_new,
     figure_of,
+    new_panels,
     styled,
 )
 
@@ -80,6 +82,8 @@ class LoopDomain(Shown):
         Tangent of the present state in (11, 22).
     reach : float
         Strain at which programmes end.
+    all_around : bool
+        Whether programmes leave in all directions, so that the boundary is closed.
     """
 
     rows: pd.DataFrame
@@ -90,6 +94,7 @@ class LoopDomain(Shown):
     stress_unit: str
     tangent: Floats
     reach: float
+    all_around: bool = True
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
@@ -287,6 +292,31 @@ def domain_figure(found: LoopDomain, plane: str) -> Figure:
     return figure_of(draw_domain(found, ax, plane))
 
 
+def virgin_domain(fan: Fan, limits: FanLimits) -> LoopDomain:
+    """Domain of a loop that begins without load, along programmes that compress every branch."""
+    return LoopDomain(
+        rows=ends_of(fan, limits),
+        yields=yields_of(fan, limits),
+        start=np.zeros(2),
+        status="unloaded",
+        control=fan.control,
+        stress_unit="over $k_n$",
+        tangent=np.full((2, 2), np.nan),
+        reach=fan.reach,
+        all_around=False,
+    )
+
+
+@styled()
+def virgin_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
+    """Domains of one loop without load, a panel for each kind of contacts."""
+    figure, (axes,) = new_panels(1, len(found), 4.4, ONE_COLUMN * len(found))
+    for ax, (contacts, domain) in zip(axes, found.items(), strict=True):
+        draw_domain(domain, ax, plane)
+        ax.text(0.98, 0.02, contacts, transform=ax.transAxes, ha="right", va="bottom")
+    return figure
+
+
 def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
     """Boundary of a domain in the plane of strains or of stresses, its line by what ended it.
 
@@ -298,10 +328,12 @@ def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
         _draw_present(found, ax, origin, STRAINS if plane == "strain" else found.tangent)
     else:
         _draw_ends(found, ax, origin, ["E1", "E2"] if plane == "strain" else ["s1", "s2"])
-    ax.plot(*origin, "P", color=BLACK, markersize=5, label=f"present state, {found.status}")
+    label = f"present state, {found.status}" if found.all_around else "no load"
+    ax.plot(*origin, "P", color=BLACK, markersize=5, label=label)
     unit = "" if plane == "strain" else f" ({found.stress_unit})"
     symbol = "E" if plane == "strain" else "P"
-    change = "change of strain " if plane == "strain" else "stress "
+    changes = "change of strain " if found.all_around else "strain "
+    change = changes if plane == "strain" else "stress "
     ax.set(xlabel=f"{change}${symbol}_{{11}}${unit}", ylabel=f"{change}${symbol}_{{22}}${unit}")
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
@@ -318,6 +350,7 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
     ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
     known = np.isfinite(points).all(axis=1)
     known &= np.roll(known, -1)
+    known[-1] &= found.all_around
     for name, (colour, style, words) in ENDS.items():
         runs = _runs(known & (kind == name))
         if runs:

@@ -52,6 +52,7 @@ from studies.style import (
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
+ENDS = ("start", "end")  # states that are not marked on curves, which begin and end there
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
@@ -153,11 +154,11 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
         first = False
     if not np.isfinite(half).any():
-        ax.plot([], [], " ", label="no instability cone on this path")
+        ax.set_title("no instability cone in (11, 22) on this path")
     direction = np.degrees(alpha_e(np.arctan2(found.direction[:, 1], found.direction[:, 0])))
     ax.plot(E1, direction, color=BLUE, label="loading direction")
     for name, row in found.marks.items():
-        if name != "end":
+        if name not in ENDS:
             ax.axvline(E1[row], color=GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
             write_above(ax, E1[row], name, fontweight="bold")
     ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
@@ -178,7 +179,7 @@ def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
     if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SUBSPACE_LOOKS):
         say_empty(ax, "no unstable direction on this path")
         ax.set_ylim(top=10.0)
-    ax.set_ylim(bottom=-1.0)
+    ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])
     ax.legend(loc="best")
     return ax
 
@@ -189,7 +190,7 @@ def over_strain(
     """Label the axes, mark the named states on one curve, shade where opposite grains overlap."""
     for name, row in found.marks.items():
         at = found.E1[row]
-        if marked is None or name == "end":
+        if marked is None or name in ENDS:
             continue
         ax.plot(at, marked[row], "o", color=BLACK, zorder=3)
         text = ax.annotate(
@@ -264,6 +265,8 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
     ax.plot(*circle.T, color=GREY, linewidth=0.8, linestyle=(0, (3, 2)))
     ax.plot(*closed.T, color=BLUE)
     ax.text(0.0, 0.0, name, ha="center", va="center", fontweight="bold", color=BLACK)
+    ring: dict[str, Any] = {"ha": "center", "va": "bottom", "color": GREY, "fontsize": 6}
+    ax.text(0.0, -0.93 * RADIUS, "$w_2 = 0$", **ring)
     ax.set(xlim=(-3.15, 3.15), ylim=(-3.15, 3.15), aspect="equal")
     ax.set(xticks=[-2, 0, 2], yticks=[-2, 0, 2])
     ax.set(xlabel=r"$(2 + w_2)\,\cos\alpha_E$ (–)", ylabel=r"$(2 + w_2)\,\sin\alpha_E$ (–)")
@@ -285,7 +288,8 @@ def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     reach = float(np.abs(x).max()) + (1.4 if len(size) <= MOST_WITH_ARROWS else 0.6)
     for ax, name, row, at, both in zip(axes, names, rows, x, forces, strict=True):
         draw_grains(ax, at, size, path.contacts, *both, path.regime[row], largest)
-        ax.set_title(f"{name}: $E_1 = {found.E1[row]:.4f}$, $E_2 = {found.E2[row]:.4f}$")
+        E1, E2 = (round(float(E[row]), 4) + 0.0 for E in (found.E1, found.E2))
+        ax.set_title(f"{name}: $E_1 = {E1:.4f}$, $E_2 = {E2:.4f}$")
         ax.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
         ax.set(xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
         ax.locator_params(nbins=6)

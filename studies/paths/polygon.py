@@ -41,7 +41,7 @@ from stability import (
 from stability import Path as LoopPath
 from stability.path import describe
 from studies.output import definitions
-from studies.paths.options import DiamondOptions, PolygonOptions
+from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
@@ -259,7 +259,9 @@ def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
 
 
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
-    """Confine a polygon and load it; `marks` are A and end. Spectral events are of the subspaces.
+    """Confine a polygon and load it; `marks` are A and end, of a loop of a snapshot start and end.
+
+    Spectral events are of the subspaces.
 
     >>> found = follow_polygon(PolygonOptions(4, confine=0.2, end=0.25))
     >>> [(event.kind, event.subspace) for event in found.path.events][:3]
@@ -267,8 +269,10 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
     """
     path, stages = follow_path(options, subspaces)
     confined = np.flatnonzero(path.stage == 0)
-    at_A = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
-    marks = {**at_A, "end": len(path) - 1}
+    first = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
+    if isinstance(options, LoopOptions):
+        first = {"start": 0}
+    marks = {**first, "end": len(path) - 1}
     with np.errstate(invalid="ignore"):
         return Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
 

@@ -62,6 +62,8 @@ from studies.style import (
 )
 
 SHEAR_LABEL = "accumulated shear strain"
+# In narrow panels, where the power of ten of the axis stands beside it.
+SHORT_LABEL = "shear strain"
 ORDER_MARKERS = "os^DvP"
 FATE_COLOURS = {
     "split": BLUE,
@@ -122,8 +124,8 @@ def fates_over_strain(evolution: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ax.plot(place, born, "x", color=VERMILION, label="born, over\nearlier loops")
     if not bottom.any() and not born.any():
         say_empty(ax, "every loop survived every interval")
-    # Fewer than eight bars keep the width of eight.
-    wide = max(8 - np.ptp(place), 1) / 2
+    # Fewer than four bars keep the width of four.
+    wide = max(4 - np.ptp(place), 1) / 2
     ax.set(xlim=(place[0] - wide, place[-1] + wide), ylim=(0, None))
     ax.set_xticks(place[:: len(place) // 12 + 1])
     ax.set(xlabel="interval, by its later snapshot", ylabel="share of the earlier loops (%)")
@@ -166,12 +168,12 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
     shear = 0.5 * (_column(evolution, "S12") + _column(evolution, "S21"))
     left.plot(strain, shear, marker="^", color=GREY, label=r"$(\sigma_{12} + \sigma_{21})/2$")
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    left.set(xlabel=SHEAR_LABEL, ylabel="stress (force/length)")
+    left.set(xlabel=SHORT_LABEL, ylabel="stress (force/length)")
     left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     if "q_over_p" in evolution:
         ratio, error = _column(evolution, "q_over_p"), _column(evolution, "q_over_p_error")
         middle.errorbar(strain, ratio, error, fmt="o-", color=BLACK, capsize=2.0)
-    middle.set(xlabel=SHEAR_LABEL, ylabel="$q/p$ of the whole sample (–)")
+    middle.set(xlabel=SHORT_LABEL, ylabel="$q/p$ of the whole sample (–)")
     judged = (("packing", GREEN, "D"), ("traction", VERMILION, "s"), ("traction_free", ORANGE, "v"))
     for judge, colour, marker in judged:
         if f"{judge}_unstable" in evolution:
@@ -190,7 +192,7 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
             worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
         label = r"survived with $W_2 < 0$"
         right.plot(strain, worked, "o-", color=BLUE, label=label)
-    right.set(xlabel=SHEAR_LABEL, ylabel="share", ylim=(0, None))
+    right.set(xlabel=SHORT_LABEL, ylabel="share", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
@@ -235,7 +237,9 @@ def probes_over_strain(evolution: pd.DataFrame) -> Figure:
         ax.margins(y=0.12)
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     left.set(ylabel=r"smallest $w_2$ of the sample")
-    right.set(ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, None))
+    # None is a line at the foot of an axis that could show some.
+    highest = max(right.get_ylim()[1], 10.0)
+    right.set(ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, highest))
     return figure
 
 
@@ -310,7 +314,7 @@ def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
             markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
         )  # fmt: skip
     else:
-        right.set_title("too few events tell the steady state of the rates", color=GREY)
+        right.set_title("too few events to tell the steady state of the rates", color=GREY)
     right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
     least = orders["observed_share"][shown]
     right.set_ylim(0.3 * least[least > 0].min(), 1.0)

@@ -122,7 +122,7 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
         ):
             share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
             rates.append(rf"{share} of $w_2 {sign} 0$")
-        ax.set_title(f"{title}\nright: {', '.join(rates)}")
+        ax.set_title(f"{title}\nsign predicted: {', '.join(rates)}")
     for ax in axes[1]:
         ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
     for ax in axes[:, 0]:

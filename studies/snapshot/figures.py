@@ -90,7 +90,7 @@ BIN_COUNTS = 20, 60
 TAIL = 0.01
 # Largest extension of the axis for negative values beyond that, over its positive part.
 NEGATIVE = 0.15
-CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION}
+CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
 # Axes below which a rose has coarse bins.
 FEW_AXES = 200
 # Width of these bins (degrees); it divides 180.
@@ -270,7 +270,8 @@ def snapshot_figures(
         yield "chains", chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
         yield "eigenvalues", eigenvalue_distribution(table, groups, unstable)
-        yield "directions", unstable_rose(table, unstable, summary)
+        if any(unstable[judge].any() for judge in rose_judges(unstable)):
+            yield "directions", unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
             yield "in_packing", in_packing(table, groups, surroundings_share(table))
 
@@ -432,16 +433,21 @@ def fabric_rose(fabric_density: Columns, summary: dict[str, Any]) -> Figure:
     return figure
 
 
+def rose_judges(judged: dict[str, Flags]) -> tuple[str, ...]:
+    """Judges whose unstable loops have a rose: the packing where it is solved, else closures."""
+    return (PLACE,) if PLACE in judged else CLOSURES
+
+
 @styled()
 def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, Any]) -> Figure:
-    """Directions of the unstable loops: softest direction and long axis."""
+    """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
-    unstable = {closure: judged[closure] for closure in CLOSURES}
+    unstable = {judge: judged[judge] for judge in rose_judges(judged) if judged[judge].any()}
     for ax, (title, column, key) in zip(
         axes,
         (
-            ("soft direction", "{}_soft_angle", "soft_angle"),
-            ("long axis of the polygon", "orientation", "long_axis"),
+            ("softest compression", "{}_soft_angle", "soft_angle"),
+            ("long axis", "orientation", "long_axis"),
         ),
         strict=True,
     ):
@@ -449,11 +455,9 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, A
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]
             width = FINE if len(angles) >= FEW_AXES else COARSE_BIN
-            label = f"{closure}, {len(angles)} loops"
+            label = f"{JUDGE_TITLES[closure]}, {len(angles)} loops"
             density = axes_density(angles, width)["density"]
             _bars(ax, density, CLOSURE_COLOURS[closure], label, filled=False)
-        if not any(rows.any() for rows in unstable.values()):
-            say_empty(ax, "no loop is unstable")
         for closure in unstable:
             mean, colour = summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure]
             if mean["count"]:
@@ -463,7 +467,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, A
                 both, reaches = [angle, angle + np.pi], [reach, reach]
                 ax.plot(both, reaches, "o", color=colour, markersize=3)
                 ax.plot(both, reaches, color=colour, linewidth=2.2)
-        finish_rose(ax, f"{title}, unstable loops", "probability density (1/rad)")
+        finish_rose(ax, f"{title} of the unstable loops", "probability density (1/rad)")
     return figure
 
 

@@ -230,6 +230,11 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         found["eigenvalues"][judge] = {
             name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
         }
+        if f"{judge}_soft_angle" in table:
+            found["soft_loops"][judge] = {
+                "long_axis": axes_block(table["orientation"][unstable]),
+                "soft_angle": axes_block(table[f"{judge}_soft_angle"][unstable]),
+            }
         if judge not in CLOSURES:
             continue
         directions = table[f"{judge}_unstable_fraction"]
@@ -240,10 +245,6 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         found["mean_unstable_directions"][judge] = means
         found["unstable_directions"][judge] = spread_by_group(groups, directions)
         found["cone_opening"][judge] = spread_by_group(groups, cones)
-        found["soft_loops"][judge] = {
-            "long_axis": axes_block(table["orientation"][unstable]),
-            "soft_angle": axes_block(table[f"{judge}_soft_angle"][unstable]),
-        }
     return found
 
 
