@@ -264,9 +264,9 @@ def long_steps(evolution: pd.DataFrame) -> list[str]:
         if pd.notna(steps[k]) and steps[k] > LONG_STEP
     ]
     told = (
-        f"from snapshot {', '.join(found)} the sample strains by more than 1e-4: neither the rates "
-        "of the packing nor the grains' own motion nor the closures speak for such a step, and "
-        "none is a bound on the others"
+        f"the sample strains by more than 1e-4 from snapshot {', '.join(found)}: rates of the "
+        "start (packing, grains' own motion, closures) do not hold over such an interval; "
+        "follow it by --in-packing events, or take snapshots closer together"
     )
     return [told] if found else []
 
