@@ -8,7 +8,9 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.present_domain import ENDS
+from studies.loop_domain import LoopDomainParameters, loop_domains
+from studies.paths.options import PolygonOptions
+from studies.present_domain import ENDS, virgin_figure
 from tests.studies.snapshot.test_run import run
 
 KAPPA, START = 0.2, 0.3
@@ -150,3 +152,40 @@ def test_the_figure_of_an_unstable_loop_shows_its_directions(unstable, plane):
     share = 100.0 * float(cone.opening) / np.pi
     assert 1.0 < share and words[0] == f"negative second-order work ({share:.1f} % of the strains)"
     assert words[-1] == "present state, unstable"
+
+
+@pytest.fixture(scope="module")
+def square():
+    """Domains of the square diamond without load, contacts that stick and that slide."""
+    options = PolygonOptions(4, kappa=0.2, phi_deg=20.0, closure="affine")
+    _, _, alone = loop_domains(LoopDomainParameters((options,), directions=21))
+    return alone
+
+
+def test_programmes_of_a_loop_without_load_end_once_each(square):
+    assert list(square) == ["contacts never slide", r"contacts slide at $|T| = \mu N$"]
+    for found in square.values():
+        rows = found.rows
+        assert len(rows) == 21 and np.isfinite(rows[["E1", "E2", "s1", "s2"]]).all(axis=None)
+        angle = np.degrees(np.arctan2(rows["E2"], rows["E1"]))
+        # Contacts far from the isotropic programme slide from the first touch, and are lost there.
+        away = np.hypot(rows["E1"], rows["E2"]) > 0
+        np.testing.assert_allclose(angle[away], rows["programme_deg"][away], atol=1e-6)
+        assert away.all() == ("never" in next(c for c, one in square.items() if one is found))
+    # On the isotropic programme the diamond is lost at kappa/(1 + kappa), whether or not it slides.
+    for found in square.values():
+        row = row_at(found, 45.0)
+        assert row["kind"] == "det_Ks_zero" and row["E1"] == pytest.approx(0.2 / 1.2, rel=1e-9)
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_the_figure_of_a_loop_without_load_has_its_fan_and_an_open_boundary(square, plane):
+    figure = virgin_figure(square, plane)
+    for ax, (contacts, found) in zip(figure.axes, square.items(), strict=True):
+        fan, *boundary = ax.collections
+        assert all(np.array_equal(path.vertices[0], [0.0, 0.0]) for path in fan.get_paths())
+        lines = [path.vertices for drawn in boundary for path in drawn.get_paths()]
+        assert sum(len(line) - 1 for line in lines) == len(found.rows) - 1
+        words = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert words[-1] == "no load" and ax.texts[0].get_text() == contacts
+    figure.draw_without_rendering()
