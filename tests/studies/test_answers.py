@@ -79,7 +79,7 @@ def test_steps_too_long_for_rates_are_named():
     steps = [np.nan, 2e-5, 0.039, LONG_STEP]
     table = pd.DataFrame({"snapshot": [3, 4, 5, 7], "step_strain": steps})
     (told,) = long_steps(table)
-    assert "from snapshot 4 to 5 by 0.039 the sample" in told
+    assert "more than 1e-4 from snapshot 4 to 5 by 0.039: rates" in told
     assert not long_steps(table.drop(index=2))
 
 

@@ -246,7 +246,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
     held = state("before")[0]
     for name, start, end, H in (
         ("held", held, None, 2e-5 * np.diag([-0.6, 0.8])),
-        ("under way", one, two, _strain(one, two)),
+        ("in motion", one, two, _strain(one, two)),
     ):
         graph, law, faces = start.graph, start.mechanics()[0], find_faces(start.graph)
         path = followed(Scene(graph, law), strained(H), instabilities=1000)
@@ -277,7 +277,7 @@ def rates_figure(rows: Rows) -> Figure:
     table = pd.DataFrame(rows)
     figure = new_figure(TWO_COLUMNS, 2.6)
     left, right = figure.subplots(1, 2)
-    words = {"held": "from a state at rest", "under way": "a step of the compression"}
+    words = {"held": "from a state at rest", "in motion": "a step of the compression"}
     for (name, own), colour in zip(table.groupby("state"), LINE_COLOURS, strict=False):
         moving, still = own[own.rate > 0], own[own.rate == 0]
         left.loglog(moving.rate, moving.from_path, "o-", color=colour, label=words[name])
