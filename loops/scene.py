@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, wraps
+from os import PathLike
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 from loops.boundary import FORMER, Boundary, boundary_of, former_boundary
@@ -92,7 +93,9 @@ def scene_of(subject: Subject) -> Scene:
     # Asked of the type: a snapshot without a law says itself what it lacks.
     if not hasattr(type(subject), "scene"):
         received, expected = type(subject).__name__, "a Scene or a Snapshot"
-        raise InputError("first argument", received, expected, "Give Scene(graph, law).")
+        named = isinstance(subject, str | PathLike)
+        remedy = "Read it: gl.read_snapshot(path)." if named else "Give Scene(graph, law)."
+        raise InputError("first argument", received, expected, remedy)
     return subject.scene
 
 
@@ -127,6 +130,11 @@ def of_scene(
         @wraps(question)
         def asked(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
             if isinstance(subject, GrainGraph):
+                law = args[0] if args else options.get("law")
+                if not hasattr(law, "regime"):
+                    where, received = f"first argument of {name}", "a graph without its law"
+                    remedy = "Give Scene(graph, law)."
+                    raise InputError(where, received, "a Scene or a Snapshot", remedy)
                 given = ("boundary", *former)
                 scene = "Scene(graph, law"
                 scene += ", boundary)" if any(one in options for one in given) else ")"

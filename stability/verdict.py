@@ -168,7 +168,12 @@ def judge(
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
         received = f"a batch of shape {operator.shape}"
-        raise InputError("operator", received, "one operator", "Use statuses for batches.")
+        raise InputError(
+            "operator",
+            received,
+            "one operator",
+            "Judge one of them, or take stability.statuses for all.",
+        )
     values, vectors = symmetric_modes(operator)
     eigenvalues = spectrum(operator)
     norm = float(operator_norm(operator))

@@ -99,17 +99,21 @@ def drawn(width: float, height: float, projection: str | None = None) -> Callabl
 
 @drawn(4.2, 4.2)
 def plot_map(
-    snapshot: Snapshot, values: ArrayLike | None = None, label: str = "", ax: Axes | None = None
+    snapshot: Snapshot,
+    values: ArrayLike | str | None = None,
+    label: str = "",
+    ax: Axes | None = None,
 ) -> Axes:
     """Map of the loops of a snapshot, coloured by a value of each.
 
     Parameters
     ----------
     snapshot : Snapshot
-    values : (L,) array, optional
-        One a loop, in the order of the table of loops; nan stays white. By order if left out.
+    values : (L,) array or str, optional
+        One a loop, in the order of the table of loops, or the name of one of its columns; nan stays
+        white. By order if left out.
     label : str
-        Of the colour bar.
+        Of the colour bar; the column if left out.
     ax : matplotlib.axes.Axes, optional
         Where to draw; pyplot's current axes if left out.
 
@@ -136,6 +140,12 @@ def plot_map(
     if values is None:
         draw_orders(draw, ax, order)
         return ax
+    if isinstance(values, str):
+        table, label = loop_columns(snapshot), label or values.replace("_", " ")
+        if values not in table:
+            expected = "one value a loop, or a column of gl.loop_table(snapshot)"
+            raise InputError("values", repr(values), expected, "Look there.")
+        values = table[values]
     shown = np.asarray(values, dtype=float)
     if shown.shape != order.shape:
         raise InputError(

@@ -193,7 +193,8 @@ class FrictionalLaw(Shown):
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N` as a function of `state.overlap`, smooth beyond the opening: for you to write."""
-        raise NotImplementedError(f"{type(self).__name__}.closed_force")
+        said = "write this method: N as a function of state.overlap"
+        raise NotImplementedError(f"{type(self).__name__}.closed_force: {said}")
 
     def stiffnesses(self, state: ContactState) -> tuple[ArrayLike, ArrayLike]:
         """`kn = dN/d(overlap)` and `kt`, broadcastable to (..., C); by default its constants.
@@ -202,7 +203,8 @@ class FrictionalLaw(Shown):
         """
         constants = vars(self)
         if "kt" not in constants:
-            raise NotImplementedError(f"{type(self).__name__}.stiffnesses")
+            said = "give the law kt=..., or write this method: it returns kn and kt"
+            raise NotImplementedError(f"{type(self).__name__}.stiffnesses: {said}")
         if "kn" in constants:
             return constants["kn"], constants["kt"]
         step = 1e-3 * np.maximum(np.abs(state.overlap), TOUCHING_RTOL * state.touching_length)

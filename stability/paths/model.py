@@ -299,7 +299,7 @@ def path_model(
             f"normal force of contact {c}",
             f"{contacts.normal_force[c]:.6g}",
             f"{float(expected[c]):.6g}, as its overlap gives it",
-            "Give the graph law.normal_force(contact_state(graph)).",
+            "Write graph.replace(normal_force=law.normal_force(gl.contact_state(graph))).",
         )
     model = PathModel(
         law=law,

@@ -354,9 +354,8 @@ def cell_of(text: str | None) -> tuple[float, float, float, float] | None:
     try:
         xx, xy, yx, yy = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(
-            "--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", "Separate them by commas."
-        ) from None
+        remedy = "Separate them by commas; a table of cells goes to --cells."
+        raise InputError("--cell", repr(text), "four numbers HXX,HXY,HYX,HYY", remedy) from None
     return xx, xy, yx, yy
 
 

@@ -253,8 +253,32 @@ def test_a_loop_scene_or_snapshot_stands_for_its_graph_and_law(snapshot):
             r"stages: got 'drained_biaxial'.*gl\.Stage",
         ),
         (lambda one: gl.find_faces(62), "first argument: got int"),
+        (lambda one: gl.stress("grains.csv"), r"got str.*gl\.read_snapshot\(path\)"),
+        (lambda one: gl.follow(one.graph, gl.Stage("biaxial", "H11", 0.1)), "a graph without"),
+        (lambda one: gl.rates_at(one.graph, "biaxial"), r"got a graph without.*Scene\(graph, law"),
     ],
 )
 def test_what_is_no_loop_or_lacks_its_law_is_told(snapshot, question, said):
     with pytest.raises(gl.InputError, match=said):
         question(gl.loop(snapshot, 62))
+
+
+def test_a_map_takes_a_column_by_its_name(snapshot):
+    table = gl.loop_table(snapshot)
+    for given in ("area", table["area"]):
+        ax = gl.plot.map(snapshot, given, ax=matplotlib.figure.Figure().add_subplot())
+        np.testing.assert_array_equal(ax.collections[0].get_array(), table["area"])
+    with pytest.raises(gl.InputError, match=r"values: got 'arae'.*column of gl\.loop_table"):
+        gl.plot.map(snapshot, "arae")
+
+
+def test_a_law_of_ones_own_says_what_it_lacks():
+    class Own(gl.FrictionalLaw):
+        def closed_force(self, state):
+            return self.k * state.overlap
+
+    ring = gl.regular_polygon(5, strain=0.02)
+    with pytest.raises(NotImplementedError, match=r"Own\.stiffnesses: give the law kt="):
+        gl.traction_tangent(ring, Own(k=1.0))
+    with pytest.raises(NotImplementedError, match=r"FrictionalLaw\.closed_force: write this"):
+        gl.FrictionalLaw(kt=1.0).normal_force(gl.contact_state(ring))
