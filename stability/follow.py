@@ -143,8 +143,9 @@ def follow(
     (0.166666666667, (0, 1, 2, 3))
     """
     given: Any = stages
-    stages = [given] if isinstance(given, Stage | str) else list(given)
-    for other in (one for one in list[Any](stages) if not isinstance(one, Stage)):
+    listed: list[Any] = [given] if isinstance(given, Stage | str) else list(given)
+    stages = listed
+    for other in (one for one in listed if not isinstance(one, Stage)):
         remedy = "Write gl.Stage('drained_biaxial', 'H11', 1e-3), say."
         raise InputError("stages", repr(other), "a Stage: programme and where it ends", remedy)
     if not stages or stages[0].fallback:

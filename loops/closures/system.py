@@ -66,12 +66,12 @@ def with_law(subject: GrainGraph | HasLaw, law: ContactLaw | None) -> tuple[Grai
     `InputError` for what has no graph, or no law.
     """
     graph = graph_of(subject)
-    law = getattr(subject, "law", None) if law is None else law
-    if not hasattr(law, "regime"):
-        received = "none" if law is None else type(law).__name__
+    own = getattr(subject, "law", None) if law is None else law
+    if own is None or not hasattr(own, "regime"):
+        received = "none" if own is None else type(own).__name__
         expected = "a contact law, or as first argument a loop or scene, which has one"
         raise InputError("law", received, expected, "Give gl.LinearFrictional(kn, kt, mu), say.")
-    return graph, law
+    return graph, own
 
 
 def named_closure(closure: Closure | None) -> Closure:
