@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from loops import GrainGraph, InputError, Regime, contact_state
 from loops.arrays import Floats
@@ -47,7 +48,10 @@ FAN_REACH = 0.95
 LOST = ("det_Ks_zero", "limit")
 LONGEST = 60
 PRESENT = "present state"
-CONTACTS = {False: "contacts never slide", True: r"contacts slide at $|T| = \mu N$"}
+CONTACTS = {
+    "sticking": "contacts never slide",
+    "frictional": r"contacts slide at $|T| = \mu N$",
+}
 PLANES = (("domain", "stress"), ("domain-strain", "strain"))
 # Distance of neighbours on a curve, over its extent, beyond which it jumps.
 JUMP = 0.15
@@ -177,7 +181,7 @@ def loop_domains(
                 loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
                 alone[PRESENT] = present
             elif len(parameters.loops) == 1:
-                alone[CONTACTS[friction]] = virgin_domain(fan, limits)
+                alone[CONTACTS[named["contacts"]]] = virgin_domain(fan, limits)
     filled = [part for part in parts if len(part)] or parts[:1]
     return pd.concat(filled, ignore_index=True), loops, alone
 
@@ -266,7 +270,11 @@ def domains_figure(
     orders = list(dict.fromkeys(loop.order for loop in parameters.loops))
     kinds = list(table.contacts.unique()) or ["no limit found"]
     kappa = table.kappa.iloc[0] if len(table) else parameters.loops[0].kappa
-    figure, panels = new_panels(len(kinds), len(closures), 0.8 + 2.5 * len(kinds))
+    # Kinds of contacts below one another, beside one another if there is one closure.
+    alone = len(closures) == 1
+    shape = (1, len(kinds)) if alone else (len(kinds), len(closures))
+    figure, panels = new_panels(*shape, 0.8 + 2.5 * shape[0])
+    panels = panels.reshape(len(kinds), len(closures))
     regular = plane == ("s1", "s2") and all(
         loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
     )
@@ -285,15 +293,19 @@ def domains_figure(
                 lost = bound.kind.isin(LOST).to_numpy()
                 ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
                 ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
-            ax.set_title(rf"{closure}, {contacts}, $\kappa$ = {kappa:g}")
+            ax.plot(0.0, 0.0, "P", color=BLACK, markersize=4)
+            ax.set_title(f"{closure} closure, {CONTACTS.get(contacts, contacts)}")
             ax.set(xlabel=names[0], ylabel=names[1])
+            ax.set_aspect("equal", adjustable="datalim")
     handles = [
         Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
     ]
     styles: tuple[tuple[Any, str], ...] = (("-", "loss"), (":", "a contact opens first"))
     for style, label in styles:
         handles.append(Line2D([], [], color=BLACK, linestyle=style, label=label))
-    figure.legend(handles=handles, loc="outside lower center", ncols=key_columns(figure, 6))
+    handles.append(Line2D([], [], color=BLACK, marker="P", linestyle="", label="no load"))
+    key: Any = {"title": rf"$\kappa$ = {kappa:g}", "ncols": key_columns(figure, 7)}
+    figure.legend(handles=handles, loc="outside lower center", **key)
     return figure
 
 
@@ -322,7 +334,10 @@ def share_figure(loops: pd.DataFrame) -> Figure:
             style = "o-" if closure == "affine" else "s--"
             label = rf"{closure}, $\kappa$ = {kappa:g}"
             ax.plot(rows.order, rows.unstable_share, style, color=colour, markersize=3, label=label)
-        ax.set(title=contacts, xlabel="order $n$ (–)", ylabel="unstable share (–)", ylim=(0, 1))
+        title = CONTACTS[contacts]
+        ax.set(title=title, xlabel="order $n$ (–)", ylabel="unstable share of the strains (–)")
+        ax.set_ylim(0, 1)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     handles, labels = ax.get_legend_handles_labels()
     beside = key_columns(figure, 4)
     figure.legend(handles, labels, loc="outside lower center", ncols=beside)
