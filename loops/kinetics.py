@@ -471,10 +471,10 @@ def order_neighbours(faces: Faces) -> Integers:
     """
     order, loops = faces.order, np.zeros(len(faces.order), dtype=bool)
     loops[faces.loops] = True
-    sides = np.full((int(faces.contacts.max(initial=-1)) + 1, 2), -1)
+    sides = np.zeros((int(faces.contacts.max(initial=-1)) + 1, 2), dtype=np.int64)
     face = np.repeat(np.arange(len(order)), np.diff(faces.offsets))
     sides[faces.contacts, faces.forward.astype(int)] = face
-    inner = (sides >= 0).all(axis=1) & (sides[:, 0] != sides[:, 1])
+    inner = sides[:, 0] != sides[:, 1]
     inner[inner] = loops[sides[inner]].all(axis=1)
     m, n = order[sides[inner]].T
     counts = np.zeros((int(order[loops].max(initial=0)) + 1,) * 2, dtype=np.int64)

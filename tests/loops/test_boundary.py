@@ -103,3 +103,25 @@ def test_the_volume_of_a_loop_is_that_of_its_boundary():
     np.testing.assert_array_equal(old.P, paths[0].P)
     with pytest.raises(gl.InputError, match="volume"):
         gl.follow(Scene(ring, law), stage, closure="affine", volume=2.0)
+
+
+def test_contacts_with_walls_have_the_stiffness_of_their_force_over_their_overlap():
+    """Two grains on a floor and a slope; the third contact carries nothing."""
+    graph = GrainGraph([[0.0, 0.9], [3.0, 2.0], [6.0, 0.5]], [1.0, 2.5, 0.5], [[0, 1]])
+    slope = np.array([-0.6, 0.8])
+    away = np.array([[0.0, 0.9], 2.0 * slope, [0.0, 0.5]])
+    force = np.array([[0.0, 0.3], 1.5 * slope, [0.0, 0.0]])
+    found = plane_contacts(graph, [0, 1, 2], force, away)
+    assert found.grain.tolist() == [0, 1] and not found.kt.any() and not found.mu.any()
+    np.testing.assert_allclose(found.kn, [0.3 / 0.1, 1.5 / 0.5], rtol=1e-12)
+    np.testing.assert_array_equal(found.branch, -away[:2])
+    with pytest.raises(gl.InputError, match=r"wall contact 1: got normal force -1\.5"):
+        plane_contacts(graph, [0, 1, 2], force * [[1], [-1], [1]], away)
+
+
+def test_the_points_of_plates_lie_on_them_beside_the_corner():
+    """From a grain's centre to its plate, then along it to where the corner stands."""
+    x, corner = np.array([[0.4, 2.0], [5.0, 0.7]]), np.array([-1.0, -2.0])
+    branch = np.array([[-0.4, 0.0], [0.0, -0.7]])
+    walls = PlaneContacts(np.array([0, 1]), branch, np.ones(2), np.zeros(2), fixed=corner)
+    np.testing.assert_allclose(x + walls.to_plates(x), [[0.0, -2.0], [-1.0, 0.0]], atol=1e-12)

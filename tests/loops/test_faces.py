@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loops import FaceKind, GrainGraph, InputError, euler_check, faces_by_order, find_faces
-from loops.faces import ANGLE_STEPS, cycles, next_half_edge
+from loops.faces import ANGLE_STEPS, cycles, half_edges_by_grain, next_half_edge
 from loops.pruning import prune_dangling, winding_ranks
 from patterns.synthetic import synthetic_network
 from tests.loops.test_crossings import network
@@ -396,3 +396,16 @@ def test_groups_hold_every_loop_once_and_in_order():
         )
         assert (ends[..., 0] == grains).all()
         assert (ends[..., 1] == np.roll(grains, -1, axis=1)).all()
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_half_edges_are_ordered_by_their_grains_and_images(periodic):
+    """Whatever the order and the direction of the contacts."""
+    graph = synthetic_network(60, seed=4, periodic=periodic)
+    rng = np.random.default_rng(0)
+    kept = np.flatnonzero(rng.random(graph.contact_count) < 0.8)
+    i, j = graph.contacts[kept].T
+    image = np.zeros((len(kept), 2), int) if graph.images is None else graph.images[kept]
+    ends = np.stack([np.column_stack([i, j, image]), np.column_stack([j, i, -image])], axis=1)
+    found = ends.reshape(-1, 4)[half_edges_by_grain(graph, kept)].tolist()
+    assert found == sorted(found)

@@ -8,6 +8,7 @@ from loops import GrainGraph, InputError, find_faces
 from loops.kinetics import (
     FATES,
     OrderEvents,
+    OrderKinetics,
     order_events,
     order_kinetics,
     order_neighbours,
@@ -299,3 +300,39 @@ def test_neighbours_are_those_of_every_contact():
                 wanted[one] = wanted.get(one, 0) + 1
     told = {(m, n): int(found[m, n]) for m, n in np.argwhere(found).tolist()}
     assert told == wanted and len(wanted) > 5
+
+
+def test_rates_of_an_order_count_both_loops_of_a_merger_of_two_alike():
+    """Three mergers of two triangles and two of a triangle with a square, in two units of time."""
+    found = OrderKinetics(
+        pairs=np.array([[3, 3], [3, 4]]), opened=np.array([[3, 2]]), closed=np.array([[1, 4]]),
+        opening_exposure=np.ones(2), closing_exposure=np.ones(2),
+        loops=np.array([0.0, 0.0, 0.0, 10.0, 5.0, 8.0]), duration=2.0, kept=0, once=0, grain=0,
+        several=0,
+    )  # fmt: skip
+    rates = found.by_order()
+    assert rates["mergers"].tolist() == [0, 0, 0, 5, 2, 0]
+    assert rates["splits"].tolist() == [0, 0, 0, 0, 1, 4]
+    # Eight triangles took part in five mergers; limits are those of five, for as many loops each.
+    low, high = poisson_limits(5)
+    np.testing.assert_allclose(rates["merger_rate"][3:], [8 / 20, 2 / 10, 0.0])
+    np.testing.assert_allclose(rates["merger_rate_low"][3], 8 / 5 * low / 20)
+    np.testing.assert_allclose(rates["merger_rate_high"][3], 8 / 5 * high / 20)
+    np.testing.assert_allclose(rates["split_rate"][3:], [0.0, 1 / 10, 4 / 16])
+    np.testing.assert_allclose(rates["merger_rate_high"][5], poisson_limits(0)[1] / 16)
+
+
+def test_dispersion_is_the_scatter_of_the_net_events_over_that_of_poisson():
+    """Events of one pair in four intervals; none of the other is frequent enough to count."""
+    opened = np.array([[6, 1], [2, 0], [9, 0], [3, 0]])
+    closed = np.array([[4, 0], [5, 0], [1, 0], [2, 0]])
+    found = OrderKinetics(
+        pairs=np.array([[3, 4], [3, 5]]), opened=opened, closed=closed,
+        opening_exposure=np.ones(2), closing_exposure=np.ones(2), loops=np.full(7, 20.0),
+        duration=4.0, kept=0, once=0, grain=0, several=0,
+    )  # fmt: skip
+    a, b = opened[:, 0], closed[:, 0]
+    each, share = a + b, (a - b).sum() / (a + b).sum()
+    scatter = ((a - b - share * each) ** 2).sum()
+    expected = (each * (1 - each / each.sum())).sum() * (1 - share**2)
+    assert found.balance().dispersion == pytest.approx(scatter / expected)

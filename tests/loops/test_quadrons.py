@@ -70,6 +70,26 @@ def test_numbering_frame_and_units_don_t_matter():
     assert np.sort(quadrons(other, about="contacts").area) / 1e6 == pytest.approx(base, rel=1e-9)
 
 
+def test_about_contacts_a_grain_is_at_the_mean_of_the_middles_of_its_overlaps():
+    """Three unequal discs: corners of each quadron by hand."""
+    x, radii = np.array([[0.0, 0.0], [1.4, 0.1], [0.5, 1.2]]), np.array([0.5, 1.0, 0.9])
+    found = quadrons(GrainGraph(x, radii, [[0, 1], [1, 2], [2, 0]]), about="contacts")
+    ring = [(0, 1), (1, 2), (2, 0)]
+    touch = {}
+    for i, j in ring:
+        d, length = x[j] - x[i], np.linalg.norm(x[j] - x[i])
+        # Half-way between where the discs end on the branch.
+        touch[i, j] = x[i] + 0.5 * (radii[i] + length - radii[j]) / length * d
+    middle = np.mean(list(touch.values()), axis=0)
+    for grain in range(3):
+        before, after = touch[(grain - 1) % 3, grain], touch[grain, (grain + 1) % 3]
+        point = 0.5 * (before + after)
+        chord, reach = after - before, middle - point
+        area = 0.5 * abs(chord[0] * reach[1] - chord[1] * reach[0])
+        (row,) = np.flatnonzero((found.grain == grain) & (found.order == 3) & (found.area > 0))[:1]
+        assert found.area[row] == pytest.approx(area, rel=1e-12)
+
+
 def test_nothing_and_bad_words():
     chain = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]])
     assert len(quadrons(chain).area) == 0
