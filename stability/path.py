@@ -389,6 +389,9 @@ class Path(Shown):
         load), nan if there was none; largest change of its load by other numberings and by a third
         of the damping, over itself: nan if it was not asked for. A run without a large motion
         counts with the largest load.
+    seconds, spread_seconds : float
+        Growing load: seconds of the processor up to the end of the direction; and those that the
+        spreads took beside, for halves of the interval, other numberings and less damping.
     velocity, spin : (G, 2), (G,) array
         Replays: velocities beyond the affine motion, and spins, half a step before the end.
     steps, time_step : int, float
@@ -434,6 +437,8 @@ class Path(Shown):
     resting: Flags = field(default_factory=_none)
     first_large_strain: float = math.nan
     first_large_spread: float = math.nan
+    seconds: float = math.nan
+    spread_seconds: float = math.nan
     velocity: Floats = field(default_factory=_none)
     spin: Floats = field(default_factory=_none)
     steps: int = 0

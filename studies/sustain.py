@@ -43,7 +43,7 @@ UNITS = (
 # Numbers and arrays of a direction's path that are kept while others run.
 KEPT = (
     "status message parameter stage H P work energy imbalance intervals direction limit "
-    "limit_spread resting first_large_strain first_large_spread"
+    "limit_spread resting first_large_strain first_large_spread seconds spread_seconds"
 ).split()
 # Contacts within this share of their strength may slide in the rate problem beside the limits.
 YIELD_BAND = 0.99
@@ -510,6 +510,8 @@ def sustain_summary(
         "rate_undetermined": int(np.count_nonzero(~rates.determined)),
         "largest_limit_spread": _largest(path.limit_spread for path in found.paths),
         "largest_first_large_spread": _largest(path.first_large_spread for path in found.paths),
+        "seconds": sum(path.seconds for path in found.paths),
+        "spread_seconds": sum(path.spread_seconds for path in found.paths),
         "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
         "stress": found.stress,
         "weakest": row,

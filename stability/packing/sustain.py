@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from time import thread_time
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -268,6 +269,7 @@ def load_path(scene: Scene, direction: Floats, loading: Loading, faces: Faces | 
     path = _loaded(scene, direction, loading, faces)
     if not (loading.spread and path.status in LARGE_MOTION):
         return path
+    begin = thread_time()
     less = loading._replace(damping=loading.damping * LESS_DAMPING)
     others = [_loaded(scene, direction, less, faces)]
     for seed in NUMBERINGS:
@@ -279,6 +281,7 @@ def load_path(scene: Scene, direction: Floats, loading: Loading, faces: Faces | 
         path,
         limit_spread=float(np.nanmax([path.limit_spread, *limits])),
         first_large_spread=float(np.abs(reached / path.first_large_load - 1.0).max()),
+        spread_seconds=path.spread_seconds + thread_time() - begin,
     )
 
 
@@ -308,6 +311,7 @@ def renumbered(scene: Scene, seed: int) -> Scene:
 
 def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | None) -> Path:
     """Load one direction until its first large motion; modes of the loops of these faces."""
+    begin, halving = thread_time(), 0.0
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
     packing = scene.graph, scene.law, [stage]
     way = ConstantLoad(loading.damping)
@@ -323,7 +327,9 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
             break
         change = math.nan
         if math.isnan(limit):
+            halving -= thread_time()
             stop, change = _halved_loss(solver, stage, stop)
+            halving += thread_time()
             if not solver.targets:
                 break
         lost = _load_of_loss(solver, stage)
@@ -376,6 +382,8 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         motions=tuple(motions),
         resting=resting,
         states=(),
+        seconds=thread_time() - begin - halving,
+        spread_seconds=halving,
     )
 
 

@@ -244,6 +244,8 @@ def _sustain_lines(summary: dict[str, Any]) -> list[str]:
             f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
             f"{_within(weakest['limit_spread'], weakest['limit_converged'])}"
         )
+    own, more = (summary[key] / summary["directions"] for key in ("seconds", "spread_seconds"))
+    lines.append(f"processor time a direction: {own:.2g} s, {more:.2g} s more for its spreads")
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 

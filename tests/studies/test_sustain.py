@@ -71,6 +71,9 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
         assert f"{count} {status}" in first
     assert f"first large motion: under {weakest['first_large_load']:.4g}, by" in second
     assert f"equilibrium in this direction: {weakest['limit']:.4g}" in _sustain_lines(summary)[2]
+    own, more = summary["seconds"], summary["spread_seconds"]
+    said = f"processor time a direction: {own / 4:.2g} s, {more / 4:.2g} s more for its spreads"
+    assert 0 < own < more and said in _sustain_lines(summary)
     unstable = summary | {"weakest": weakest | {"first_large_load": None}}
     assert f"{weakest['limit']:.4g}, at" in _sustain_lines(unstable)[1]
     coarse = summary | {"weakest": weakest | {"limit_converged": False}}

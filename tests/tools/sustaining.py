@@ -43,8 +43,7 @@ def loads_beside_yade() -> Iterator[dict[str, object]]:
             largest = BEYOND * high
             along = [[np.cos(theta), np.sin(theta)]]
             (path,) = sustain(Scene(graph, law), along, largest=largest).paths
-            print(state, degrees, low, high, path.status, path.limit, path.limit_spread, flush=True)
-            yield {
+            row = {
                 "state": state,
                 "degrees": degrees,
                 "held": low,
@@ -56,7 +55,11 @@ def loads_beside_yade() -> Iterator[dict[str, object]]:
                 "first_large_load": path.first_large_load,
                 "first_large_strain": path.first_large_strain,
                 "first_large_spread": path.first_large_spread,
+                "seconds": path.seconds,
+                "spread_seconds": path.spread_seconds,
             }
+            print(*row.values(), flush=True)
+            yield row
 
 
 def limits_anew(table: pd.DataFrame) -> pd.DataFrame:

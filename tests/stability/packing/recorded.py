@@ -37,9 +37,10 @@ from stability.packing.amplitudes import probe_to
 from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
 from stability.path import Event, describe
 from stability.path import Path as AnyPath
-from tests.packings import BRANCH, LAW, LIMITS, diamonds, jammed, packing, strained
+from tests.packings import BRANCH, LAW, LIMITS, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small
+from tests.stability.packing.test_sustain import SQUARE
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 sustain_module = sys.modules[sustain.__module__]
@@ -169,7 +170,9 @@ def loads():
         Scene(graph, LAW), [[1, -1]], largest=largest, interval=1e-4, most_snaps=0, **how
     )
     yield with_own(found, *own)
-    found = sustain(Scene(diamonds(), LAW), [[-1, 1]], largest=0.02, interval=1e-4, **how)
+    # It moves as one, and rounding of its places stays rounding. In a collapse of diamonds, which
+    # stood here, it grows a million times in 400 steps.
+    found = sustain(Scene(SQUARE, LAW), [[-1, 0]], largest=0.02, interval=1e-4, **how)
     yield with_own(found, *own)
     graph = jammed(12, 1, LAW)
     yield plain(

@@ -9,11 +9,14 @@ from loops import GrainGraph, LinearFrictional, Scene
 from loops.boundary import PlaneContacts
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
+from stability.packing import rattlers
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.rattlers import (
     CAUGHT_SHARE,
+    IN_BALANCE,
     LOADED_SHARE,
+    _held,
     carrying_nothing,
     free_rattlers,
 )
@@ -136,14 +139,9 @@ def test_friction_holds_a_grain_between_two_whose_contacts_lie_in_its_cone(degre
     assert np.abs(freed.resultants[2]).max() < 1e-4 * N.max()
 
 
-@pytest.mark.parametrize("degrees", [0.5, 2.0, 10.0])
-@pytest.mark.parametrize("second", ["above", "below"])
-def test_friction_holds_no_chain_of_two_grains(second, degrees):
-    """Six forces, six balances: an arch of two carries nothing, however flat, and rolls away.
-
-    So does one with the second disc below the line, where the three contacts are not in a line.
-    """
-    angle, overlap, r = np.radians(degrees), 1e-5, 0.1
+def chain_of_two(degrees, second, overlap):
+    """Two discs between two others: an arch, or with the second one below the line."""
+    angle, r = np.radians(degrees), 0.1
     up = np.array([np.cos(angle), np.sin(angle)])
     first = (LARGE + r - overlap) * up
     turn = 0.0 if second == "above" else 2.0 * np.arcsin(first[1] / (2 * r - overlap))
@@ -157,11 +155,43 @@ def test_friction_holds_no_chain_of_two_grains(second, degrees):
         images=[[0, 0], [0, 1], [0, 0], [0, 1], [0, 0], [0, 0], [0, 0]],
         normal_force=[FORCE] * 4 + [0] * 3, cell=[[10, 0], [0, 2]],
     )  # fmt: skip
-    state = contacts_of(start_state(graph), LinearFrictional(1.0, 0.5, 0.7))
+    return contacts_of(start_state(graph), LinearFrictional(1.0, 0.5, 0.7))
+
+
+@pytest.mark.parametrize("degrees", [0.5, 2.0, 10.0])
+@pytest.mark.parametrize("second", ["above", "below"])
+def test_friction_holds_no_chain_of_two_grains(second, degrees):
+    """Six forces, six balances: an arch of two carries nothing, however flat, and rolls away.
+
+    So does one with the second disc below the line, where the three contacts are not in a line.
+    """
+    overlap = 1e-5
+    state = chain_of_two(degrees, second, overlap)
     freed = free_rattlers(state, np.isin(np.arange(6), [2, 3])).state
     assert state.overlap[4:] == pytest.approx([overlap] * 3, rel=1e-6)
     assert not freed.normal_force[4:].any() and not freed.shear_force.any()
     assert freed.overlap[4:].max() < 1e-3 * overlap
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_only_what_is_in_balance_is_held(share):
+    """One of four forces is larger by a share of `IN_BALANCE`: the resultant is what it is more."""
+    state = caged(ROOM + 1e-3, [0.5, 0.5]).with_normal_forces()
+    N = state.normal_force.copy()
+    N[8] *= 1.0 + np.sqrt(2.0) * share * IN_BALANCE
+    idle, least = np.arange(5) == 4, LOADED_SHARE * FORCE
+    held = _held(replace(state, normal_force=N), idle, least)
+    assert held.tolist() == [False] * 4 + [share < 1]
+
+
+@pytest.mark.parametrize("turns", [0.0, 1.0])
+def test_a_chain_that_is_not_out_of_overlap_yet_carries_nothing(turns, monkeypatch):
+    """Two discs pressed between two others, in a line they are in balance, in an arch not."""
+    monkeypatch.setattr(rattlers, "MOST_ROUNDS", 0)
+    state = chain_of_two(10.0 * turns, "above", 1e-5)
+    freed = free_rattlers(state, np.isin(np.arange(6), [2, 3]))
+    assert (freed.state.normal_force[4:] > 0).tolist() == [not turns] * 3
+    assert freed.rattlers.any() == bool(turns)
 
 
 def test_a_grain_in_a_tight_cage_is_loaded_from_the_least_force_on():

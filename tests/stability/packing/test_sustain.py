@@ -2,6 +2,7 @@
 
 import functools
 from pathlib import Path
+from time import thread_time
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,6 +67,18 @@ def test_a_square_lattice_fails_where_its_contacts_open():
     assert found.paths[1].motions == () and np.isnan(found.paths[1].first_event)
     # Its contacts open together whatever their numbers and the damping.
     assert found.paths[0].limit_spread < 1e-5 and found.paths[0].first_large_spread < 1e-9
+
+
+def test_the_time_of_the_spread_is_told_apart():
+    """Of halves of the interval alone, with other runs beside, of none where nothing is lost."""
+    how = {"largest": 0.02, "interval": 1e-4}
+    (alone,) = sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False).paths
+    begin = thread_time()
+    lost, held = sustain(Scene(SQUARE, LAW), [[-1, 0], [1, 0]], **how).paths
+    whole = thread_time() - begin
+    told = lost.seconds + lost.spread_seconds + held.seconds
+    assert 0.9 * whole < told < whole and held.spread_seconds == 0.0
+    assert 0.0 < alone.spread_seconds < alone.seconds < lost.spread_seconds
 
 
 @pytest.mark.parametrize(
