@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from loops import contact_state as contact_state
     from loops import find_faces as find_faces
     from loops import force_chains as force_chains
-    from loops import loop_fates as loop_fates
     from loops import loop_tangents as loop_tangents
     from loops import love_weber_stress as love_weber_stress
     from loops import order_kinetics as order_kinetics
@@ -66,6 +65,8 @@ if TYPE_CHECKING:
     from studies import __version__ as __version__
     from studies.answers import check as check
     from studies.answers import loop as loop
+    from studies.evolve import evolve as evolve
+    from studies.forecast import forecast as forecast
     from studies.frames import chain_table as chain_table
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
@@ -86,7 +87,7 @@ NAMES = {
     "loops": (
         "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
         "Regime RollingResistance Scene Support affine_tangent contact_state "
-        "find_faces force_chains loop_fates loop_tangents love_weber_stress "
+        "find_faces force_chains loop_tangents love_weber_stress "
         "order_kinetics to_networkx traction_tangent"
     ),
     "patterns": (
@@ -104,6 +105,8 @@ NAMES = {
     "grainloops.plot": "plot",
     "studies": "__version__",
     "studies.answers": "check loop",
+    "studies.evolve": "evolve",
+    "studies.forecast": "forecast",
     "studies.frames": "chain_table loop_table path_table to_geodataframe",
     "studies.present_domain": "loop_domain",
     "studies.probe": "probe",
@@ -115,7 +118,10 @@ NAMES = {
 # Names that have left for their room; for one release.
 FORMER = {
     name: f"stability.{name}" for name in ("normalised_second_order_work", "spectrum", "statuses")
-} | {name: f"loops.{name}" for name in ("contact_forces", "from_networkx", "match_contacts")}
+} | {
+    name: f"loops.{name}"
+    for name in ("contact_forces", "from_networkx", "loop_fates", "match_contacts")
+}
 FORMER |= {
     f"plot_{name}": f"grainloops.plot.{name}" for name in "cone envelope loop map path".split()
 }
@@ -135,12 +141,12 @@ MEANT = {
     "envelope rose map evolution": "plot.envelope, plot.rose, plot.map, plot.evolution",
     "domain": "loop_domain, plot.domain",
     "path integrate solve": "follow",
-    "evolve forecast predict": "follow(snapshot, stage, closure='packing'), replay",
+    "predict next_state": "forecast, evolve, replay",
     "limits limit loads": "sustain",
     "rest relax equilibrium": "hold",
     "stresses sigma": "stress",
     "rates strain_rate": "rates_at",
-    "kinetics tracking": "order_kinetics, loop_fates",
+    "kinetics tracking": "order_kinetics, fates",
     "chains": "force_chains, chain_table",
     "polygon hexagon pentagon ring": "regular_polygon, polydisperse_polygon",
     "law linear hertz rolling cohesive": "LinearFrictional, HertzMindlin, CohesiveFrictional, "

@@ -18,6 +18,8 @@ from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_se
 from patterns.snapshots.snapshot import SnapshotLoop, snapshot_of
 from stability import COMPONENTS, Path, PlaneCone, Regimes, Verdict
 from stability.packing import PackingResponse, Probe, Sustained
+from studies.evolve import Evolution
+from studies.forecast import Forecast
 from studies.present_domain import LoopDomain
 from studies.snapshot.fabric import Fabric
 from studies.snapshot.stress import Stress
@@ -165,6 +167,16 @@ def _(result: LoopDomain) -> pd.DataFrame:
 
 
 @table_of.register
+def _(result: Evolution) -> pd.DataFrame:
+    return result.loops()
+
+
+@table_of.register
+def _(result: Forecast) -> pd.DataFrame:
+    return result.loops
+
+
+@table_of.register
 def _(result: Snapshot) -> pd.DataFrame:
     from studies.frames import loop_table
 
@@ -222,6 +234,20 @@ def _(result: LoopDomain, ax: Axes | None = None) -> Axes:
     from studies.plots import plot_domain
 
     return plot_domain(result, ax=ax)
+
+
+@plot_of.register
+def _(result: Evolution, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_evolved
+
+    return plot_evolved(result, ax=ax)
+
+
+@plot_of.register
+def _(result: Forecast, ax: Axes | None = None) -> Axes:
+    from studies.plots import plot_forecast
+
+    return plot_forecast(result, ax=ax)
 
 
 @plot_of.register

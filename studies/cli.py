@@ -16,7 +16,8 @@ from typing import Annotated, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError, out_of_memory
-from studies.commands import Answer
+from studies.commands import FURTHER, Answer
+from studies.commands.followed import evolve_command, forecast_command
 from studies.commands.loops import (
     bench_command,
     diamond_command,
@@ -24,7 +25,7 @@ from studies.commands.loops import (
     polygon_command,
 )
 from studies.commands.material import material_command
-from studies.commands.packing import evolve_command, probe_command, sustain_command
+from studies.commands.packing import probe_command, sustain_command
 from studies.commands.snapshot import check_command, series_command, snapshot_command
 
 HELP = (
@@ -61,6 +62,7 @@ COMMANDS: dict[str, Callable[..., Answer]] = {
     "probe": probe_command,
     "sustain": sustain_command,
     "evolve": evolve_command,
+    "forecast": forecast_command,
     "diamond": diamond_command,
     "polygon": polygon_command,
     "domain": domain_command,
@@ -82,15 +84,16 @@ def show_completion() -> None:
 @app.meta.default
 def launch(
     *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-    version: Annotated[bool, Parameter(help="Show the version.")] = False,
+    version: Annotated[bool, Parameter(group=FURTHER, help="Show the version.")] = False,
     quiet: Annotated[
-        bool, Parameter(help="Print only errors, and the summary with --json.")
+        bool, Parameter(group=FURTHER, help="Print only errors, and the summary with --json.")
     ] = False,
     figure_width: Annotated[
         str | None,
         Parameter(
-            metavar="single|double",
-            help="Width of the figures: one or two columns of a journal, 86 or 178 mm.",
+            group=FURTHER,
+            metavar="COLUMNS",
+            help="Of figures: single or double (86, 178 mm).",
         ),
     ] = None,
 ) -> Answer | None:

@@ -1,72 +1,254 @@
-"""The study behind `grainloops evolve`."""
+"""A packing followed through a programme: `gl.evolve`, and the study behind the command."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from loops import Faces, InputError
-from loops.arrays import Floats
-from patterns import Snapshot
-from stability import COMPONENTS, Stage, follow, programmes
+from loops.arrays import Floats, Integers
+from loops.scene import Scene, Subject
+from loops.shown import Shown
+from patterns import Snapshot, planar
 from stability import Path as FollowedPath
+from stability import Stage, follow, programmes
 from stability.packing import LoopRates, loop_changes, replay
 from stability.packing.pathologies import columns
-from stability.packing.state import nominal
 from stability.path import Past, describe
-from stability.programmes import NOTHING
+from studies.beside_dem import dem_table, forecast_summary, forecast_table, replay_rate
 from studies.output import UNITS, definitions, readable
 from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
-from studies.series.evolution import components, sample_strain
-from studies.series.loading import stress_of
-from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
+from studies.series.evolution import components
+from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons
 from studies.study import Results, one_of, study
 
 By = Literal["events", "replay", "both"]
+Options = TypeVar("Options")
 EVOLVED = (*PROGRAMMES, "proportional-strain", "simple-shear")
-# A drop: the driven stress falls between two snapshots by more than this share of itself.
-DROP = 1e-4
-# Snapshots beyond the end of a path by less than this share of it are at its end: strains over the
-# first cell of a compression differ by that from those over the first cell of the forecast.
-END = 5e-3
 # A path is given up after so many strain increments.
 INTERVALS = 20_000
 # Number of a wall in the table of events.
 NO_GRAIN = -1
 
 
+@dataclass(frozen=True, kw_only=True)
+class Evolving:
+    """Options of `evolve`, see there; checked, with the stage that they make."""
+
+    to: float
+    programme: str = "drained"
+    axis: int = 1
+    fluid_bulk_modulus: float | None = None
+    strain_ratio: float | None = None
+    by: By = "events"
+    rows: int = 20
+    interval: float = 5e-6
+    instabilities: int = 20
+    past: Past = "viscous"
+    pathologies: bool = False
+    spread: bool = False
+    damping: float = 0.3
+
+    def __post_init__(self) -> None:
+        one_of("--by", self.by, get_args(By))
+        for name in ("pathologies", "spread"):
+            if getattr(self, name) and self.by == "replay":
+                remedy = "Follow by events, or both."
+                raise InputError(f"--{name}", "--by replay", "a path by events", remedy)
+        require_reach(self.programme, self.to, self.interval)
+        _ = self.stage
+
+    @property
+    def stage(self) -> Stage:
+        """Return the stage from the present state to the end."""
+        numbers = {"fluid_bulk_modulus": self.fluid_bulk_modulus, "strain_ratio": self.strain_ratio}
+        return stage_of(self.programme, self.axis, self.to, **numbers)
+
+    @property
+    def driven(self) -> str:
+        """Return the component that is driven."""
+        return driven_component(self.programme, self.axis)
+
+    def described(self) -> dict[str, Any]:
+        """Return the options for the summary; those that only some programmes ask for if given."""
+        left_out = {"fluid_bulk_modulus": None, "strain_ratio": None, "pathologies": False}
+        given = asdict(self)
+        return {k: v for k, v in given.items() if k not in left_out or v != left_out[k]}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evolution(Shown):
+    """A packing followed through a programme, and what that did to its grains and loops.
+
+    Attributes
+    ----------
+    scene : Scene
+        The packing at the start.
+    ids : (G,) array of int
+        Ids of its grains, as the file has them; numbers from 0 of a scene.
+    driven : str
+        Component that the programme drives: 'H11' a strain, 'P11' a stress (force/length).
+    to : float
+        Change of it that was asked for, negative in extension.
+    ways : dict of Path
+        'events': from event to event; 'replay': by the equations of motion.
+    """
+
+    scene: Scene
+    ids: Integers
+    driven: str
+    to: float
+    ways: Mapping[str, FollowedPath]
+
+    @property
+    def sense(self) -> float:
+        """Return 1 in compression, -1 in extension."""
+        return float(np.sign(self.to))
+
+    @property
+    def way(self) -> FollowedPath:
+        """Return the path by events, or the replay where there is none."""
+        return next(iter(self.ways.values()))
+
+    def facts(self) -> dict[str, object]:
+        """Return the facts that the prompt and a notebook show."""
+        unit = "strain" if self.driven[0] == "H" else "force/length"
+        told: dict[str, object] = {"driven": f"{self.driven} to {self.to:g} ({unit})"}
+        for name, way in self.ways.items():
+            reached = self.sense * way.parameter[-1]
+            told[name] = f"{way.status} at {reached:.4g}, {len(way.events)} events"
+        return told | {"loops": len(self.scene.faces.loops)}
+
+    def changes(self, name: str = "") -> list[LoopRates]:
+        """Return what happens to the loops up to each row of a way, by default of the first."""
+        way, faces = self.ways[name] if name else self.way, self.scene.faces
+        return [loop_changes(self.scene.graph, state, faces) for state in way.states[1:]]
+
+    def loops(self, name: str = "", changes: list[LoopRates] | None = None) -> pd.DataFrame:
+        """Return a row a loop: its changes to the end of a way, the ids of its grains."""
+        way, scene = self.ways[name] if name else self.way, self.scene
+        changes = self.changes(name) if changes is None else changes
+        loops = change_table(changes, scene.faces, self.sense * way.parameter)
+        offsets, _, grains = loop_polygons(scene.graph, scene.faces)
+        loops["grains"] = np.split(self.ids[grains], offsets[1:-1])
+        return loops
+
+
+def evolve(
+    subject: Subject,
+    programme: str = "drained",
+    *,
+    to: float,
+    inertial_number: float = DEFAULT_RATE,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Evolution:
+    """Follow a packing through a programme, as `grainloops evolve` does.
+
+    Parameters
+    ----------
+    subject : Scene or Snapshot
+        A packing with forces, periodic or between known walls. The ids of a snapshot's grains are
+        kept.
+    programme : str
+        'drained' (nominal stress across the driven axis constant), 'cauchy-drained' or 'biaxial'
+        (Cauchy stress), 'isotropic', 'isotropic-stress', 'oedometric', 'undrained',
+        'proportional-strain', 'simple-shear'.
+    to : float
+        Change of the driven strain, or stress (force/length); negative in extension.
+    inertial_number : float
+        Rate of the replay.
+    progress : callable, optional
+        Called with the strain or stress that the path has reached.
+    **options
+        `by` ('events', 'replay' or 'both'), `axis` (1 or 2), `rows`, `interval`, `instabilities`,
+        `past`, `spread` and `pathologies` of `follow`, `damping` of `replay`;
+        `fluid_bulk_modulus` of 'undrained', `strain_ratio` of 'proportional-strain'.
+
+    Returns
+    -------
+    Evolution
+        `.ways` are the paths, `.table()` has a row a loop with the ids of its grains.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown or out of its range, the packing has no forces or no end, or it
+        flows.
+
+    Examples
+    --------
+    >>> import grainloops as gl
+    >>> import numpy as np
+    >>> lattice = gl.GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5005] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.001))
+    >>> scene = gl.Scene(lattice, gl.LinearFrictional(1.0, 0.5, 0.5))
+    >>> found = gl.evolve(scene, "oedometric", to=1e-4, rows=2)
+    >>> found.way.status, found.table()["H11"].round(9).tolist()
+    ('finished', [0.0001, 0.0001, 0.0001, 0.0001])
+    """
+    asked = options_of(Evolving, {"programme": programme, "to": to, **options})
+    snapshot = planar(subject)
+    balance_notes(snapshot)
+    rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
+    return followed(snapshot.scene, snapshot.ids, asked, rate, progress)
+
+
+def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:
+    """Return options as their dataclass; `InputError` that lists them for an unknown one."""
+    names = [one.name for one in fields(kind)]  # type: ignore[arg-type]
+    for name, value in given.items():
+        if name not in names:
+            expected = f"one of {', '.join(names)}"
+            raise InputError(name, repr(value), expected, "Leave it out.")
+    return kind(**given)
+
+
+def followed(
+    scene: Scene,
+    ids: Integers,
+    asked: Evolving,
+    rate: Rate | None,
+    progress: Callable[[float], None] | None = None,
+) -> Evolution:
+    """Follow a packing as it is asked, the replay at this rate."""
+    ways = dict[str, FollowedPath]()
+    if asked.by != "replay":
+        ways["events"] = follow(
+            scene, asked.stage, closure="packing", max_steps=INTERVALS, rows=asked.rows,
+            interval=asked.interval, instabilities=asked.instabilities, past=asked.past,
+            spread=asked.spread, progress=progress, pathologies=asked.pathologies,
+        )  # fmt: skip
+    if asked.by != "events":
+        assert rate is not None
+        how = {"rows": asked.rows, "damping": asked.damping}
+        done = replay(scene, asked.stage, **how, **rate.options)
+        said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
+        ways["replay"] = replace(done, message=said)
+    return Evolution(scene, ids, asked.driven, asked.to, ways)
+
+
 def run_evolve(
     paths: Sequence[Path],
     out: Path,
     *,
-    to: float,
-    programme: str = "drained",
-    axis: int = 1,
-    fluid_bulk_modulus: float | None = None,
-    strain_ratio: float | None = None,
-    rows: int = 20,
-    interval: float = 5e-6,
-    instabilities: int = 20,
-    past: Past = "viscous",
-    pathologies: bool = False,
-    by: By = "events",
     inertial_number: float | None = None,
     times: Path | None = None,
     time_step: float | None = None,
     mean_mass: float | None = None,
-    damping: float = 0.3,
-    spread: bool = False,
     hold: bool = False,
     hold_stress: bool = False,
     cells: Path | None = None,
@@ -79,68 +261,37 @@ def run_evolve(
 ) -> dict[str, Any]:
     """Follow the first snapshot, write tables, figures and a report; return the summary.
 
-    `how` are options of `read_planar`; later snapshots are compared with the path `by` events, with
-    a `replay` by the equations of motion, or with both. The replay has the rate at which the code
-    went on to the next snapshot, as in `run_series`. `hold` brings the first snapshot to rest at
-    fixed cell before it is followed, `hold_stress` at fixed stress. `progress` is called with the
-    strain or stress that the path has reached.
+    `how` are options of `evolve` and of `read_planar`; later snapshots are compared with the path
+    `by` events, with a `replay` by the equations of motion, or with both. The replay has the rate
+    at which the code went on to the next snapshot, as in `run_series`. `hold` brings the first
+    snapshot to rest at fixed cell before it is followed, `hold_stress` at fixed stress.
     """
-    asked = {
-        "programme": programme, "axis": axis, "to": to, "rows": rows, "interval": interval,
-        "instabilities": instabilities, "past": past, "by": by, "damping": damping,
-        "spread": spread,
-    }  # fmt: skip
-    numbers = {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
-    asked |= {name: value for name, value in numbers.items() if value is not None}
-    asked |= {"pathologies": True} if pathologies else {}
-    _require_events(by, {"--pathologies": pathologies, "--spread": spread})
+    own = {one.name: how.pop(one.name) for one in fields(Evolving) if one.name in how}
+    asked = Evolving(**own)
     held_control = hold_control(hold, hold_stress)
-    require_reach(programme, to, interval)
-    stage, sense = stage_of(programme, axis, to, **numbers), float(np.sign(to))
-    driven = driven_component(programme, axis)
-    options = reading(**how) | asked | {"hold": held_control}
-    configuration = {"paths": [*paths], "cells": cells, **options}
+    configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
+    configuration |= {"hold": held_control}
     with study("evolve", out, configuration, UNITS["evolve"], force=force, csv=csv) as results:
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]
-        notes = [*snapshot.notes, *balance_notes(snapshot)]
-        rate, ways = None, dict[str, FollowedPath]()
-        if by != "replay":
-            path = follow(
-                snapshot, stage, closure="packing", max_steps=INTERVALS, rows=rows,
-                interval=interval, instabilities=instabilities, past=past, spread=spread,
-                progress=progress, pathologies=pathologies,
-            )  # fmt: skip
-            ways["events"] = path
-        if by != "events":
-            known = Following(past, inertial_number, time_step, mean_mass)
-            rate = replay_rate(snapshot, after, [one.time for one in planned], known, stage)
-            done = replay(snapshot, stage, rows=rows, damping=damping, **rate.options)
-            said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
-            ways["replay"] = replace(done, message=said)
-        # Tables and map are those of the first way; a replay beside a path has its own.
-        way = next(iter(ways.values()))
-        changes, rows_of_path, loops = _way_tables(snapshot, way, sense)
-        events = event_table(way, snapshot.ids, sense)
-        tables = {"path": rows_of_path, "events": events, "loops": loops}
-        tables["grains"] = grain_table(way, snapshot.ids)
-        if len(ways) > 1:
-            _, replayed, tables["replay_loops"] = _way_tables(snapshot, ways["replay"], sense)
-            tables["replay"] = replayed.drop(columns="events")
+        notes, rate = [*snapshot.notes, *balance_notes(snapshot)], None
+        if asked.by != "events":
+            known = Following(asked.past, inertial_number, time_step, mean_mass)
+            moments = [one.time for one in planned]
+            rate = replay_rate(snapshot, after, moments, known, asked.stage)
+        found = followed(snapshot.scene, snapshot.ids, asked, rate, progress)
+        changes = found.changes()
+        tables = evolution_tables(found, changes)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
-        found = path_summary(way, tables, driven) | {"driven": driven, "notes": notes, "held": held}
-        found |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None, "replay": None}
-        if after and driven[0] == "H":
-            tables["forecast"] = forecast_table(ways, tables["dem"], driven, sense)
-            found["forecast"] = forecast_summary(tables["forecast"], [*ways])
-        if rate is not None:
-            rates = {"inertial_number": rate.inertial_number, "source": rate.source}
-            contacts = snapshot.graph.contact_count
-            beside = replay_summary(ways, tables, driven, contacts) if len(ways) > 1 else {}
-            found["replay"] = rates | beside
-        summary = results.write_results(tables, asked | found)
+        told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
+        told |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None}
+        if after and found.driven[0] == "H":
+            compared = found.ways, tables["dem"], found.driven, found.sense
+            tables["forecast"] = forecast_table(*compared)
+            told["forecast"] = forecast_summary(tables["forecast"], [*found.ways])
+        summary = results.write_results(tables, asked.described() | told)
         if animation:
             from studies.packing_figures import animate_path
 
@@ -152,25 +303,34 @@ def run_evolve(
     return summary
 
 
-def _require_events(by: By, asked: Mapping[str, bool]) -> None:
-    """Raise `InputError` for options, by name, that need a path by events where there is none."""
-    one_of("--by", by, get_args(By))
-    for name, wanted in asked.items():
-        if wanted and by == "replay":
-            remedy = "Follow by events, or both."
-            raise InputError(name, "--by replay", "a path by events", remedy)
+def evolution_tables(found: Evolution, changes: list[LoopRates]) -> dict[str, pd.DataFrame]:
+    """Return the tables of the first way by name; a replay beside a path has its own."""
+    tables = {
+        "path": row_table(found.way, found.sense),
+        "events": event_table(found.way, found.ids, found.sense),
+        "loops": found.loops(changes=changes),
+        "grains": grain_table(found.way, found.ids),
+    }
+    if len(found.ways) > 1:
+        tables["replay_loops"] = found.loops("replay")
+        replayed = row_table(found.ways["replay"], found.sense)
+        tables["replay"] = replayed.drop(columns="events")
+    return tables
 
 
-def _way_tables(
-    snapshot: Snapshot, way: FollowedPath, sense: float
-) -> tuple[list[LoopRates], pd.DataFrame, pd.DataFrame]:
-    """Return what happens to the loops up to each row, the table of rows and that of the loops."""
-    faces = snapshot.faces
-    changes = [loop_changes(snapshot.graph, state, faces) for state in way.states[1:]]
-    loops = change_table(changes, faces, sense * way.parameter)
-    offsets, _, grains = loop_polygons(snapshot.graph, faces)
-    loops["grains"] = np.split(snapshot.ids[grains], offsets[1:-1])
-    return changes, row_table(way, sense), loops
+def evolution_summary(
+    found: Evolution, tables: dict[str, pd.DataFrame], rate: Rate | None
+) -> dict[str, Any]:
+    """Return the summary of the first way, and of a replay its rate; its end beside a path."""
+    told = path_summary(found.way, tables, found.driven)
+    told |= {"driven": found.driven, "replay": None}
+    if rate is not None:
+        contacts = found.scene.graph.contact_count
+        ends = [found.ways, tables, found.driven, contacts] if len(found.ways) > 1 else None
+        beside = replay_summary(*ends) if ends else {}
+        rates = {"inertial_number": rate.inertial_number, "source": rate.source}
+        told["replay"] = rates | beside
+    return told
 
 
 def _draw(
@@ -325,110 +485,6 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
             "negative_from": np.where(row > 0, driven[row], np.nan),
         }
     )
-
-
-def replay_rate(
-    snapshot: Snapshot,
-    after: Sequence[Snapshot],
-    times: Sequence[float | None],
-    known: Following,
-    stage: Stage,
-) -> Rate:
-    """Rate of the replay of a stage: that of the code until the next snapshot."""
-    if known.inertial_number is None and not after:
-        return Rate(DEFAULT_RATE, "no later snapshot", {"inertial_number": DEFAULT_RATE})
-    H = np.eye(2) if not after else sample_strain(snapshot, after[0])[0]
-    found = interval_rate(snapshot, after[0] if after else snapshot, H, times[:2], known)
-    if "duration" not in found.options:
-        return found
-    # The driven strains of the stage, in the time that the code takes for them.
-    driven = stage.programme.equations(NOTHING, NOTHING)[1].T @ stage.programme.rate
-    ahead = float(driven @ H.ravel()) / float(driven @ driven) if driven.any() else 0.0
-    if ahead > 0:
-        duration = found.options["duration"] * stage.target / ahead
-        return found._replace(options=found.options | {"duration": duration})
-    return found._replace(options={"inertial_number": found.inertial_number})
-
-
-def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot]) -> pd.DataFrame:
-    """Strain and nominal stress of the later snapshots, over the cell of the first."""
-    strains, stresses = [], []
-    for name, after in zip(names, later, strict=True):
-        after.mechanics()
-        H, source = sample_strain(snapshot, after)
-        if source not in ("cell", "walls"):
-            raise InputError(name, "no cell", "the cell of a later state", "Give --cells.")
-        strains.append(H)
-        stresses.append(nominal(stress_of(after), H))
-    return pd.DataFrame(
-        {
-            "snapshot": names,
-            **components("H", np.array(strains)),
-            **components("P", np.array(stresses)),
-        }
-    )
-
-
-def forecast_table(
-    ways: dict[str, FollowedPath], dem: pd.DataFrame, driven: str, sense: float
-) -> pd.DataFrame:
-    """One row per snapshot of the DEM: its driven stress and volume, and those of each way there.
-
-    Empty beyond the end of a way. `persistence` is the stress of the start.
-    """
-    stress, at = f"P{driven[1:]}", COMPONENTS.index(driven[1:])
-    start = next(iter(ways.values()))
-    table = pd.DataFrame(
-        {
-            "snapshot": dem["snapshot"],
-            "driven": dem[driven],
-            "stress_dem": dem[stress],
-            "volume_dem": dem["H11"] + dem["H22"],
-            "stress_persistence": start.P[0, at],
-        }
-    )
-    for name, way in ways.items():
-        # Ascending, as interpolation wants it.
-        strain, reached = sense * way.H[:, at], sense * dem[driven]
-        for quantity, values in (("stress", way.P[:, at]), ("volume", way.H[:, [0, 3]].sum(1))):
-            told = np.interp(reached, strain, values)
-            beyond = (reached > strain[-1] * (1 + END)) | (reached < 0)
-            table[f"{quantity}_{name}"] = np.where(beyond, np.nan, told)
-    before = np.append(start.P[0, at], table["stress_dem"][:-1])
-    table["drop"] = table["stress_dem"] - before < -DROP * np.abs(before)
-    return table
-
-
-def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]:
-    """Errors of each way and of persistence, drops of stress predicted and missed, and how far.
-
-    `holds_to` is the driven strain up to which the error, over all snapshots until there, is less
-    than half of that of persistence; `lead` that of the last drop predicted.
-    """
-    told, start = {}, table["stress_persistence"].iloc[0]
-    rest = start - table["stress_dem"].to_numpy()
-    for name in ways:
-        stress = table[f"stress_{name}"].to_numpy()
-        known = np.isfinite(stress)
-        error = (stress - table["stress_dem"].to_numpy())[known]
-        better = np.cumsum(error**2) < 0.25 * np.cumsum(rest[known] ** 2)
-        ahead = int(np.argmin(better)) if not better.all() else len(better)
-        before = np.append(start, stress[:-1])
-        falls = known & (stress - before < -DROP * np.abs(before))
-        drops = table["drop"].to_numpy() & known
-        found = np.flatnonzero(falls & drops)
-        told[name] = {
-            "snapshots": int(known.sum()),
-            "error": float(np.sqrt(np.mean(error**2))) if len(error) else None,
-            "persistence_error": float(np.sqrt(np.mean(rest[known] ** 2))) if len(error) else None,
-            "holds_to": float(table["driven"].iloc[ahead - 1]) if ahead else 0.0,
-            "drops": int(drops.sum()),
-            "drops_predicted": len(found),
-            "drops_missed": int((drops & ~falls).sum()),
-            "drops_false": int((falls & ~drops).sum()),
-            "lead": float(table["driven"].iloc[found[-1]]) if len(found) else None,
-        }
-    return told
 
 
 def replay_summary(

@@ -61,7 +61,7 @@ PACKAGES = ("loops", "patterns", "stability", "studies")
 Columns = dict[str, NDArray[Any]]
 # Commands whose columns are described; tables of other commands share names, not meanings.
 DESCRIBED_COMMANDS = (
-    *("snapshot", "series", "probe", "sustain", "evolve"),
+    *("snapshot", "series", "probe", "sustain", "evolve", "forecast"),
     *("diamond", "polygon", "domain", "material"),
 )
 

@@ -36,6 +36,9 @@ from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import SnapshotLoop
 from stability import Path, directional_work, plane_cone, restrict
 from stability.packing import Probe
+from studies.evolve import Evolution
+from studies.forecast import Forecast
+from studies.forecast_figures import draw_driven_stress, probability_map
 from studies.frames import events_of_rows
 from studies.packing_figures import response_envelope
 from studies.paths.figures import (
@@ -599,3 +602,15 @@ def _named(column: str) -> str:
     units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
     unit = units.get(column.split("_")[0].rstrip("12"))
     return f"{_symbol(column)} ({unit})" if unit else _symbol(column)
+
+
+@drawn(ONE_COLUMN, 2.6)
+def plot_evolved(found: Evolution, ax: Axes | None = None) -> Axes:
+    """Driven stress along each way that a packing was followed, and where its path is unstable."""
+    return draw_driven_stress(found, axes_or_new(ax))
+
+
+@drawn(ONE_COLUMN, 3.8)
+def plot_forecast(found: Forecast, ax: Axes | None = None) -> Axes:
+    """Loops of a packing by the probability that they are lost."""
+    return probability_map(found, axes_or_new(ax))

@@ -37,7 +37,7 @@ def objects():
     loop = gl.loop(snapshot, 230)
     tangent = gl.traction_tangent(loop.graph, loop.law)
     match = loops.match_contacts(before.graph, before.ids, after.graph, after.ids)
-    fates = gl.loop_fates(match, before.faces, after.faces)
+    fates = loops.loop_fates(match, before.faces, after.faces)
     kinetics = gl.order_kinetics([fates])
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.3)
     pentagon = gl.regular_polygon(5, strain=0.1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, Token
+from cyclopts import Group, Parameter, Token
 
 from loops.errors import InputError
 
@@ -34,6 +34,8 @@ PATIENCE = 2.0
 # Seconds between two changes of it.
 TICK = 0.5
 CLEAR = "\r\x1b[K"
+# Everyday options come first in the help of a command, all others in this group.
+FURTHER, EVERYDAY = Group("Further options", sort_key=1), "Parameters"
 
 
 def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
@@ -46,70 +48,63 @@ def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
-Out = Annotated[
-    Path | None,
-    Parameter(help="Result folder, created. Default: named after the input, in this folder."),
-]
+Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after the input, here.")]
 Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
-Csv = Annotated[bool, Parameter(help="Write each table as CSV too.")]
-Json = Annotated[bool, Parameter(help="Print the summary as JSON.")]
-NoFigures = Annotated[
-    bool, Parameter(help="Write tables and summary only, no figures and no report.")
-]
+Csv = Annotated[bool, Parameter(group=FURTHER, help="Write each table as CSV too.")]
+Json = Annotated[bool, Parameter(group=FURTHER, help="Print the summary as JSON.")]
+NoFigures = Annotated[bool, Parameter(group=FURTHER, help="Draw no figures, write no report.")]
 YieldBand = Annotated[
     float,
-    Parameter(help="Contacts with |T| of at least this share of mu N are allowed to slide."),
+    Parameter(group=FURTHER, help="Contacts with |T| of this share of mu N at least may slide."),
 ]
 Candidates = Annotated[
     float,
-    Parameter(
-        help="Over an interval or an amplitude, contacts with |T| of at least this share of mu N "
-        "may come to slide."
-    ),
+    Parameter(group=FURTHER, help="Share of mu N for that over an interval, or to an amplitude."),
 ]
 Workers = Annotated[
-    Whole | None, Parameter(help="Number of processes on this machine. Default: one per core.")
+    Whole | None, Parameter(group=FURTHER, help="Number of processes. Default: one a core.")
 ]
 Scheduler = Annotated[
     str | None,
-    Parameter(metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the computation."),
+    Parameter(group=FURTHER, metavar="tcp://HOST:PORT", help="Dask scheduler that shares work."),
 ]
 Hold = Annotated[
     bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
 ]
-HoldStress = Annotated[bool, Parameter(help="Bring the state to rest first, at fixed stress.")]
+HoldStress = Annotated[
+    bool, Parameter(group=FURTHER, help="Bring the state to rest first, at fixed stress.")
+]
 FluidBulkModulus = Annotated[
     float | None,
     Parameter(
-        help="Of undrained: bulk modulus of the fluid in the pores by the area of the sample, in "
-        "units of stress (of polygon: over kn). Default: infinite, constant area."
+        group=FURTHER,
+        help="Of undrained: that of the fluid by the sample's area (stress; of polygon over kn). "
+        "Default: infinite.",
     ),
 ]
 StrainRatio = Annotated[
     float | None,
-    Parameter(help="Of proportional-strain: strain across over the driven one."),
+    Parameter(group=FURTHER, help="Of proportional-strain: strain across over the driven one."),
 ]
 PastOption = Annotated[
     str,
     Parameter(
-        metavar="viscous|dynamic|stop",
-        help="How paths continue past an unstable contact: dynamic is the limit of slow loading.",
+        group=FURTHER,
+        metavar="NAME",
+        help="Where a contact is unstable: viscous, dynamic (slow limit) or stop.",
     ),
 ]
 Contacts = Annotated[
     Path | None,
-    Parameter(help="File of the contacts. Default: the file of matching name beside PATH."),
+    Parameter(group=FURTHER, help="File of the contacts. Default: the one beside PATH."),
 ]
 Cells = Annotated[
     Path | None,
-    Parameter(
-        help="Table with the periodic cell of each snapshot: snap, h_xx, h_xy, h_yx, h_yy "
-        "(CSV or Parquet)."
-    ),
+    Parameter(help="Table of the periodic cells: snap, h_xx, h_xy, h_yx, h_yy."),
 ]
 
 
-@Parameter(name="*", group="Results")
+@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Writing:
     """Options of the results."""
@@ -124,37 +119,28 @@ class Writing:
         return {"force": self.force, "csv": self.csv}
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Replaying:
     """Options of the rate of replays, by the names of the studies."""
 
     inertial_number: Annotated[
         float | None,
-        Parameter(
-            help="Inertial number of the replays. Default: computed from the times and masses of "
-            "the files; 2e-6 if they are not known."
-        ),
+        Parameter(help="Of the replays. Default: by times and masses of the files, else 2e-6."),
     ] = None
     times: Annotated[
-        Path | None,
-        Parameter(
-            help="Table with the time of each snapshot: snap, time. Default: --cells, if it has "
-            "the column time, else the files."
-        ),
+        Path | None, Parameter(help="Table of times: snap, time. Default: of --cells, else files.")
     ] = None
     time_step: Annotated[
-        float | None, Parameter(help="Time of one step, where snapshots are numbered by steps.")
+        float | None, Parameter(help="Time of a step, where snapshots are numbered by steps.")
     ] = None
     mean_mass: Annotated[
-        float | None, Parameter(help="Mean mass of a grain, if the files have no column mass.")
+        float | None, Parameter(help="Mean mass of a grain, if the files have none.")
     ] = None
-    damping: Annotated[
-        float, Parameter(help="Cundall's damping of the replays, as in the simulation.")
-    ] = 0.3
+    damping: Annotated[float, Parameter(help="Cundall's damping of the replays.")] = 0.3
 
 
-@Parameter(name="*", group="Reading the input")
+@Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """Options of reading that every command with an input takes."""
@@ -162,6 +148,7 @@ class Reading:
     cell: Annotated[
         str | None,
         Parameter(
+            group=EVERYDAY,
             metavar="HXX,HXY,HYX,HYY",
             help="Periodic cell; its columns are the cell vectors.",
             allow_leading_hyphen=True,
@@ -176,58 +163,37 @@ class Reading:
         str | None,
         Parameter(
             metavar="branch|radii",
-            help="Lever arm in the DEM code's shear increment. Default: as the input tells, radii "
-            "for Yade, else branch.",
+            help="Lever of the code's shear increment; Yade: radii.",
         ),
     ] = None
     law: Annotated[
         str | None,
         Parameter(
-            metavar="linear|hertz|cohesive|bonded",
-            help="Contact law of the simulation. Default: as the input or its kn tell; linear for "
-            "loops that are made (linear or hertz). hertz takes the input's kn and ks as tangents, "
-            "or --young and --poisson; cohesive contacts "
-            "attract while they touch, bonded ones hold until their pull and break for good.",
+            metavar="NAME",
+            help="Law of the contacts: linear, hertz, cohesive (attract while they touch), bonded "
+            "(hold until their pull). Default: as the input tells.",
         ),
     ] = None
-    young: Annotated[
-        float | None, Parameter(help="Young's modulus of the grains, for --law hertz.")
-    ] = None
-    poisson: Annotated[
-        float | None, Parameter(help="Poisson's ratio of the grains, for --law hertz.")
-    ] = None
+    young: Annotated[float | None, Parameter(help="Young's modulus, for --law hertz.")] = None
+    poisson: Annotated[float | None, Parameter(help="Poisson's ratio, for --law hertz.")] = None
     shear_history: Annotated[
         str | None,
         Parameter(
             metavar="force|displacement",
-            help="What a contact keeps under --law hertz while its overlap changes: T (Yade; the "
-            "default) or T/kt (LIGGGHTS, LAMMPS).",
+            help="Kept by hertz while overlaps change: T (default) or T/kt.",
         ),
     ] = None
     adhesion: Annotated[
-        float | None,
-        Parameter(
-            help="Largest pull of a contact (force), for --law cohesive or bonded, if the input "
-            "has no such column."
-        ),
+        float | None, Parameter(help="Largest pull (force), for --law cohesive or bonded.")
     ] = None
     cohesion: Annotated[
         float | None,
-        Parameter(
-            help="Shear force of a contact at its strength beside mu N, for --law cohesive or "
-            "bonded, if the input has no such column. Default: mu times the adhesion."
-        ),
+        Parameter(help="Shear strength beside mu N, for the same. Default: mu --adhesion."),
     ] = None
-    format: Annotated[
-        str,
-        Parameter(help=f"Format of the input: auto (by its content), {', '.join(FORMAT_NAMES)}."),
-    ] = "auto"
+    format: Annotated[str, Parameter(help=f"Format: auto, {', '.join(FORMAT_NAMES)}.")] = "auto"
     columns: Annotated[
         str | None,
-        Parameter(
-            metavar="NAME=COLUMN,...",
-            help="Columns of the input that have other names, such as radius=size.",
-        ),
+        Parameter(metavar="NAME=COLUMN,...", help="Columns with other names: radius=size."),
     ] = None
 
     def how(self) -> dict[str, Any]:
@@ -236,18 +202,17 @@ class Reading:
         return given | {"cell": cell_of(self.cell), "columns": columns_of(self.columns)}
 
 
-@Parameter(name="*", group="Reading the input")
+@Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class PlaneReading(Reading):
     """Reading where loops are looked for."""
 
     drop_crossings: Annotated[
-        bool,
-        Parameter(help="Leave out one contact of each pair whose branches cross."),
+        bool, Parameter(help="Leave out one contact of each pair whose branches cross.")
     ] = False
 
 
-@Parameter(name="*", group="Reading the input")
+@Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class OneReading(PlaneReading):
     """Reading of one snapshot."""
@@ -255,7 +220,7 @@ class OneReading(PlaneReading):
     contacts: Contacts = None
     frame: Annotated[
         Whole | None,
-        Parameter(help="Snapshot of a file with several: 0 is the first, -1 the last."),
+        Parameter(help="Snapshot of a file with several: 0 the first, -1 the last."),
     ] = None
     cells: Cells = None
 
@@ -377,3 +342,10 @@ def columns_of(text: str | None) -> dict[str, str] | None:
 def shown(value: float | None) -> str:
     """A number with three digits, a dash for none."""
     return "-" if value is None else f"{value:.3f}"
+
+
+def within(spread: float | None, converged: bool = True) -> str:
+    """A spread in words."""
+    if not converged:
+        return " (not converged)"
+    return "" if spread is None else f" (spread {100 * spread:.1g} %)"

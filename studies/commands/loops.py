@@ -13,6 +13,7 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
+    FURTHER,
     Answer,
     FluidBulkModulus,
     Force,
@@ -50,11 +51,17 @@ def diamond_command(
     ] = None,
     closure: ClosureOption = "affine",
     contact_on_touch: Annotated[
-        str, Parameter(help="If opposite grains touch: ignore it, stop, or add a contact.")
+        str,
+        Parameter(
+            group=FURTHER, help="If opposite grains touch: ignore it, stop, or add a contact."
+        ),
     ] = "ignore",
     model: Annotated[
         str,
-        Parameter(help="auto: two degrees of freedom, as in the paper; full: all eight, to check."),
+        Parameter(
+            group=FURTHER,
+            help="auto: two degrees of freedom, as in the paper; full: all eight, to check.",
+        ),
     ] = "auto",
     writing: Writing | None = None,
 ) -> Answer:
@@ -114,7 +121,9 @@ def polygon_command(
     radii: Annotated[
         str | None,
         Parameter(
-            metavar="R1,R2,...", help="Radii of unequal grains in order, centres on a circle."
+            group=FURTHER,
+            metavar="R1,R2,...",
+            help="Radii of unequal grains in order, centres on a circle.",
         ),
     ] = None,
     snapshot: Annotated[
@@ -122,7 +131,7 @@ def polygon_command(
     ] = None,
     loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     orientation: Annotated[
-        str | None, Parameter(help="On axis 1: vertex or edge. Default: vertex.")
+        str | None, Parameter(group=FURTHER, help="On axis 1: vertex or edge. Default: vertex.")
     ] = None,
     kappa: Annotated[
         float | None,
@@ -132,29 +141,35 @@ def polygon_command(
         float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 5.")
     ] = None,
     rolling: Annotated[
-        float | None, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
+        float | None,
+        Parameter(group=FURTHER, help="Rolling stiffness over kn l0^2, with --spins free."),
     ] = None,
     closure: ClosureOption = "affine",
     spins: Annotated[
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
     ] = "blocked",
     confine: Annotated[
-        float | None, Parameter(help="Isotropic strain before the programme. Default: 0.1.")
+        float | None,
+        Parameter(group=FURTHER, help="Isotropic strain before the programme. Default: 0.1."),
     ] = None,
     programme: Annotated[
         str,
         Parameter(
-            help="Loading programme: drained (nominal stress across it constant), cauchy-drained "
-            "or biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
-            "proportional-strain."
+            help="drained (nominal stress across it constant), cauchy-drained or biaxial (Cauchy "
+            "stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain."
         ),
     ] = "drained",
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
-    end: Annotated[float | None, Parameter(help="Strain E1 at which the programme ends.")] = None,
+    end: Annotated[
+        float | None, Parameter(group=FURTHER, help="Strain E1 at which the programme ends.")
+    ] = None,
     model: Annotated[
         str,
-        Parameter(help="auto: the fewest degrees of freedom by symmetry; full: all of them."),
+        Parameter(
+            group=FURTHER,
+            help="auto: the fewest degrees of freedom by symmetry; full: all of them.",
+        ),
     ] = "auto",
     writing: Writing | None = None,
     reading: OneReading | None = None,
@@ -283,13 +298,14 @@ def domain_command(
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
     ] = "blocked",
     rolling: Annotated[
-        float, Parameter(help="Rolling stiffness over kn l0^2, with --spins free.")
+        float, Parameter(group=FURTHER, help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = 0.0,
     programmes: Annotated[
-        str, Parameter(help="Straight programmes of strain or of stress.")
+        str, Parameter(group=FURTHER, help="Straight programmes of strain or of stress.")
     ] = "strain",
     alpha0: Annotated[
-        str | None, Parameter(help="Reference angles (degrees), separated by commas.")
+        str | None,
+        Parameter(group=FURTHER, help="Reference angles (degrees), separated by commas."),
     ] = None,
     kappa: Annotated[
         str | None, Parameter(help="Stiffness ratios kt/kn, separated by commas.")
@@ -298,8 +314,9 @@ def domain_command(
     directions: Annotated[
         Whole | None,
         Parameter(
+            group=FURTHER,
             help="Number of programmes, odd. Default: 361; 61 with other spins than blocked or "
-            "under Hertz's law; without --order, --compare, --radii and --snapshot 1441."
+            "under Hertz's law; without --order, --compare, --radii and --snapshot 1441.",
         ),
     ] = None,
     writing: Writing | None = None,

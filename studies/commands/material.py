@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
+    FURTHER,
     Answer,
     FluidBulkModulus,
     NoFigures,
@@ -33,11 +34,14 @@ def material_command(
         Whole | None, Parameter(help="Number of grains of a regular loop. Default: 6.")
     ] = None,
     alpha0: Annotated[
-        float | None, Parameter(help="Of a hexagon: angle of its inclined branches (degrees).")
+        float | None,
+        Parameter(group=FURTHER, help="Of a hexagon: angle of its inclined branches (degrees)."),
     ] = None,
     orientations: Annotated[
         Whole | None,
-        Parameter(help="Copies of the loop, turned evenly over half a turn. Default: 36."),
+        Parameter(
+            group=FURTHER, help="Copies of the loop, turned evenly over half a turn. Default: 36."
+        ),
     ] = None,
     kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn. Default: 0.5.")] = None,
     phi: Annotated[
@@ -45,14 +49,21 @@ def material_command(
     ] = None,
     confine: Annotated[
         float | None,
-        Parameter(help="Isotropic stress over kn before the programme. Default: 0.01."),
+        Parameter(
+            group=FURTHER, help="Isotropic stress over kn before the programme. Default: 0.01."
+        ),
     ] = None,
     orders: Annotated[
         str | None,
-        Parameter(metavar="N1,N2,...", help="Of a snapshot: orders of the loops. Default: all."),
+        Parameter(
+            group=FURTHER,
+            metavar="N1,N2,...",
+            help="Of a snapshot: orders of the loops. Default: all.",
+        ),
     ] = None,
     count: Annotated[
-        Whole | None, Parameter(help="Of a snapshot: at most so many loops, evenly spaced.")
+        Whole | None,
+        Parameter(group=FURTHER, help="Of a snapshot: at most so many loops, evenly spaced."),
     ] = None,
     closure: Annotated[
         str,
@@ -72,8 +83,9 @@ def material_command(
     single: Annotated[
         Whole | None,
         Parameter(
+            group=FURTHER,
             help="Number of the loop beside the mean, see loops.parquet. Default: of the median "
-            "order, the one whose stress is nearest to the mean at the start."
+            "order, the one whose stress is nearest to the mean at the start.",
         ),
     ] = None,
     end: Annotated[
@@ -83,7 +95,7 @@ def material_command(
             "snapshot 1e-3."
         ),
     ] = None,
-    steps: Annotated[Whole, Parameter(help="Steps of the programme.")] = 200,
+    steps: Annotated[Whole, Parameter(group=FURTHER, help="Steps of the programme.")] = 200,
     no_figures: NoFigures = False,
     writing: Writing | None = None,
     reading: OneReading | None = None,

@@ -1,27 +1,23 @@
-"""`grainloops probe`, `sustain` and `evolve`: the response of a snapshot's packing."""
+"""`grainloops probe` and `sustain`: the response of a snapshot's packing."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from studies.commands import (
+    FURTHER,
     Answer,
     Candidates,
-    Cells,
-    FluidBulkModulus,
     Hold,
     HoldStress,
     NoFigures,
     OneReading,
     PastOption,
-    PlaneReading,
-    Replaying,
     Scheduler,
-    StrainRatio,
     Whole,
     Workers,
     Writing,
@@ -30,6 +26,7 @@ from studies.commands import (
     clock,
     out_or,
     shown,
+    within,
 )
 
 STATUS_WORDS = {
@@ -42,19 +39,6 @@ STATUS_WORDS = {
     "not converged": "not converged",
     "nearest": "nearest regimes (contacts that soften are kept from sliding)",
 }
-# How the path went on past an instability.
-PASSED_WORDS = {
-    "dragged": "continued with viscous damping",
-    "held": "continued with the contact held",
-    "replayed": "continued by the equations of motion",
-    "stopped": "ended the path",
-    "lost": "where the path ends without a solution",
-    "other": "of another kind",
-}
-
-
-FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
-
 WAYS = {"events": "followed from event to event", "increment": "each in one solve"}
 
 # Folds that one line names at most.
@@ -159,6 +143,7 @@ def probe_command(
     subspace: Annotated[
         str,
         Parameter(
+            group=FURTHER,
             metavar="diagonal|symmetric",
             help="Directions (11, 22) on a circle, or with shear on a sphere.",
         ),
@@ -171,6 +156,7 @@ def probe_command(
     by: Annotated[
         str,
         Parameter(
+            group=FURTHER,
             metavar="events|increment",
             help="Way to the amplitude: from event to event, or in one solve.",
         ),
@@ -232,28 +218,21 @@ def _sustain_lines(summary: dict[str, Any]) -> list[str]:
         lines.append(
             f"first large motion: under {weakest['first_large_load']:.4g}, by a strain of "
             f"{weakest['first_large_strain']:.2g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{_within(weakest['first_large_spread'])}"
+            f"{within(weakest['first_large_spread'])}"
         )
         lines.append(
             f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"
-            f"{_within(weakest['limit_spread'], weakest['limit_converged'])}"
+            f"{within(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     else:
         lines.append(
             "no large motion; the smallest load at which the equilibrium was lost: "
             f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{_within(weakest['limit_spread'], weakest['limit_converged'])}"
+            f"{within(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     own, more = (summary[key] / summary["directions"] for key in ("seconds", "spread_seconds"))
     lines.append(f"processor time a direction: {own:.2g} s, {more:.2g} s more for its spreads")
     return lines + [f"note: {note}" for note in summary["notes"]]
-
-
-def _within(spread: float | None, converged: bool = True) -> str:
-    """A spread in words."""
-    if not converged:
-        return " (not converged)"
-    return "" if spread is None else f" (spread {100 * spread:.1g} %)"
 
 
 def sustain_command(
@@ -265,6 +244,7 @@ def sustain_command(
     subspace: Annotated[
         str,
         Parameter(
+            group=FURTHER,
             metavar="diagonal|symmetric",
             help="Stress components that change: 11 and 22, or also the shear stress.",
         ),
@@ -276,22 +256,33 @@ def sustain_command(
             "Default: a tenth of the mean stress."
         ),
     ] = None,
-    interval: Annotated[float, Parameter(help="Strain over which the geometry is kept.")] = 5e-6,
-    large: Annotated[float, Parameter(help="Strain from which on a motion is large.")] = 3e-4,
+    interval: Annotated[
+        float, Parameter(group=FURTHER, help="Strain over which the geometry is kept.")
+    ] = 5e-6,
+    large: Annotated[
+        float, Parameter(group=FURTHER, help="Strain from which on a motion is large.")
+    ] = 3e-4,
     most_snaps: Annotated[
         Whole,
-        Parameter(help="Largest number of smaller motions; a direction with more is unfinished."),
+        Parameter(
+            group=FURTHER,
+            help="Largest number of smaller motions; a direction with more is unfinished.",
+        ),
     ] = 30,
     no_spread: Annotated[
         bool,
         Parameter(
+            group=FURTHER,
             negative="",
             help="Don't load again with other numberings and less damping to tell the spread.",
         ),
     ] = False,
     hold_stress: Annotated[
         bool,
-        Parameter(help="Bring the sample to rest at fixed stress first. Default: at fixed cell."),
+        Parameter(
+            group=FURTHER,
+            help="Bring the sample to rest at fixed stress first. Default: at fixed cell.",
+        ),
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -327,160 +318,3 @@ def sustain_command(
             kept = "finished directions are kept; the same command computes the others"
             raise KeyboardInterrupt(kept) from None
     return answer(writing.json, out, _sustain_lines(summary))
-
-
-def _evolve_lines(summary: dict[str, Any]) -> list[str]:
-    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
-    lines = [
-        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
-        f"{summary['to']:g}: {summary['message']}",
-        f"{summary['intervals']} intervals, events: {counts or 'none'}",
-    ]
-    if summary["limit"] is not None:
-        told = _within(summary["limit_spread"], summary["limit_spread"] is not None)
-        lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
-    if summary["unstable_contacts"]:
-        ways = ", ".join(
-            f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
-        )
-        told = "ask for it by --spread"
-        if summary["stress_spread"] is not None:
-            told = f"{100 * summary['stress_spread']:.2g} % of its change"
-        lines.append(
-            f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}; spread of "
-            f"the stress behind the first: {told}"
-        )
-    if summary["replay"] is not None:
-        rate = summary["replay"]
-        lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
-    lines.append(f"end: {_values(summary['end'])}")
-    beside = summary["replay"] or {}
-    if "end" in beside:
-        share, apart = beside["negative_loops"], beside["path_from_replay"]
-        lines.append(
-            f"end of the replay: {_values(beside['end'])}"
-            + ("" if share is None else f"; W2 < 0 in {100 * share:.1f} % of loops")
-            + (
-                ""
-                if apart is None
-                else f"; forces of path and replay differ by {apart:.2g} of what the replay changes"
-            )
-        )
-    lines += [
-        f"{FORECAST_WORDS[name]}: error of the driven stress {row['error']:.4g}, of the stress of "
-        f"the start {row['persistence_error']:.4g}, over {row['snapshots']} snapshots; below half "
-        f"of it up to {row['holds_to']:.3g}; drops of stress: {row['drops_predicted']} of "
-        f"{row['drops']} predicted, {row['drops_false']} false"
-        for name, row in (summary["forecast"] or {}).items()
-        if row["error"] is not None
-    ]
-    if summary["negative_loops"] is not None:
-        lines.append(
-            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
-        )
-    return lines + [f"note: {note}" for note in summary["notes"]]
-
-
-def _values(row: dict[str, float]) -> str:
-    return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
-
-
-def evolve_command(
-    *paths: Annotated[
-        Path,
-        Parameter(
-            required=True,
-            help="Snapshot to start from; further snapshots are plotted for comparison.",
-        ),
-    ],
-    writing: Writing | None = None,
-    to: Annotated[
-        float,
-        Parameter(help="Change of the driven strain or stress, negative in extension; say 1e-4."),
-    ],
-    programme: Annotated[
-        str,
-        Parameter(
-            metavar="NAME",
-            help="Loading programme: drained (nominal stress across it constant), cauchy-drained "
-            "or biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
-            "proportional-strain, simple-shear.",
-        ),
-    ] = "drained",
-    fluid_bulk_modulus: FluidBulkModulus = None,
-    strain_ratio: StrainRatio = None,
-    axis: Annotated[
-        Whole,
-        Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides."),
-    ] = 1,
-    rows: Annotated[Whole, Parameter(help="Rows of the path, evenly spaced.")] = 20,
-    interval: Annotated[
-        float,
-        Parameter(help="Strain over which the geometry is kept; the error is proportional to it."),
-    ] = 5e-6,
-    instabilities: Annotated[Whole, Parameter(help="Stop after this many unstable contacts.")] = 20,
-    past: PastOption = "viscous",
-    pathologies: Annotated[
-        bool,
-        Parameter(
-            help="Tell at every row whether the matrix of the contacts at yield is symmetric, "
-            "positive definite, a P-matrix, and how many solutions the rate problem has."
-        ),
-    ] = False,
-    by: Annotated[
-        str,
-        Parameter(
-            metavar="events|replay|both",
-            help="Follow from event to event, or replay by the equations of motion, or both; "
-            "tables and map are those of the first, of both the replay has tables of its own.",
-        ),
-    ] = "events",
-    spread: Annotated[
-        bool,
-        Parameter(
-            negative="",
-            help="Follow it a second time if it meets an instability, with stiffer springs or less "
-            "damping there, and say how far the stresses part.",
-        ),
-    ] = False,
-    replaying: Replaying | None = None,
-    hold: Hold = False,
-    hold_stress: HoldStress = False,
-    cells: Cells = None,
-    no_figures: NoFigures = False,
-    animation: Annotated[
-        bool, Parameter(help="Draw the second-order work of the loops row by row, as GIF.")
-    ] = False,
-    reading: PlaneReading | None = None,
-) -> Answer:
-    """Follow a DEM snapshot by events or by a replay: stresses, events, W2 of the loops."""
-    writing, reading = writing or Writing(), reading or PlaneReading()
-    out = out_or(writing.out, "evolve", paths[0])
-    words: Any = {"programme": programme, "past": past, "by": by}
-    with clock("grainloops evolve") as tell:
-        from studies.evolve import run_evolve
-
-        summary = run_evolve(
-            paths,
-            out,
-            to=to,
-            **words,
-            axis=axis,
-            fluid_bulk_modulus=fluid_bulk_modulus,
-            strain_ratio=strain_ratio,
-            rows=rows,
-            interval=interval,
-            instabilities=instabilities,
-            spread=spread,
-            pathologies=pathologies,
-            **asdict(replaying or Replaying()),
-            hold=hold,
-            hold_stress=hold_stress,
-            cells=cells,
-            figures=not no_figures,
-            animation=animation,
-            progress=lambda reached: tell(f"{reached:.3g} of {abs(to):g}"),
-            **writing.files(),
-            **reading.how(),
-        )
-    return answer(writing.json, out, _evolve_lines(summary))

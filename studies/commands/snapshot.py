@@ -14,6 +14,7 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
+    FURTHER,
     Answer,
     Candidates,
     Cells,
@@ -127,13 +128,14 @@ def snapshot_command(
     quadrons: Annotated[
         bool,
         Parameter(
+            group=FURTHER,
             help="Write quadrons.parquet: area and shape of the quadrilateral that each loop has "
-            "in common with each of its grains."
+            "in common with each of its grains.",
         ),
     ] = False,
     no_figures: NoFigures = False,
     paraview: Annotated[
-        bool, Parameter(name="--vtk", help="Write loops.vtp for ParaView.")
+        bool, Parameter(group=FURTHER, name="--vtk", help="Write loops.vtp for ParaView.")
     ] = False,
     reading: OneReading | None = None,
 ) -> Answer:
@@ -179,7 +181,7 @@ def check_command(
     json: Json = False,
     cells: Cells = None,
     exit_zero: Annotated[
-        bool, Parameter(help="Exit with status 0 also if the verdict is error.")
+        bool, Parameter(group=FURTHER, help="Exit with status 0 also if the verdict is error.")
     ] = False,
     contacts: Contacts = None,
     reading: Reading | None = None,
@@ -441,9 +443,8 @@ def series_command(
         str,
         Parameter(
             metavar="rates|events",
-            help="Predict each interval with the tangent of the whole packing and friction over "
-            "the interval (rates, the default of the option without a value); events: also with "
-            "the packing's path from event to event, and with a DEM replay.",
+            help="Predict each interval with the tangent of the whole packing (rates, also without "
+            "a word), or also with its path by events and a replay (events).",
         ),
     ] = "",
     candidates: Candidates = 0.7,
@@ -453,11 +454,11 @@ def series_command(
     programme: Annotated[
         str,
         Parameter(
+            group=FURTHER,
             metavar="WORD|TABLE",
-            help="How paths and replays reach the later strain: straight; 1-first, 2-first (the "
-            "strain of that axis before the rest); mixed-1, mixed-2 (the strain of that axis and "
-            "the stress across it, as the two snapshots have them); or a table of time and h_xx, "
-            "h_xy, h_yx, h_yy, or time, H11, H22 (H12, H21), rows between the snapshots.",
+            help="How paths and replays reach the later strain: straight, 1-first, 2-first (that "
+            "axis, then the rest), mixed-1, mixed-2 (that strain, the stress across it), or a "
+            "table of time and h_xx, h_xy, h_yx, h_yy, or time, H11, H22 (H12, H21).",
         ),
     ] = "straight",
     probe: Annotated[
@@ -467,11 +468,13 @@ def series_command(
     indicators: Annotated[
         bool,
         Parameter(
-            help="Predict each interval by structural indicators of the loops too, beside the rate "
-            "problem of the packing (coordination, vibrality, soft modes, D2min, ...)."
+            group=FURTHER,
+            help="Predict by structural indicators too: coordination, vibrality, D2min, ...",
         ),
     ] = False,
-    skip_bad: Annotated[bool, Parameter(help="Leave out snapshots that can't be read.")] = False,
+    skip_bad: Annotated[
+        bool, Parameter(group=FURTHER, help="Leave out snapshots that can't be read.")
+    ] = False,
     figures: Annotated[
         bool,
         Parameter(
@@ -481,7 +484,7 @@ def series_command(
             show_default=False,
         ),
     ] = True,
-    animation: Annotated[bool, Parameter(help="Write an animation as GIF.")] = False,
+    animation: Annotated[bool, Parameter(group=FURTHER, help="Write an animation as GIF.")] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
     """Follow the loops through a series of snapshots; after a stop the same command continues."""

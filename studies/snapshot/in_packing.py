@@ -59,12 +59,12 @@ def sample_edge(
     return yield_response(replace(scene, boundary=boundary), yield_band=yield_band)
 
 
-def balance_notes(snapshot: Snapshot) -> list[str]:
+def balance_notes(subject: Subject) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
     from loops.contacts import contacts_of, start_state
     from loops.laws.movable import require_movable
 
-    scene = snapshot.scene
+    scene = scene_of(subject)
     boundary, law = scene.boundary, require_movable(scene.graph, scene.law)
     state = contacts_of(start_state(scene.graph, boundary), law, boundary)
     # Paths begin with the normal forces of the overlaps.

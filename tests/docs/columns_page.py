@@ -9,7 +9,10 @@ KEYS = {
     "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing"),
     **{
         name: (name,)
-        for name in ("series", "probe", "sustain", "evolve", "diamond", "polygon", "material")
+        for name in (
+            *("series", "probe", "sustain", "evolve", "forecast"),
+            *("diamond", "polygon", "material"),
+        )
     },
 }
 

@@ -13,8 +13,8 @@ from tests.stability.packing.walled_packings import small_sample
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
 PAGES = (
-    *("accuracy", "larger-loops", "laws-and-boundaries", "packing", "packing-paths"),
-    *("probing", "series", "sustaining"),
+    *("accuracy", "forecast", "larger-loops", "laws-and-boundaries", "packing"),
+    *("packing-paths", "probing", "series", "sustaining"),
 )
 # Pages of tasks without an evidence of their own.
 SHORT = (
@@ -71,7 +71,7 @@ SMALLER = ((", 72,", ", 4,"), ("24, largest=20.0", "4, largest=1e-3, interval=1e
 
 
 @pytest.mark.parametrize("ends", ["cell", "walls", "outline"])
-@pytest.mark.parametrize("name", ["packing-paths", "probing", "sustaining"])
+@pytest.mark.parametrize("name", ["forecast", "packing-paths", "probing", "sustaining"])
 def test_blocks_on_a_sample_at_rest_run_or_say_what_is_missing(tmp_path, monkeypatch, name, ends):
     monkeypatch.chdir(tmp_path)
     sample = small_sample(ends, LAW)
@@ -86,6 +86,7 @@ def test_blocks_on_a_sample_at_rest_run_or_say_what_is_missing(tmp_path, monkeyp
         return
     exec(code, names)
     status = {
+        "forecast": lambda: names["found"].answered and len(names["loops"]) > 5,
         "packing-paths": lambda: names["path"].status == "finished" and names["end"].steps > 0,
         "probing": lambda: len(names["found"].status) == 4 and names["held"].status == "at rest",
         "sustaining": lambda: len(names["found"].status) == 4,

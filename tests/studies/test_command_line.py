@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import grainloops as gl
-from studies.cli import main
+from studies.cli import COMMANDS, main
 from studies.commands import out_or
 from tests.studies.snapshot.test_run import run
 
@@ -91,6 +91,21 @@ def test_whole_numbers_are_not_rounded(said, given):
         assert error.startswith(f"grainloops: Invalid value for {words[-1]}: got {given}, expected")
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_is_two_screens_everyday_options_first(command, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run(monkeypatch, command, "--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 90 and max(map(len, lines)) <= 80
+    titles = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]
+    assert titles[-2:] == ["Parameters", "Further options"]
+    assert set(titles) <= {"Arguments", "Parameters", "Further options"}
+    begin = [k for k, line in enumerate(lines) if line.startswith("╭")][-2:]
+    everyday, further = lines[begin[0] : begin[1]], lines[begin[1] :]
+    assert any("--out" in line for line in everyday)
+    assert any("--json" in line for line in further)
+
+
 def test_the_version_stands_anywhere(said):
     assert said("snapshot", "--version")[1] == f"grainloops {gl.__version__}\n"
 
@@ -117,7 +132,7 @@ def interrupt(*_):
 signal.signal(signal.SIGINT, signal.default_int_handler)
 Results.write_summary = interrupt
 sys.argv = ["grainloops", "snapshot", {SAMPLE!r}, "--no-figures"]
-from studies.cli import main
+from studies.cli import COMMANDS, main
 main()
 """
     environment = {**os.environ, "PYTHONPATH": ROOT}

@@ -14,7 +14,8 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
-from studies.evolve import forecast_summary, run_evolve, stage_of
+from studies.beside_dem import forecast_summary
+from studies.evolve import run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
 from tests.packings import BRANCH, LAW, jammed
 from tests.studies.probe.test_run import plain

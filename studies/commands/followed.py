@@ -1,0 +1,301 @@
+"""`grainloops evolve` and `forecast`: a snapshot's packing followed through a programme."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from studies.commands import (
+    FURTHER,
+    Answer,
+    Cells,
+    FluidBulkModulus,
+    Hold,
+    HoldStress,
+    NoFigures,
+    OneReading,
+    PastOption,
+    PlaneReading,
+    Replaying,
+    StrainRatio,
+    Whole,
+    Writing,
+    answer,
+    clock,
+    out_or,
+    within,
+)
+
+# How the path went on past an instability.
+PASSED_WORDS = {
+    "dragged": "continued with viscous damping",
+    "held": "continued with the contact held",
+    "replayed": "continued by the equations of motion",
+    "stopped": "ended the path",
+    "lost": "where the path ends without a solution",
+    "other": "of another kind",
+}
+FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
+
+
+def _evolve_lines(summary: dict[str, Any]) -> list[str]:
+    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
+    lines = [
+        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
+        f"{summary['to']:g}: {summary['message']}",
+        f"{summary['intervals']} intervals, events: {counts or 'none'}",
+    ]
+    if summary["limit"] is not None:
+        told = within(summary["limit_spread"], summary["limit_spread"] is not None)
+        lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
+    if summary["unstable_contacts"]:
+        ways = ", ".join(
+            f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
+        )
+        told = "ask for it by --spread"
+        if summary["stress_spread"] is not None:
+            told = f"{100 * summary['stress_spread']:.2g} % of its change"
+        lines.append(
+            f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}; spread of "
+            f"the stress behind the first: {told}"
+        )
+    if summary["replay"] is not None:
+        rate = summary["replay"]
+        lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
+    lines.append(f"end: {_values(summary['end'])}")
+    beside = summary["replay"] or {}
+    if "end" in beside:
+        share, apart = beside["negative_loops"], beside["path_from_replay"]
+        lines.append(
+            f"end of the replay: {_values(beside['end'])}"
+            + ("" if share is None else f"; W2 < 0 in {100 * share:.1f} % of loops")
+            + (
+                ""
+                if apart is None
+                else f"; forces of path and replay differ by {apart:.2g} of what the replay changes"
+            )
+        )
+    lines += [
+        f"{FORECAST_WORDS[name]}: error of the driven stress {row['error']:.4g}, of the stress of "
+        f"the start {row['persistence_error']:.4g}, over {row['snapshots']} snapshots; below half "
+        f"of it up to {row['holds_to']:.3g}; drops of stress: {row['drops_predicted']} of "
+        f"{row['drops']} predicted, {row['drops_false']} false"
+        for name, row in (summary["forecast"] or {}).items()
+        if row["error"] is not None
+    ]
+    if summary["negative_loops"] is not None:
+        lines.append(
+            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
+        )
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def _values(row: dict[str, float]) -> str:
+    return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Driving:
+    """Options of the programme that a packing is followed through, by the names of the studies."""
+
+    to: Annotated[
+        float,
+        Parameter(help="Change of the driven strain or stress, negative in extension; say 1e-4."),
+    ]
+    programme: Annotated[
+        str,
+        Parameter(
+            metavar="NAME",
+            help="drained (nominal stress across it constant), cauchy-drained or biaxial (Cauchy "
+            "stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain, "
+            "simple-shear.",
+        ),
+    ] = "drained"
+    fluid_bulk_modulus: FluidBulkModulus = None
+    strain_ratio: StrainRatio = None
+    axis: Annotated[
+        Whole,
+        Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides."),
+    ] = 1
+    interval: Annotated[
+        float,
+        Parameter(
+            group=FURTHER,
+            help="Strain over which the geometry is kept; the error is proportional to it.",
+        ),
+    ] = 5e-6
+    instabilities: Annotated[
+        Whole | None,
+        Parameter(
+            group=FURTHER,
+            help="Stop after this many unstable contacts. Default: 20; of forecast 1000.",
+        ),
+    ] = None
+    past: PastOption = "viscous"
+
+    def asked(self) -> dict[str, Any]:
+        """Return the options that a study takes; it has a default of its own for what is None."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+def evolve_command(
+    *paths: Annotated[
+        Path,
+        Parameter(
+            required=True,
+            help="Snapshot to start from; further snapshots are plotted for comparison.",
+        ),
+    ],
+    driving: Driving,
+    writing: Writing | None = None,
+    rows: Annotated[Whole, Parameter(group=FURTHER, help="Rows of the path, evenly spaced.")] = 20,
+    pathologies: Annotated[
+        bool,
+        Parameter(
+            group=FURTHER,
+            help="Tell at every row whether the contacts' matrix is symmetric, definite, a "
+            "P-matrix, and how many solutions there are.",
+        ),
+    ] = False,
+    by: Annotated[
+        str,
+        Parameter(
+            metavar="events|replay|both",
+            help="From event to event, by the equations of motion, or both (tables of the first, "
+            "and the replay's own).",
+        ),
+    ] = "events",
+    spread: Annotated[
+        bool,
+        Parameter(
+            group=FURTHER,
+            negative="",
+            help="Follow it again past an instability by other means, and say how far the stresses "
+            "part.",
+        ),
+    ] = False,
+    replaying: Replaying | None = None,
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
+    cells: Cells = None,
+    no_figures: NoFigures = False,
+    animation: Annotated[
+        bool, Parameter(group=FURTHER, help="Draw the work of the loops row by row, as GIF.")
+    ] = False,
+    reading: PlaneReading | None = None,
+) -> Answer:
+    """Follow a DEM snapshot by events or by a replay: stresses, events, W2 of the loops."""
+    writing, reading = writing or Writing(), reading or PlaneReading()
+    out = out_or(writing.out, "evolve", paths[0])
+    words: Any = {"by": by}
+    with clock("grainloops evolve") as tell:
+        from studies.evolve import run_evolve
+
+        summary = run_evolve(
+            paths,
+            out,
+            **driving.asked(),
+            **words,
+            rows=rows,
+            spread=spread,
+            pathologies=pathologies,
+            **asdict(replaying or Replaying()),
+            hold=hold,
+            hold_stress=hold_stress,
+            cells=cells,
+            figures=not no_figures,
+            animation=animation,
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
+            **writing.files(),
+            **reading.how(),
+        )
+    return answer(writing.json, out, _evolve_lines(summary))
+
+
+KIND_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
+
+
+def _forecast_lines(summary: dict[str, Any]) -> list[str]:
+    lines = [
+        f"{name}: {one['status']} at {summary['driven']} = {one['reached']:.4g} of "
+        f"{summary['to']:g}, residual {one['residual']:.1g}: {one['message']}"
+        for name, one in summary["ways"].items()
+    ]
+    for kind, row in summary["kinds"].items():
+        told = "no probabilities"
+        if row["expected"] is not None:
+            told = (
+                f"{row['expected']:.1f} expected, {row['likely']} likely (p > 0.5); base rate "
+                f"{100 * row['base']:.2g} %"
+            )
+        lines.append(
+            f"of {summary['loops']} loops {KIND_WORDS[kind]}: {told}; by the path {row['path']}, "
+            f"by the replay {row['replay']}"
+        )
+    for what, one in summary["next"].items():
+        told = f"none on {one['ways'] - one['found']} of {one['ways']} ways"
+        if one["found"]:
+            told += f", else at {summary['driven']} = {one['low']:.4g} to {one['high']:.4g}"
+        lines.append(f"next {what}: {told}")
+    return lines + [f"note: {note}" for note in summary["notes"]]
+
+
+def forecast_command(
+    path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
+    /,
+    *,
+    driving: Driving,
+    writing: Writing | None = None,
+    rows: Annotated[
+        Whole, Parameter(group=FURTHER, help="Places along the way that are told apart.")
+    ] = 40,
+    no_spread: Annotated[
+        bool,
+        Parameter(
+            group=FURTHER,
+            negative="",
+            help="Don't follow the path again with half the interval and another numbering.",
+        ),
+    ] = False,
+    inertial_number: Annotated[
+        float, Parameter(group=FURTHER, help="Inertial number of the replay.")
+    ] = 2e-6,
+    damping: Annotated[
+        float, Parameter(group=FURTHER, help="Cundall's damping of the replay.")
+    ] = 0.3,
+    hold: Hold = False,
+    hold_stress: HoldStress = False,
+    no_figures: NoFigures = False,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Say which loops of a DEM snapshot will be lost, how likely, and where the stress drops next.
+
+    No later snapshot is needed. Probabilities are frequencies in samples of Yade.
+    """
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, "forecast", path)
+    with clock("grainloops forecast") as tell:
+        from studies.forecast_report import run_forecast
+
+        summary = run_forecast(
+            path,
+            out,
+            **driving.asked(),
+            rows=rows,
+            spread=not no_spread,
+            inertial_number=inertial_number,
+            damping=damping,
+            hold=hold,
+            hold_stress=hold_stress,
+            figures=not no_figures,
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
+            **writing.files(),
+            **reading.how_of(path),
+        )
+    said = answer(writing.json, out, _forecast_lines(summary))
+    # Neither way reached its end.
+    return replace(said, status=int(not summary["answered"]))

@@ -1,0 +1,341 @@
+"""Which loops a packing will lose, how likely, and its next drop; needs no later snapshot.
+
+The packing is followed by its path and by its replay (`studies.evolve`). What they say of a loop
+becomes a probability by how often the same was true of samples whose later states are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from loops import Faces, find_faces
+from loops.arrays import Flags, Floats, Integers
+from loops.contacts import Contacts, contacts_of, start_state
+from loops.errors import number, whole_number
+from loops.laws.movable import require_movable
+from loops.scene import Scene, Subject
+from loops.shown import Shown
+from loops.tracking import Fate, loop_fates, match_contacts
+from patterns import planar
+from stability import COMPONENTS, follow
+from stability import Path as FollowedPath
+from stability.packing import loop_changes
+from stability.packing.sustain import renumbered
+from studies.beside_dem import DROP
+from studies.calibration import KINDS, WAYS, calibration
+from studies.evolve import INTERVALS, Evolution, Evolving, followed, options_of
+from studies.series.packing import DEFAULT_RATE, Rate
+from studies.snapshot.in_packing import balance_notes
+
+# Options of the ways where they are left out. Places are known to a row; no path of the samples met
+# so many instabilities.
+DEFAULTS: dict[str, Any] = {"by": "both", "rows": 40, "instabilities": 1000}
+# Steps of a replay, by the number of grains across the sample, that are its start from rest: a wave
+# crosses the sample some six times in them.
+START = 20.0
+
+
+# ---- what one way says of the loops
+
+
+def since(flags: Flags) -> Integers:
+    """Return the row from which a flag (R, ...) holds until the last row; R where it never does."""
+    held = np.logical_and.accumulate(flags[::-1])
+    return np.asarray(len(flags) - held.sum(axis=0))
+
+
+def opening_places(way: FollowedPath, faces: Faces, contacts: int) -> tuple[Floats, Integers]:
+    """Return where the first contact of each loop opens for good, share of the way; the contact.
+
+    Between two rows the overlap is taken to change evenly. Infinite, and -1, where none does.
+    """
+    closed = np.array([state.closed[:contacts] for state in way.states])
+    row = since(~closed)
+    opens = np.flatnonzero((row > 0) & (row < len(closed)))
+    overlap = np.array([overlaps(state)[opens] for state in way.states])
+    one, k = np.arange(len(opens)), row[opens]
+    before, after = overlap[k - 1, one], overlap[k, one]
+    part = np.clip(before / np.where(before > after, before - after, 1.0), 0.0, 1.0)
+    place = np.full(contacts, np.inf)
+    place[opens] = (k - 1 + part) / (len(closed) - 1)
+    face, values = np.repeat(np.arange(len(faces.kind)), faces.order), place[faces.contacts]
+    first, which = np.full(len(faces.kind), np.inf), np.full(len(faces.kind), -1)
+    # The earliest is written last.
+    late = np.argsort(-values, kind="stable")
+    late = late[np.isfinite(values[late])]
+    first[face[late]], which[face[late]] = values[late], faces.contacts[late]
+    return first[faces.loops], which[faces.loops]
+
+
+def overlaps(state: Contacts) -> Floats:
+    """Return overlaps of the contacts, negative where they are apart."""
+    return np.asarray(state.law.touching - state.length)
+
+
+def places(found: Evolution, name: str) -> dict[str, Any]:
+    """Return where a way loses each loop: shares of the way by `KINDS`, infinite for never.
+
+    Beside them the `contact` that opens first and the `fate` at the end. A state counts that lasts
+    to the end: so does a later snapshot. Not numbers for a way that does not reach its end.
+    """
+    way, scene, faces = found.ways[name], found.scene, found.scene.faces
+    count = len(faces.loops)
+    if way.status != "finished":
+        return dict.fromkeys(KINDS, np.full(count, np.nan)) | {
+            "contact": np.full(count, -1), "fate": np.full(count, "unknown")
+        }  # fmt: skip
+    graph, rows = scene.graph, len(way.states) - 1
+    opens, contact = opening_places(way, faces, graph.contact_count)
+    fates, negative = np.empty((rows, count), dtype=int), np.empty((rows, count), dtype=bool)
+    for k, state in enumerate(way.states[1:]):
+        later = state.graph()
+        match = match_contacts(graph, found.ids, later, found.ids)
+        fates[k] = loop_fates(match, faces, find_faces(later)).before
+        negative[k] = loop_changes(graph, state, faces).normalised_work < 0
+    # In the middle of two rows.
+    lost, unstable = (
+        np.where(row < rows, (row + 0.5) / rows, np.inf)
+        for row in (since(fates != Fate.SURVIVED), since(negative))
+    )
+    names = np.array([fate.name.lower() for fate in Fate])
+    return {"opens": opens, "lost": lost, "unstable": unstable, "contact": contact,
+            "fate": names[fates[-1]]}  # fmt: skip
+
+
+# ---- how far
+
+
+def reach_of(scene: Scene, to: float, driven: str) -> float:
+    """Return the driven strain over p/kn: how far a packing goes in units of its mean overlaps."""
+    state = start_state(scene.graph, scene.boundary)
+    table = contacts_of(state, require_movable(scene.graph, scene.law), scene.boundary)
+    kn = float(table.law.stiffnesses(table.overlap)[0][table.closed].mean())
+    return abs(to) / state.pressure * (kn if driven[0] == "H" else 1.0)
+
+
+# ---- the next drop and instability
+
+
+class Next(NamedTuple):
+    """What one way of following the packing says: its next instability and drop, nan for none.
+
+    Values are those of the driven component. A drop is where the driven stress falls by more than
+    `DROP` of what it was at the start, `drop_size` how far it does over that. `residual` is the
+    largest drift of a grain's resultant along a path, the unbalanced force at the end of a replay,
+    over the mean force.
+    """
+
+    way: str
+    status: str
+    message: str
+    reached: float
+    instability: float
+    drop: float
+    drop_size: float
+    residual: float
+
+
+def next_of(name: str, way: FollowedPath, driven: str, sense: float) -> Next:
+    """Return the next instability and drop on a way."""
+    at, begin = sense * way.parameter, 0
+    if way.steps:
+        across = np.sqrt(len(way.velocity))
+        begin = int(np.ceil(START * across / way.steps * (len(at) - 1)))
+    lost = [sense * event.parameter for event in way.of_kind("instability")]
+    drop = size = np.nan
+    if driven[0] == "H":
+        stress = sense * way.P[:, COMPONENTS.index(driven[1:])]
+        top = np.maximum.accumulate(stress[begin:])
+        fall = top - stress[begin:]
+        falls = np.flatnonzero(fall > DROP * abs(stress[0]))
+        if len(falls):
+            drop = at[begin + int(np.argmax(top == top[falls[0]]))]
+            size = float(fall[top == top[falls[0]]].max() / abs(stress[0]))
+    residual = way.imbalance.max() if len(way.imbalance) else way.states[-1].unbalanced
+    first = lost[0] if lost else np.nan
+    return Next(name, way.status, way.message, float(at[-1]), first, drop, size, float(residual))
+
+
+def next_rows(found: Evolution, asked: Evolving, *, spread: bool) -> pd.DataFrame:
+    """Return a row a way; with `spread` also paths of half the interval and another numbering."""
+    ways = {name: found.ways[way] for name, way in WAYS.items() if way in found.ways}
+    if spread and "path" in ways:
+        how: dict[str, Any] = {"closure": "packing", "max_steps": INTERVALS, "rows": asked.rows}
+        how |= {"instabilities": asked.instabilities, "past": asked.past}
+        half, same = asked.interval / 2, asked.interval
+        ways["path, interval halved"] = follow(found.scene, asked.stage, interval=half, **how)
+        other = renumbered(found.scene, 1)
+        ways["path, grains renumbered"] = follow(other, asked.stage, interval=same, **how)
+    driven = found.driven, found.sense
+    return pd.DataFrame(next_of(name, way, *driven) for name, way in ways.items())
+
+
+def spread_of(rows: pd.DataFrame, what: str) -> dict[str, Any]:
+    """Return the value of the path, the lowest and highest of all ways that have one, how many."""
+    known = rows[what].dropna()
+    first = rows[what].iloc[0]
+    return {
+        "value": None if np.isnan(first) else float(first),
+        "low": float(known.min()) if len(known) else None,
+        "high": float(known.max()) if len(known) else None,
+        "found": len(known),
+        "ways": len(rows),
+    }
+
+
+# ---- the forecast
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Forecast(Shown):
+    """What a packing will do under a programme, by its path and its replay.
+
+    Attributes
+    ----------
+    evolution : Evolution
+        Path and replay.
+    reach : float
+        Driven strain over p/kn, the strain of a mean overlap.
+    loops : DataFrame
+        A row a loop: where each way says that a contact opens, that the loop is lost (it doesn't
+        survive: contacts open, or close across it), that its second-order work turns negative, and
+        lasts so to the end; the probability of each.
+    base : dict of float
+        Share of all loops of which each came true in the samples that the forecast is calibrated
+        on, at this reach: 'opens', 'lost', 'unstable'.
+    next : DataFrame
+        A row a way: the next instability and drop of the driven stress.
+    """
+
+    evolution: Evolution
+    reach: float
+    loops: pd.DataFrame
+    base: dict[str, float]
+    next: pd.DataFrame
+
+    @property
+    def answered(self) -> bool:
+        """Return whether a way reached its end."""
+        return any(way.status == "finished" for way in self.evolution.ways.values())
+
+    def facts(self) -> dict[str, object]:
+        """Return the facts that the prompt and a notebook show."""
+        unit = "strain" if self.evolution.driven[0] == "H" else "force/length"
+        told: dict[str, object] = {
+            "to": f"{self.evolution.driven} = {self.evolution.to:g} ({unit})"
+        }
+        told |= {name: way.status for name, way in self.evolution.ways.items()}
+        for kind in KINDS:
+            likely = int((self.loops[f"{kind}_probability"] > 0.5).sum())
+            told[kind] = f"{likely} of {len(self.loops)} loops at p > 0.5"
+        for what in ("drop", "instability"):
+            one = spread_of(self.next, what)
+            none = f"none in {one['ways'] - one['found']} of {one['ways']} ways"
+            said = f"{one['low']:.3g} to {one['high']:.3g}" if one["found"] else none
+            told[f"next {what}"] = said
+        return told
+
+
+def forecast(
+    subject: Subject,
+    programme: str = "drained",
+    *,
+    to: float,
+    spread: bool = True,
+    inertial_number: float = DEFAULT_RATE,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Forecast:
+    """Say which loops of a packing will be lost under a programme, how likely, and the next drop.
+
+    The packing is followed from its present state by its path, from event to event, and by its
+    replay, by the equations of motion. A loop that both lose early is more likely lost than one
+    that either loses late: how much more is counted on samples whose later states are known
+    (docs/forecast.md).
+
+    Parameters
+    ----------
+    subject : Scene or Snapshot
+        A packing with forces, periodic or between known walls.
+    programme : str
+        As in `evolve`. Probabilities were counted under biaxial compression.
+    to : float
+        Change of the driven strain, or stress (force/length); negative in extension.
+    spread : bool
+        Whether the path is followed again with half the interval and with another numbering of the
+        grains, which tells the spread of the next drop and instability; three times the cost.
+    inertial_number : float
+        Rate of the replay.
+    progress : callable, optional
+        Called with the strain or stress that the first path has reached.
+    **options
+        As in `evolve`; `rows` (40) is how finely places along the way are told, `instabilities`
+        is 1000.
+
+    Returns
+    -------
+    Forecast
+        `.table()` has a row a loop with the ids of its grains, `.next` a row a way.
+
+    Raises
+    ------
+    InputError
+        As `evolve`.
+
+    Examples
+    --------
+    >>> import grainloops as gl
+    >>> import numpy as np
+    >>> lattice = gl.GrainGraph(x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5005] * 4,
+    ...     contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+    ...     images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+    ...     cell=2 * np.eye(2), normal_force=np.full(8, 0.001))
+    >>> scene = gl.Scene(lattice, gl.LinearFrictional(1.0, 0.5, 0.5))
+    >>> found = gl.forecast(scene, "oedometric", to=-2e-3, interval=1e-4)
+    >>> found.table()["path_opens_at"].round(4).tolist()
+    [-0.001, -0.001, -0.001, -0.001]
+    """
+    asked = options_of(Evolving, DEFAULTS | {"programme": programme, "to": to, **options})
+    snapshot = planar(subject)
+    balance_notes(snapshot)
+    how: dict[str, Any] = {"spread": spread, "progress": progress}
+    return forecast_of(snapshot.scene, snapshot.ids, asked, inertial_number, **how)
+
+
+def forecast_of(
+    scene: Scene,
+    ids: Integers,
+    asked: Evolving,
+    inertial_number: float,
+    *,
+    spread: bool,
+    progress: Callable[[float], None] | None = None,
+) -> Forecast:
+    """Return the forecast of a packing."""
+    whole_number("--rows", asked.rows, 1)
+    number("inertial_number", inertial_number, 0.0, open_low=True)
+    rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
+    found = followed(scene, ids, asked, rate, progress)
+    faces, graph = scene.faces, scene.graph
+    unknown = dict.fromkeys(KINDS, np.full(len(faces.loops), np.nan))
+    told = {
+        name: places(found, way) if way in found.ways else unknown for name, way in WAYS.items()
+    }
+    loops = found.loops()[["loop", "order", "area", "grains"]]
+    reach, base = reach_of(scene, asked.to, asked.driven), {}
+    for kind in KINDS:
+        both = told["path"][kind], told["replay"][kind]
+        for name, place in zip(WAYS, both, strict=True):
+            loops[f"{name}_{kind}_at"] = np.where(np.isfinite(place), asked.to * place, np.nan)
+        loops[f"{kind}_probability"], rates = calibration().probability(kind, *both, reach)
+        base[kind] = float(rates[0]) if len(rates) else np.nan
+    for name in (name for name in WAYS if "fate" in told[name]):
+        loops[f"{name}_fate"], contact = told[name]["fate"], told[name]["contact"]
+        ends = np.where(contact[:, None] < 0, -1, ids[graph.contacts[contact]])
+        loops[f"{name}_id1"], loops[f"{name}_id2"] = ends.T
+    return Forecast(found, reach, loops, base, next_rows(found, asked, spread=spread))

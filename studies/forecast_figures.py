@@ -1,0 +1,129 @@
+"""Figure of a forecast: loops by probability, how reliable that is, the next events."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from loops.arrays import Floats
+from stability import COMPONENTS
+from studies.calibration import Calibration, calibration
+from studies.evolve import Evolution
+from studies.forecast import Forecast, spread_of
+from studies.snapshot.figures import loop_drawer
+from studies.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    LIGHT_GREY,
+    ORANGE,
+    SEQUENTIAL,
+    TWO_COLUMNS,
+    VERMILION,
+    figure_of,
+    new_figure,
+    styled,
+)
+
+KIND_WORDS = {"opens": "a contact opens", "lost": "loop lost", "unstable": "$W_2 < 0$"}
+KIND_LOOKS = {"opens": ("s", BLUE), "lost": ("o", VERMILION), "unstable": ("^", GREEN)}
+# Loops below which a share says nothing.
+FEW = 10
+WAY_LOOKS = {"events": ("path by events", BLUE, "-"), "replay": ("replay", VERMILION, "--")}
+
+
+@styled()
+def forecast_figure(found: Forecast) -> Figure:
+    """Sample with the loops by their probability to be lost; reliability; the next events."""
+    figure = new_figure(TWO_COLUMNS, 4.3, fixed=True)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
+    probability_map(found, figure.add_subplot(grid[:, 0]))
+    reliability(calibration(), figure.add_subplot(grid[0, 1]))
+    next_events(found, figure.add_subplot(grid[1, 1]))
+    return figure
+
+
+@styled()
+def probability_map(found: Forecast, ax: Axes, kind: str = "lost") -> Axes:
+    """Draw the loops of the sample by the probability that they are lost."""
+    values = found.loops[f"{kind}_probability"].to_numpy()
+    scale = Normalize(0.0, 1.0)
+    drawn = loop_drawer(found.evolution.scene)(ax, values, mpl.colormaps[SEQUENTIAL], scale)
+    driven, to = found.evolution.driven, found.evolution.to
+    name = f"{driven[0]}_{{{driven[1:]}}}"
+    label = f"probability that the loop is lost up to $\\Delta {name}$ = {to:g}"
+    figure_of(ax).colorbar(drawn, ax=ax, location="bottom", shrink=0.75, label=label)
+    if not np.isfinite(values).any():
+        ax.set_title("no probabilities: see the notes")
+    return ax
+
+
+@styled()
+def reliability(known: Calibration, ax: Axes) -> Axes:
+    """Draw what was said of each series by all others against what happened in it."""
+    ax.plot([0, 1], [0, 1], color=LIGHT_GREY, linewidth=0.8, zorder=0)
+    for kind, (mark, colour) in KIND_LOOKS.items():
+        said, true, loops = left_out(known, kind)
+        # Of the share with one loop more of either kind: none or all of a few have an error too.
+        share = (true * loops + 1) / (loops + 2)
+        error = np.sqrt(share * (1 - share) / (loops + 3))
+        ax.errorbar(said, true, error, fmt=mark, color=colour, markersize=3.5, linewidth=0.8,
+                    label=KIND_WORDS[kind], clip_on=False)  # fmt: skip
+    ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="probability that was told",
+           ylabel="share that came true")  # fmt: skip
+    ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
+    return ax
+
+
+def left_out(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floats, Floats]:
+    """Return mean probability told, share that came true and loops, in bins of probability.
+
+    Each series is told by all others; bins of fewer than `FEW` loops are left out.
+    """
+    rows = known.left_out(kind)
+    at = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)
+    loops, told, true = (
+        np.bincount(at, weights, minlength=bins)
+        for weights in (rows[:, 1], rows[:, 0] * rows[:, 1], rows[:, 2])
+    )
+    some = loops >= FEW
+    return told[some] / loops[some], true[some] / loops[some], loops[some]
+
+
+@styled()
+def next_events(found: Forecast, ax: Axes) -> Axes:
+    """Draw the driven stress on the way, instabilities, and the spread of the next drop."""
+    draw_driven_stress(found.evolution, ax)
+    rows, drop = found.next, spread_of(found.next, "drop")
+    if drop["found"]:
+        label = f"next drop, {drop['found']} of {drop['ways']} ways"
+        ax.axvspan(drop["low"], drop["high"], color=ORANGE, alpha=0.35, linewidth=0)
+        ax.plot(rows["drop"], np.full(len(rows), 0.05), "v", color=ORANGE, label=label,
+                transform=ax.get_xaxis_transform())  # fmt: skip
+    else:
+        ax.set_title("no drop of the driven stress up to here")
+    ax.legend()
+    return ax
+
+
+@styled()
+def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
+    """Draw the change of the driven stress on each way, and instabilities of the path."""
+    at, driven = COMPONENTS.index(found.driven[1:]), found.driven
+    for name, way in found.ways.items():
+        label, colour, style = WAY_LOOKS[name]
+        change = way.P[:, at] - way.P[0, at]
+        ax.plot(found.sense * way.parameter, change, style, color=colour, label=label)
+    lost = [found.sense * event.parameter for event in found.way.of_kind("instability")]
+    if lost:
+        ax.plot(lost, np.zeros(len(lost)), "|", color=GREY, markersize=8, label="instabilities",
+                transform=ax.get_xaxis_transform(), clip_on=False)  # fmt: skip
+    name = f"{driven[0]}_{{{driven[1:]}}}"
+    stress = f"change of $P_{{{driven[1:]}}}$\n(force/length)"
+    ax.set(xlabel=rf"$\Delta {name}$", ylabel=stress)
+    ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+    ax.legend()
+    return ax

@@ -1,0 +1,109 @@
+"""The study behind `grainloops forecast`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from studies.calibration import BEYOND, KINDS, WAYS, calibration
+from studies.evolve import Evolving
+from studies.forecast import DEFAULTS, Forecast, forecast_of, spread_of
+from studies.output import UNITS, definitions, readable
+from studies.reading import read_planar, reading
+from studies.series.packing import DEFAULT_RATE
+from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
+from studies.study import study
+
+
+def run_forecast(
+    path: Path,
+    out: Path,
+    *,
+    spread: bool = True,
+    inertial_number: float = DEFAULT_RATE,
+    hold: bool = False,
+    hold_stress: bool = False,
+    force: bool = False,
+    csv: bool = False,
+    figures: bool = True,
+    progress: Callable[[float], None] | None = None,
+    **how: Any,
+) -> dict[str, Any]:
+    """Forecast a snapshot, write tables, a figure and a report; return the summary.
+
+    `how` are options of `evolve` and of `read_planar`.
+    """
+    own = {one: how.pop(one) for one in Evolving.__dataclass_fields__ if one in how}
+    asked = Evolving(**DEFAULTS | own)
+    control = hold_control(hold, hold_stress)
+    configuration = {"path": path, **reading(**how), **asked.described(), "hold": control}
+    configuration |= {"spread": spread, "inertial_number": inertial_number}
+    with study("forecast", out, configuration, UNITS["evolve"], force=force, csv=csv) as results:
+        snapshot, held = held_snapshot(read_planar(path, **how), control)
+        notes = [*snapshot.notes, *balance_notes(snapshot)]
+        given = snapshot.scene, snapshot.ids, asked, inertial_number
+        found = forecast_of(*given, spread=spread, progress=progress)
+        tables = {"loops": found.loops, "next": found.next}
+        summary = results.write_results(
+            tables,
+            asked.described()
+            | {"held": held, "mean_kn": snapshot.mean_kn, "inertial_number": inertial_number}
+            | forecast_summary(found, notes, spread=spread),
+        )
+        if figures:
+            from studies.forecast_figures import forecast_figure
+            from studies.snapshot.table import loops_for_map
+
+            drawn = [("forecast", forecast_figure(found))]
+            maps = loops_for_map(snapshot, found.loops)
+            pictures = results.save_figures(drawn)
+            title = f"Forecast of {readable(path.name)}"
+            results.write_report(title, summary, pictures, maps)
+    return summary
+
+
+def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> dict[str, Any]:
+    """Return the summary of a forecast."""
+    known, (low, high) = calibration(), calibration().range()
+    ends = {
+        row.way: {"status": row.status, "message": row.message, "reached": row.reached,
+                  "residual": row.residual}
+        for row in found.next.itertuples()
+    }  # fmt: skip
+    lost = [f"{name} {one['status']} at {one['reached']:.3g}: {one['message']}"
+            for name, one in ends.items() if one["status"] != "finished"]  # fmt: skip
+    told = {
+        kind: {
+            "expected": _sum(found.loops[f"{kind}_probability"]),
+            "likely": int((found.loops[f"{kind}_probability"] > 0.5).sum()),
+            "base": None if np.isnan(found.base[kind]) else found.base[kind],
+            **{name: int(found.loops[f"{name}_{kind}_at"].notna().sum()) for name in WAYS},
+        }
+        for kind in KINDS
+    }
+    if not low / BEYOND <= found.reach <= high * BEYOND:
+        counted = f"{low / BEYOND:.2g} to {high * BEYOND:.2g}, where forecasts were counted"
+        said = f"no probabilities: {found.reach:.2g} times p/kn is outside of {counted}"
+        notes = [*notes, said]
+    return {
+        "definitions": definitions("forecast"),
+        "driven": found.evolution.driven,
+        "reach": found.reach,
+        "answered": found.answered,
+        "loops": len(found.loops),
+        "kinds": told,
+        "next": {what: spread_of(found.next, what) for what in ("drop", "instability")},
+        "ways": ends,
+        "calibration": known.provenance,
+        "spread": spread,
+        "notes": [*notes, *lost],
+    }
+
+
+def _sum(values: pd.Series[float]) -> float | None:
+    """Return a sum; None without numbers."""
+    return float(values.sum()) if values.notna().any() else None

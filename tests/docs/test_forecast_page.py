@@ -1,0 +1,43 @@
+"""The page on forecasts: its numbers are those of the scores, which the tool wrote."""
+
+import re
+
+import pandas as pd
+
+from studies.calibration import calibration
+from tests.docs.pages import DOCS, page, tables
+from tests.docs.test_how_to import words
+from tests.tools.forecasting import DRAWN, figure_of
+
+SCORES = pd.read_csv(DOCS / "figures/forecast.csv")
+
+
+def test_the_how_to_is_short():
+    assert words(page("forecast")) < 650
+    for name in re.findall(r"\(figures/(.*?)\)", page("forecast")):
+        assert (DOCS / "figures" / name).is_file()
+
+
+def test_rows_of_the_tables_are_the_scores():
+    head, *kinds = tables(page("evidence/forecast"))
+    assert len(kinds) == SCORES["kind"].nunique()
+    assert sum(int(row["intervals"]) for row in head) == sum(
+        calibration().provenance["series"].values()
+    )
+    for rows, (_, own) in zip(kinds, SCORES.groupby("kind", sort=False), strict=True):
+        told = [row for row in own.itertuples() if row.predictor != "base rate"]
+        assert len(rows) == len(told)
+        for row, score in zip(rows, told, strict=True):
+            assert row["predictor"] == score.predictor
+            assert float(row["AUC"]) == round(score.auc, 3)
+            assert float(row["Brier skill"]) == round(score.brier_skill, 3)
+            assert float(row["base rate"]) == round(score.base, 4)
+            assert int(row["loops"]) == score.loops
+
+
+def test_every_predictor_is_in_the_figure():
+    panels = figure_of(SCORES, calibration()).axes
+    assert len(panels) == 4
+    for ax in panels[1:]:
+        labels = {line.get_label() for line in ax.lines}
+        assert set(DRAWN) <= labels
