@@ -16,7 +16,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
-from loops.laws import LinearFrictional
+from loops.laws.frictional import linear_springs
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.symmetry import loop_symmetry
@@ -136,7 +136,7 @@ def present_fan(
     start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
     if present_tangent(graph, fan, spins)[1] == "unstable":
         return fan, FanLimits.none(directions, model.contact_count)
-    if spins == "blocked" and type(law) is LinearFrictional:
+    if spins == "blocked" and linear_springs(law):
         limits = first_limits(fan, start)
     else:
         limits = FanLimits.none(directions, model.contact_count)

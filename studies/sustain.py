@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, InputError
 from loops.arrays import Floats
-from loops.laws import FrictionalLaw, HertzMindlin, RollingResistance
 from loops.laws.movable import require_movable
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
@@ -277,14 +276,12 @@ def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
     if graph.rolling_moment is not None:
         numbers.append(graph.rolling_moment)
-    of_law = [v for v in vars(law).values() if isinstance(v, np.ndarray)]
-    if isinstance(law, RollingResistance):
-        law = cast(FrictionalLaw, law.law)
-        of_law += [v for v in vars(law).values() if isinstance(v, np.ndarray)]
+    # Beside a spring for rolling stands the law of the forces.
+    parameters = vars(law) | vars(vars(law).get("law", law))
+    of_law = [v for v in parameters.values() if isinstance(v, np.ndarray)]
     for values in (*numbers, graph.shear_force, *of_law):
         digest.update(np.ascontiguousarray(values).tobytes())
-    history = f"-{law.shear_history}" if isinstance(law, HertzMindlin) else ""
-    return f"{digest.hexdigest()}-{law.shear_increment}{history}"
+    return f"{digest.hexdigest()}-{law.shear_increment}-{law.shear_history}"
 
 
 @dataclass(frozen=True)

@@ -83,6 +83,8 @@ class CohesiveFrictional(FrictionalLaw):
     cohesion: Floats
     bonded: bool
     shear_increment: ShearIncrement
+    overlap_power = 1.0
+    cohesive = True
 
     def __init__(
         self,
@@ -115,13 +117,18 @@ class CohesiveFrictional(FrictionalLaw):
         object.__setattr__(self, "cohesion", np.maximum(strength, least))
         object.__setattr__(self, "bonded", bool(bonded))
 
+    table_words = property(lambda self: {"law": "bonded" if self.bonded else "cohesive"})
+    constant_springs = property(lambda self: (self.kn, self.kt))
+    # Bonds pull by their springs.
+    attraction = property(lambda self: 0.0 if self.bonded else self.adhesion)
+
     def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
         """The constants `kn` and `kt`."""
         return self.kn, self.kt
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = kn delta`, less the adhesion of contacts that attract."""
-        return self.kn * state.overlap - (0.0 if self.bonded else self.adhesion)
+        return self.kn * state.overlap - self.attraction
 
     def gap(self, state: ContactState) -> Floats:
         """`-delta`, of a bond less the gap `a/kn` at which it breaks."""
@@ -134,7 +141,7 @@ class CohesiveFrictional(FrictionalLaw):
     def normal_energy(self, state: ContactState) -> Floats:
         """`kn delta^2/2`, less `a delta` of contacts that attract."""
         spring = 0.5 * self.kn * state.overlap**2
-        return spring - (0.0 if self.bonded else self.adhesion * state.overlap)
+        return spring - self.attraction * state.overlap
 
     def parted(self, opened: Flags) -> Self:
         """Law once these contacts (C,) have opened: bonds have no adhesion and cohesion left."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, Literal, Protocol, Self, cast, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, Self, TypeGuard, cast, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from loops.graph import ContactState
 from loops.shown import Shown
 
 ShearIncrement = Literal["branch", "radii"]
+ShearHistory = Literal["force", "displacement"]
 # A contact within this fraction of its strength is at yield: paths stop at it to 1e-12.
 AT_YIELD_RTOL = 1e-10
 # A gap below this fraction of `r_i + r_j` is touching: centres far from the origin carry the
@@ -187,6 +188,20 @@ class FrictionalLaw(Shown):
     shear_increment: ShearIncrement = "branch"
     keeps_strength: bool = True
     compiled: bool | None = None
+    # For readers and checks of tables: the words that name the law beside its columns, None where
+    # columns do not hold it; the power of the overlap that springs push with; `kn` and `kt` where
+    # no state changes them; whether moduli give them; what a contact keeps as its `kt` changes;
+    # whether contacts may pull, the largest pull, how much more the springs of touching contacts
+    # push than `N`, and the strength without a force.
+    table_words: dict[str, str] | None = None
+    overlap_power: float | None = None
+    constant_springs: tuple[Floats, Floats] | None = None
+    of_moduli: bool = False
+    shear_history: ShearHistory = "force"
+    cohesive: bool = False
+    adhesion: ArrayLike = 0.0
+    attraction: ArrayLike = 0.0
+    cohesion: ArrayLike = 0.0
 
     def __init__(self, **parameters: ArrayLike) -> None:
         vars(self).update(parameters)
@@ -306,6 +321,16 @@ class FrictionalLaw(Shown):
     def parted(self, opened: Flags) -> Self:
         """Law once these contacts (C,) have opened: the same, unless an opening breaks a bond."""
         return self
+
+
+def linear_springs(law: object) -> TypeGuard[LinearFrictional]:
+    """Return whether a law is linear springs with friction, and nothing else."""
+    return type(law) is LinearFrictional
+
+
+def of_tables(law: object) -> TypeGuard[FrictionalLaw]:
+    """Return whether the columns of a table hold a law."""
+    return isinstance(law, FrictionalLaw) and law.table_words is not None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -467,6 +492,7 @@ class LinearFrictional(FrictionalLaw):
     kt: Floats
     mu: Floats
     shear_increment: ShearIncrement
+    overlap_power = 1.0
 
     def __init__(
         self,
@@ -482,6 +508,9 @@ class LinearFrictional(FrictionalLaw):
         kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
         object.__setattr__(self, "kt", kt)
         friction_and_increment(self, mu, shear_increment, phi)
+
+    table_words = property(lambda self: {})
+    constant_springs = property(lambda self: (self.kn, self.kt))
 
     def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
         """The constants `kn` and `kt`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +13,17 @@ from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws.frictional import (
     FrictionalLaw,
+    ShearHistory,
     ShearIncrement,
     friction_and_increment,
     parameter,
 )
 
-ShearHistory = Literal["force", "displacement"]
+# N over the overlap times the tangent `kn`.
+HERTZ = 2.0 / 3.0
+# Forces within this share of it are Hertz's, of linear springs with his tangents; in tables of his
+# law it holds to 1e-9.
+HERTZ_BAND = 0.01
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -94,6 +99,7 @@ class HertzMindlin(FrictionalLaw):
     shear_increment: ShearIncrement
     shear_history: ShearHistory
     ratio: Floats | None
+    overlap_power = 1.5
 
     def __init__(
         self,
@@ -119,6 +125,9 @@ class HertzMindlin(FrictionalLaw):
         if ratio is not None:
             ratio = parameter("ratio", ratio, "a ratio, zero or more", 0.0, open_low=False)
         object.__setattr__(self, "ratio", ratio)
+
+    table_words = property(lambda self: {"law": "hertz", "shear_history": self.shear_history})
+    of_moduli = property(lambda self: self.ratio is None)
 
     @property
     def stiffness_ratio(self) -> Floats:
@@ -147,8 +156,13 @@ class HertzMindlin(FrictionalLaw):
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""
-        factor = (4.0 / 3.0) * self._effective_young() * np.sqrt(_effective_radius(state))
+        factor = self.force_factor(state.radii_i, state.radii_j)
         return factor * np.sign(state.overlap) * np.abs(state.overlap) ** 1.5
+
+    def force_factor(self, radii_i: Floats, radii_j: Floats) -> Floats:
+        """`(4/3) E* sqrt(R*)`, (..., C): the force over the overlap's power."""
+        radius = radii_i * radii_j / (radii_i + radii_j)
+        return np.asarray((4.0 / 3.0) * self._effective_young() * np.sqrt(radius))
 
     def normal_energy(self, state: ContactState) -> Floats:
         """`(2/5) N delta`."""

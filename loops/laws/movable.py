@@ -8,13 +8,12 @@ import numpy as np
 
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
-from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime
-from loops.laws.hertz_mindlin import HertzMindlin
-from loops.laws.of_pairs import AT_TOUCH, HERTZ, FormulaPairs, MovableLaw, WallSprings
+from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime, linear_springs
+from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, HertzMindlin
+from loops.laws.of_pairs import AT_TOUCH, FormulaPairs, MovableLaw, WallSprings
 from loops.laws.rolling_resistance import RollingResistance
 
-# Forces are Hertz's where most contacts have N within this share of his, of linear springs.
-HERTZ_BAND = 0.01
+# Share of the contacts that tell whose forces they are.
 MOSTLY = 0.9
 # Methods that a law of one's own may not change.
 LEFT = ("shear_kinematics", "rolling_stiffness", "regime")
@@ -37,15 +36,16 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
         remedy = "Give another, or compute tangents alone."
         raise InputError("law", type(law).__name__, expected, remedy)
     state = contact_state(graph)
-    if type(law) is LinearFrictional:
-        require_linear_forces(law, state)
-    elif type(law) is not HertzMindlin:
+    require_linear_forces(law, state)
+    if not linear_springs(law) and type(law) is not HertzMindlin:
         _require_formulae(law, state)
     return law
 
 
-def require_linear_forces(law: LinearFrictional, state: ContactState) -> None:
-    """Raise `InputError` where linear springs have the tangents of Hertz's law."""
+def require_linear_forces(law: object, state: ContactState) -> None:
+    """Raise `InputError` where linear springs have the tangents of Hertz's law; others pass."""
+    if not linear_springs(law):
+        return
     closed = (state.normal_force != 0) & (state.overlap > 0)
     hertz = HERTZ * (law.kn * state.overlap)[closed]
     as_hertz = np.abs(state.normal_force[closed] - hertz) < HERTZ_BAND * hertz
@@ -54,6 +54,20 @@ def require_linear_forces(law: LinearFrictional, state: ContactState) -> None:
         expected = "linear springs, of which N is kn times the overlap"
         remedy = "Give law='hertz' (--law hertz), or study rates."
         raise InputError("law", received, expected, remedy)
+
+
+def require_unlimited_rolling(law: object) -> None:
+    """Raise `InputError` for springs against rolling that yield, which paths of loops lack."""
+    if isinstance(law, RollingResistance) and np.isfinite(law.mu_r).any():
+        expected = "springs for rolling without a limit, mu_r=inf, in paths of loops"
+        raise InputError("law", "a finite mu_r", expected, "Follow the packing, or leave it out.")
+
+
+def require_linear_springs(law: object, where: str, remedy: str) -> LinearFrictional:
+    """Return linear springs with friction; raise `InputError` for another law."""
+    if not linear_springs(law):
+        raise InputError(where, type(law).__name__, "linear springs", remedy)
+    return law
 
 
 def _require_formulae(law: FrictionalLaw, state: ContactState) -> None:

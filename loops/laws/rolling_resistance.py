@@ -85,6 +85,7 @@ class RollingResistance(Shown):
 
     mu = property(lambda self: self.law.mu)
     shear_increment = property(lambda self: self.law.shear_increment)
+    shear_history = property(lambda self: self.law.shear_history)
     keeps_strength = property(lambda self: self.law.keeps_strength)
     shear_kinematics = _of_the_other(ContactLaw.shear_kinematics)
     local_stiffness = _of_the_other(ContactLaw.local_stiffness)

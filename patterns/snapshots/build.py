@@ -19,9 +19,9 @@ from loops import (
 from loops.arrays import Floats, Integers, Regimes, median
 from loops.compiled import load_ahead, use_compiled
 from loops.laws.frictional import ShearIncrement
-from loops.laws.hertz_mindlin import ShearHistory
+from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, ShearHistory
 from loops.validation import repeated_contacts
-from patterns.snapshots.checked import HERTZ, Checked, goes_with_root, touching_lengths
+from patterns.snapshots.checked import Checked, goes_with_root, touching_lengths
 from patterns.snapshots.checks import SLIDING_SHARE, check_state, same_force
 from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.frame import Frame
@@ -42,8 +42,6 @@ from patterns.snapshots.walls import WallContacts
 LawName = Literal["linear", "hertz", "cohesive", "bonded"]
 # Those of `CohesiveFrictional`: attraction, and bonds.
 COHESIVE = ("cohesive", "bonded")
-# N over kn times the overlap (median) over Hertz's 2/3, less one, of tables of his law: 1e-9.
-HERTZ_BAND = 0.01
 # Multiples of the rounding of centres above which an overlap tells a law.
 SURE_ROUNDINGS = 20.0
 TOLD = (

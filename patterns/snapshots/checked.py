@@ -9,20 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import (
-    CohesiveFrictional,
-    GrainGraph,
-    HertzMindlin,
-    LinearFrictional,
-    Regime,
-    contact_state,
-)
+from loops import FrictionalLaw, GrainGraph, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
+from loops.laws.hertz_mindlin import HERTZ
 from patterns.snapshots.findings import rounding
 
-# Laws that tables are read with.
-READ_LAWS = LinearFrictional | CohesiveFrictional | HertzMindlin
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
 LOADED = 0.1
 # Fewer contacts or grains than these are not judged together.
@@ -31,8 +23,6 @@ FEWEST = 20
 ROUNDINGS = 5.0
 # The same of all overlaps together.
 OVERLAP_ROUNDINGS = 2.0
-# N over kn times the overlap where kn is the tangent of Hertz's law.
-HERTZ = 2.0 / 3.0
 # Least spread of the logarithm of overlaps that tells an exponent.
 SPREAD = 0.1
 # How far the exponent of kn over R times the overlap may be from a half: two materials of 1:4 leave
@@ -81,7 +71,7 @@ class Checked:
     graph: GrainGraph
     d: Floats
     length: Floats
-    law: LinearFrictional | CohesiveFrictional | HertzMindlin | None
+    law: FrictionalLaw | None
     regime: NDArray[np.int8] | None
     given: Floats | None
     walls: tuple[Integers, Floats] | None
@@ -112,24 +102,29 @@ class Checked:
     @property
     def strength(self) -> Floats:
         """(C,) array: shear force at which contacts slide, `mu N` and the cohesion."""
-        limit = self.mu * self.normal
-        return limit + self.law.cohesion if isinstance(self.law, CohesiveFrictional) else limit
+        assert self.law is not None
+        return self.mu * self.normal + self.law.cohesion
 
     @cached_property
     def pressed(self) -> Floats:
         """(C,) array: force of the springs, `N` and the adhesion of contacts that attract."""
-        if isinstance(self.law, CohesiveFrictional) and not self.law.bonded:
-            return self.normal + self.law.adhesion
-        return self.normal
+        return self.normal if self.law is None else self.normal + self.law.attraction
+
+    @property
+    def cohesive(self) -> bool:
+        """Whether contacts may pull under the law."""
+        return self.law is not None and self.law.cohesive
+
+    @property
+    def as_hertz(self) -> bool:
+        """Whether forces go with the overlap by Hertz's power under the law."""
+        return self.law is not None and self.law.overlap_power == 1.5
 
     @cached_property
     def stiffnesses(self) -> tuple[Floats, Floats]:
         """`kn` and `kt`, (C,) each; under Hertz's law of the tangents of `N`."""
         assert self.law is not None
-        if isinstance(self.law, LinearFrictional | CohesiveFrictional):
-            kn, kt = self.law.kn, self.law.kt
-        else:
-            kn, kt = self.law.stiffnesses(contact_state(self.graph))
+        kn, kt = self.law.constant_springs or self.law.stiffnesses(contact_state(self.graph))
         return np.broadcast_to(kn, len(self.contacts)), np.broadcast_to(kt, len(self.contacts))
 
     @cached_property
@@ -165,7 +160,7 @@ class Checked:
         if len(rows) == 0:
             return None
         secant = self.pressed[rows] / self.overlap[rows]
-        hertz = isinstance(self.law, HertzMindlin) or (
+        hertz = self.as_hertz or (
             # Secants of Hertz's law go with the root as well.
             bool(median(secant / kn[rows]) < np.sqrt(HERTZ)) and self.goes_with_root(kn[rows], rows)
         )
@@ -174,8 +169,7 @@ class Checked:
         by_force = needed[rows] / overlap[rows]
         scale = median(by_force)
         # Tangents of a given modulus grow with N themselves.
-        of_modulus = isinstance(self.law, HertzMindlin) and self.law.ratio is None
-        power = 1.5 if of_modulus else 1.0
+        power = 1.5 if self.law.of_moduli else 1.0
         typical = median(overlap[rows])
         quarter, rest = quantiles(by_force, [0.25, 0.75])
         needed = needed / scale

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from loops import CohesiveFrictional
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
@@ -131,7 +130,7 @@ PULL = 1.0 + 1e-5
 
 def pulling(state: Checked) -> Finding:
     """Share of the normal force that pulls; under a cohesive law the pull over the adhesion."""
-    if isinstance(state.law, CohesiveFrictional):
+    if state.law is not None and state.law.cohesive:
         adhesion = np.broadcast_to(state.law.adhesion, len(state.normal))
         beyond = -state.normal > PULL * adhesion + rounding(state.normal)
         count = int(np.count_nonzero(beyond))
@@ -264,7 +263,7 @@ def friction(state: Checked) -> Finding | None:
     rows = np.flatnonzero(state.loaded & (state.normal > 0))
     if len(rows) == 0 or not np.isfinite(state.mu).any():
         return None
-    if isinstance(state.law, CohesiveFrictional):
+    if state.cohesive:
         beyond = float(np.mean(np.abs(state.shear) > BEYOND * np.abs(state.strength)))
         says = f"{100 * beyond:.3g} % of the contacts have |T| > cohesion + mu N"
         return Finding("friction", beyond, says).doubt(
@@ -297,7 +296,7 @@ FEW_BELOW = 0.05
 
 def one_ratio(state: Checked) -> Finding | None:
     """Contacts that share one ratio |T| / (mu N) below 1: they slide, and their mu is smaller."""
-    if isinstance(state.law, CohesiveFrictional):
+    if state.cohesive:
         return None
     mu = state.mu
     rows = np.flatnonzero(state.loaded & (state.normal > 0) & (mu > 0) & np.isfinite(mu))

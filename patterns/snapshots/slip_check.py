@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops import HertzMindlin, Regime, branch_vectors, contact_state
+from loops import FrictionalLaw, Regime, branch_vectors, contact_state
 from loops.arrays import Floats, Integers, median
-from patterns.snapshots.checked import FEWEST, READ_LAWS
+from loops.laws.frictional import of_tables
+from patterns.snapshots.checked import FEWEST
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.snapshot import Snapshot
@@ -27,10 +28,10 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     Contacts that are elastic in both count. Rotations that the file lacks are fitted to the same
     contacts, with the factor on kt, by reweighted least squares.
     """
-    laws = before.law, after.law
+    law, later = before.law, after.law
     if before.regime is None or after.regime is None:
         return None
-    if not all(isinstance(law, READ_LAWS) for law in laws):
+    if not (of_tables(law) and of_tables(later)):
         return None
     # Loads sparse matrices, which a snapshot alone needs nowhere else.
     from loops.tracking import match_contacts
@@ -38,12 +39,11 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     match = match_contacts(before.graph, before.ids, after.graph, after.ids)
     first = match.shared
     second = match.after[first]
-    both = (before, first), (after, second)
-    T = np.stack([one.graph.shear_force[rows] for one, rows in both])
+    both = (before, law, first), (after, later, second)
+    T = np.stack([one.graph.shear_force[rows] for one, _, rows in both])
     springs = []
-    for one, rows in both:
-        assert isinstance(one.law, READ_LAWS)
-        spring = one.law.stiffnesses(contact_state(one.graph))[1]
+    for one, of, rows in both:
+        spring = of.stiffnesses(contact_state(one.graph))[1]
         springs.append(np.broadcast_to(spring, one.graph.contact_count)[rows])
     kt = np.stack(springs)
     elastic = (before.regime[first] != Regime.SLIDING) & (after.regime[second] != Regime.SLIDING)
@@ -53,7 +53,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     if len(first) < FEWEST:
         return None
     needed = -np.diff(T, axis=0)[0] / kt.mean(axis=0)
-    if isinstance(before.law, HertzMindlin) and before.law.shear_history == "displacement":
+    if law.shear_history == "displacement":
         needed = -np.diff(T / kt, axis=0)[0]
     if not needed.any():
         return None
@@ -98,7 +98,7 @@ def _moved(
     pairs = before.graph.contacts[contacts]
     arms = before.graph.radii[pairs]
     reach = arms.sum(axis=1)
-    assert isinstance(before.law, READ_LAWS)
+    assert isinstance(before.law, FrictionalLaw)
     if before.law.shear_increment == "branch":
         length = (np.hypot(*d.T) + np.hypot(*later.T)) / 2
         arms, reach = arms * (length / reach)[:, None], length

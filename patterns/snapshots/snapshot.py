@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import (
-    CohesiveFrictional,
     ContactLaw,
     Faces,
     GrainGraph,
-    HertzMindlin,
     InputError,
     Regime,
     branch_vectors,
@@ -31,17 +29,15 @@ from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
 from loops.graph import branches_of, state_of_branches
+from loops.laws.frictional import of_tables
 from loops.loop_batches import CONTACTS_AT_ONCE
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
-from patterns.snapshots.checked import READ_LAWS
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import MOST_CROSSINGS, Finding
 from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
 # Options that give the law of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson", "adhesion")
-# Most pairs of crossing branches that are looked for.
-MOST_CROSSINGS = 1_000_000
 # Pairs of them that an error names.
 NAMED_CROSSINGS = 3
 
@@ -220,14 +216,14 @@ class Snapshot(Shown):
             contacts["fn"] = graph.normal_force
         if graph.rolling_moment is not None:
             contacts["mz_on_2"] = graph.rolling_moment
-        if self.law is not None and not isinstance(self.law, READ_LAWS):
+        if self.law is not None and not of_tables(self.law):
             expected = "a law that columns can hold: linear, cohesive or Hertz's"
             received, remedy = type(self.law).__name__, "Keep the law beside the tables."
             raise InputError("law", received, expected, remedy)
         if self.law is not None and self.regime is not None:
             kn, kt = self.law.stiffnesses(contact_state(graph))
             law = {"kn": kn, "ks": kt, "mu": self.law.mu}
-            if isinstance(self.law, CohesiveFrictional):
+            if self.law.cohesive:
                 law |= {"adhesion": self.law.adhesion, "cohesion": self.law.cohesion}
             # Friction that the file lacked is infinite here, which no file holds.
             known = {name: values for name, values in law.items() if np.isfinite(values).all()}
@@ -241,18 +237,13 @@ class Snapshot(Shown):
             flags = None if walls.sliding is None else walls.sliding.astype(np.int8)
             springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu), ("sliding", flags))
             of_walls |= {n: v for n, v in springs if v is not None}
-        named = {}
-        if isinstance(self.law, HertzMindlin):
-            named = {"law": "hertz", "shear_history": self.law.shear_history}
-        if isinstance(self.law, CohesiveFrictional):
-            named = {"law": "bonded" if self.law.bonded else "cohesive"}
         return {
             "grains": grains,
             "contacts": contacts,
             "walls": of_walls,
             "cell": graph.cell,
             "shear_increment": None if self.law is None else self.law.shear_increment,
-            **named,
+            **(self.law.table_words or {} if of_tables(self.law) else {}),
         }
 
 

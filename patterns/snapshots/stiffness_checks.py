@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops import HertzMindlin, LinearFrictional
 from loops.arrays import Floats, Integers, median
-from patterns.snapshots.checked import FEWEST, HERTZ, ROUNDINGS, Checked
+from loops.laws.frictional import linear_springs
+from loops.laws.hertz_mindlin import HERTZ
+from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
 
 # N over the force that kn and the overlap give, less one (median): clean 4e-5, which is damping in
@@ -40,7 +41,7 @@ def stiffness(state: Checked) -> Finding | None:
         found = found._replace(says=f"{found.says}, Hertz's tangents give {HERTZ:.4g}")
     if off:
         unit = power_of_ten(fit.ratio)
-        of_modulus = isinstance(state.law, HertzMindlin) and state.law.ratio is None
+        of_modulus = state.law is not None and state.law.of_moduli
         stiff = "the modulus" if of_modulus else "kn"
         right = modulus if of_modulus else f"kn = {needed:.4g}"
         right += f" ({modulus})" if fit.hertz and not of_modulus else ""
@@ -51,7 +52,7 @@ def stiffness(state: Checked) -> Finding | None:
             f"Forces and overlaps need {right}, or the forces divided by {fit.ratio:.4g}; one "
             "snapshot does not tell which of the two.",
         )
-    if fit.hertz and isinstance(state.law, LinearFrictional):
+    if fit.hertz and linear_springs(state.law):
         return found._replace(says=f"{found.says}: --law hertz for strains")
     if exceeds > 1 + NEAR_ROUND:
         found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
@@ -65,7 +66,7 @@ def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, bool]:
     A tangent of Hertz's law is 3/2 of the secant.
     """
     secant = state.pressed[rows] / state.overlap[rows]
-    hertz = isinstance(state.law, HertzMindlin) or state.goes_with_root(secant, rows)
+    hertz = state.as_hertz or state.goes_with_root(secant, rows)
     return median(secant) / (HERTZ if hertz else 1.0), hertz
 
 

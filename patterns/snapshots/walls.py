@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import ContactLaw, GrainGraph, HertzMindlin
+from loops import ContactLaw, GrainGraph
 from loops.arrays import Floats
 from loops.boundary import UPRIGHT, PlaneContacts, plane_contacts
 from loops.shown import Shown
@@ -98,7 +98,6 @@ def wall_plates(
         given = walls.kn, walls.kt, walls.mu, walls.force, sliding
         return PlaneContacts(walls.grain, -walls.branch, *given), notes
     planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
-    if isinstance(law, HertzMindlin):
-        # A tangent is 3/2 of the force over the overlap.
-        planes = replace(planes, kn=1.5 * planes.kn)
+    # A tangent is the power times the force over the overlap: 3/2 of it under Hertz's law.
+    planes = replace(planes, kn=(getattr(law, "overlap_power", None) or 1.0) * planes.kn)
     return planes, ["walls: frictionless, with the stiffness that their forces and overlaps give"]

@@ -1,4 +1,4 @@
-"""One step of the contacts of a material: compiled for linear springs and Hertz, by numpy else."""
+"""One step of the contacts of a material: compiled for powers of the overlap, by numpy else."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws import ContactLaw, HertzMindlin, LinearFrictional, Regime
+from loops.laws import ContactLaw, Regime
 from loops.laws.frictional import TOUCHING_RTOL
+from loops.laws.of_pairs import power_springs
 from stability.material.kernels import (
     ANSWER,
     FX,
@@ -25,6 +26,12 @@ from stability.material.kernels import (
     contact_steps,
 )
 
+# Kernel of a step by the power of the overlap that forces go with, and whether T goes with kt.
+KERNELS = {
+    (1.0, False): LINEAR,
+    (1.5, False): HERTZ_FORCE,
+    (1.5, True): HERTZ_DISPLACEMENT,
+}
 # Step of the differences that give the tangent of a law in numpy, over the length at touch. With
 # the fourth order what is left is rounding, some 1e-12 of kt.
 DIFFERENCE = 1e-3
@@ -111,22 +118,15 @@ class ContactSteps:
 
 
 def steps_of(law: ContactLaw, touching: Touching) -> ContactSteps:
-    """Return the contacts of a law, compiled where the law is linear or Hertz and Mindlin's."""
-    zero = np.zeros(len(touching.length))
-    if type(law) is LinearFrictional:
-        kind, normal, tangential = LINEAR, law.kn, law.kt
-    elif type(law) is HertzMindlin:
-        kind = HERTZ_FORCE if law.shear_history == "force" else HERTZ_DISPLACEMENT
-        young = law.young / (2.0 * (1.0 - law.poisson**2))
-        radius = touching.radii_i * touching.radii_j / (touching.radii_i + touching.radii_j)
-        normal, tangential = 4.0 / 3.0 * young * np.sqrt(radius), law.stiffness_ratio
-    else:
+    """Return the contacts of a law, compiled where its springs are a power of the overlap."""
+    springs = power_springs(law, np.stack([touching.radii_i, touching.radii_j]))
+    if springs is None:
         return ContactSteps(law, touching, None)
-    columns = [zero + value for value in (touching.length, normal, tangential, law.mu)]
-    parameters = np.ascontiguousarray(np.stack(columns, axis=-1))
-    return ContactSteps(
-        law, touching, CompiledLaw(kind, law.shear_increment == "radii", parameters)
-    )
+    zero = np.zeros(len(touching.length))
+    numbers = touching.length, springs.normal, springs.tangential, law.mu
+    parameters = np.ascontiguousarray(np.stack([zero + one for one in numbers], axis=-1))
+    kind = KERNELS[springs.overlap_power, springs.remembers]
+    return ContactSteps(law, touching, CompiledLaw(kind, springs.by_radii, parameters))
 
 
 def _protocol_steps(

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-import numpy as np
-
-from loops import InputError, RollingResistance, Scene, contact_state
+from loops import Scene, contact_state
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.laws.frictional import require_law
+from loops.laws.movable import require_unlimited_rolling
 from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
@@ -34,9 +33,7 @@ def follow_loop(
     """Follow a loop through its stages, see `stability.follow`."""
     graph, law = scene.graph, scene.law
     require_law(law)
-    if isinstance(law, RollingResistance) and np.isfinite(law.mu_r).any():
-        expected = "springs for rolling without a limit, mu_r=inf, in paths of loops"
-        raise InputError("law", "a finite mu_r", expected, "Follow the packing, or leave it out.")
+    require_unlimited_rolling(law)
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, options.spins, scene.given_volume)
     model, y, least = first_state(model, contacts)

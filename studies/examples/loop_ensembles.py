@@ -33,6 +33,7 @@ from loops import (
 )
 from loops.arrays import Flags, Floats, Integers
 from loops.geometry import from_centroid, outward
+from loops.laws.frictional import linear_springs
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path
 from stability.verdict import loop_stability
 from studies.examples import save
@@ -330,7 +331,7 @@ def ensembles(snapshots: Sequence[Snapshot], loops: int, seed: int) -> tuple[pd.
     rng, first = np.random.default_rng(seed), snapshots[0]
     kn, graph = first.mean_kn, first.graph
     law, _ = first.mechanics()
-    assert isinstance(law, LinearFrictional)
+    assert linear_springs(law)
     radii = np.concatenate([s.graph.radii / s.graph.radii.mean() for s in snapshots]) / 2.0
     closed = graph.normal_force > 0.0
     overlap = float((graph.normal_force[closed] / kn).mean() / (2.0 * graph.radii.mean()))

@@ -23,6 +23,7 @@ from loops import (
 )
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
+from loops.laws.movable import require_linear_springs
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
@@ -352,9 +353,8 @@ class LoopOptions(PolygonOptions):
         assert self.snapshot is not None
         found = loop_of_snapshot(self.snapshot, self.loop)
         given, law = found.graph, found.law
-        if type(law) is not LinearFrictional:
-            expected, remedy = "linear springs", "Follow it in Python: gl.follow(gl.loop(...))."
-            raise InputError("--law", type(law).__name__, expected, remedy)
+        remedy = "Follow it in Python: gl.follow(gl.loop(...))."
+        law = require_linear_springs(law, "--law", remedy)
         length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
         law = LinearFrictional(law.kn / kn, law.kt / kn, law.mu, law.shear_increment)
         N, T = (force / (kn * length) for force in (given.normal_force, given.shear_force))
