@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 # Overlap over the sum of the radii that pairs apart are handed to the law at: nothing reads it.
 APART = 1e-4
@@ -195,6 +195,13 @@ def move(motion: MovingDiscs, discs: Discs, dt: float, cundall: float, viscous: 
     return math.sqrt(fastest)
 
 
+@inlined
+def _along(n0: float, n1: float, d0: float, d1: float) -> tuple[float, float]:
+    """Return the part of a branch along the normal of a wall."""
+    away = n0 * d0 + n1 * d1
+    return away * n0, away * n1
+
+
 @kernel
 def place(motion: MovingDiscs, discs: Discs) -> bool:
     """Update branches and overlaps of the pairs; whether one has parted across a gap."""
@@ -210,9 +217,8 @@ def place(motion: MovingDiscs, discs: Discs) -> bool:
             d0, d1 = d0 + h00 * m0 + h01 * m1, d1 + h10 * m0 + h11 * m1
             motion.place[0, p], motion.place[1, p] = d0, d1
             if j >= first_wall:
-                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
-                away = n0 * d0 + n1 * d1
-                d0, d1 = away * n0, away * n1
+                wall = j - first_wall
+                d0, d1 = _along(discs.walls[wall, 0], discs.walls[wall, 1], d0, d1)
         else:
             motion.place[0, p], motion.place[1, p] = d0, d1
         length, touching = math.sqrt(d0 * d0 + d1 * d1), discs.radii[i] + discs.radii[j]
@@ -264,62 +270,89 @@ def update_forces(
     return parted
 
 
+@inlined
+def _product(a: Floats, b: Floats) -> tuple[float, float, float, float]:
+    """Return the entries 11, 12, 21, 22 of the product of two matrices (2, 2)."""
+    a00, a01, a10, a11 = a[0, 0], a[0, 1], a[1, 0], a[1, 1]
+    b00, b01, b10, b11 = b[0, 0], b[0, 1], b[1, 0], b[1, 1]
+    first, second = a00 * b00 + a01 * b10, a00 * b01 + a01 * b11
+    return first, second, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
+
+
+@inlined
+def _let_go(force: float, stiffness: float, lost: float) -> float:
+    """Return the energy lost so far, that of a spring which lets go added."""
+    if force != 0.0 and stiffness > 0.0:
+        lost += 0.5 * force**2 / stiffness
+    return lost
+
+
+@inlined
+def _added(
+    work: float, first: float, before: float, shear: float, was: float, kt: float, slip: float,
+    turned: float, dt: float,
+) -> float:  # fmt: skip
+    """Return the work of the law's shear beyond the motion's, and what is lost as `kt` changes.
+
+    `turned` is what the law's shear rate has beyond that of the motion.
+    """
+    if first != 0.0 and kt > 0.0 and (kt != was or before != first):
+        work += 0.5 * (first * first / was - before * before / kt)
+    # The motion did its work on the force that the step began with.
+    work -= 0.5 * (first - before) * slip * dt
+    return work + 0.5 * (first + shear) * turned * dt
+
+
+@inlined
+def _rolled(before: float, turn: float, k_r: float, dt: float, most: float) -> tuple[float, float]:
+    """Return the moment of a rolling spring after a turn, and the energy that its slip takes."""
+    elastic = before - k_r * turn * dt
+    if abs(elastic) > most:
+        moment = math.copysign(most, elastic)
+        return moment, 0.5 * (before + moment) * (elastic - moment) / k_r
+    return elastic, 0.0
+
+
 @kernel
 def _add_forces(motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, summed: bool) -> None:
     """Add up the forces of pairs that are placed and filled in."""
     v, w, resultant, answer = motion.speed, motion.spin, motion.resultant, motion.answer
-    L, cell = motion.gradient, motion.cell
-    L00, L01, L10, L11 = L[0, 0], L[0, 1], L[1, 0], L[1, 1]
-    h00, h01, h10, h11 = cell[0, 0], cell[0, 1], cell[1, 0], cell[1, 1]
     # Periodic images of a grain are faster by this, times the image.
-    g00, g01 = L00 * h00 + L01 * h10, L00 * h01 + L01 * h11
-    g10, g11 = L10 * h00 + L11 * h10, L10 * h01 + L11 * h11
-    s00 = s01 = s10 = s11 = 0.0
-    slipped = beyond = 0.0
+    g00, g01, g10, g11 = _product(motion.gradient, motion.cell)
+    s00 = s01 = s10 = s11 = slipped = beyond = 0.0
     first_wall = len(motion.x) - len(discs.walls)
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
         i, j = discs.pairs[p, 0], discs.pairs[p, 1]
         length = motion.place[2, p]
         if length < 0.0:
-            if motion.shear[p] != 0.0:
-                if summed and motion.kt[p] > 0.0:
-                    slipped += 0.5 * motion.shear[p] ** 2 / motion.kt[p]
-                motion.shear[p] = 0.0
-            motion.kt[p] = 0.0
-            if motion.rolled[p] != 0.0:
-                if summed:
-                    slipped += 0.5 * motion.rolled[p] ** 2 / discs.k_r[p]
-                motion.rolled[p] = 0.0
+            slipped = _let_go(motion.shear[p], motion.kt[p], slipped)
+            slipped = _let_go(motion.rolled[p], discs.k_r[p], slipped)
+            motion.shear[p] = motion.rolled[p] = motion.kt[p] = 0.0
             continue
         radius_i, radius_j = discs.radii[i], discs.radii[j]
-        touching = radius_i + radius_j
         e0, e1 = d0, d1 = motion.place[0, p], motion.place[1, p]
         v0, v1 = v[j, 0] - v[i, 0], v[j, 1] - v[i, 1]
         if discs.wraps[p]:
             m0, m1 = discs.images[p, 0], discs.images[p, 1]
             v0, v1 = v0 + g00 * m0 + g01 * m1, v1 + g10 * m0 + g11 * m1
             if j >= first_wall:
-                n0, n1 = discs.walls[j - first_wall, 0], discs.walls[j - first_wall, 1]
-                away = n0 * d0 + n1 * d1
-                d0, d1 = away * n0, away * n1
+                wall = j - first_wall
+                d0, d1 = _along(discs.walls[wall, 0], discs.walls[wall, 1], d0, d1)
         over = 1.0 / length
         n0, n1 = d0 * over, d1 * over
         arm_i = 0.5 * (length + radius_i - radius_j)
         arm_j = length - arm_i
         across = n0 * v1 - n1 * v0
         if by_radii:
-            slip = touching * over * across - radius_i * w[i] - radius_j * w[j]
+            slip = (radius_i + radius_j) * over * across - radius_i * w[i] - radius_j * w[j]
         else:
             slip = across - arm_i * w[i] - arm_j * w[j]
         normal, kt, most, before = answer[0, p], answer[1, p], answer[2, p], answer[3, p]
         first, was = motion.shear[p], motion.kt[p]
-        if summed and first != 0.0 and kt > 0.0 and (kt != was or before != first):
-            beyond += 0.5 * (first * first / was - before * before / kt)
-        motion.kt[p] = kt
         stuck = before - kt * slip * dt
         shear = min(max(stuck, -most), most)
-        motion.shear[p] = shear
+        motion.shear[p], motion.kt[p] = shear, kt
         f0, f1 = normal * n0 - shear * n1, normal * n1 + shear * n0
         resultant[j, 0] += f0
         resultant[j, 1] += f1
@@ -328,27 +361,19 @@ def _add_forces(motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, su
         resultant[i, 1] -= f1
         resultant[i, 2] -= arm_i * shear
         if discs.k_r[p] > 0.0:
-            rolled = motion.rolled[p]
-            moment = elastic = rolled - discs.k_r[p] * (w[j] - w[i]) * dt
             limit = discs.rolling_reach[p] * (normal - discs.at_touch[p])
-            if abs(elastic) > limit:
-                moment = math.copysign(limit, elastic)
-                if summed:
-                    slipped += 0.5 * (rolled + moment) * (elastic - moment) / discs.k_r[p]
+            moment, lost = _rolled(motion.rolled[p], w[j] - w[i], discs.k_r[p], dt, limit)
+            slipped += lost
             motion.rolled[p] = moment
             resultant[j, 2] += moment
             resultant[i, 2] -= moment
         if summed:
-            s00 += f0 * e0
-            s01 += f0 * e1
-            s10 += f1 * e0
-            s11 += f1 * e1
+            s00, s01 = s00 + f0 * e0, s01 + f0 * e1
+            s10, s11 = s10 + f1 * e0, s11 + f1 * e1
             if shear != stuck and kt > 0.0:
                 slipped += 0.5 * (before + shear) * (stuck - shear) / kt
-            # The motion did its work on the force that the step began with.
-            beyond -= 0.5 * (first - before) * slip * dt
-            if by_radii:
-                beyond += 0.5 * (first + shear) * (slip - across + arm_i * w[i] + arm_j * w[j]) * dt
+            turned = slip - across + arm_i * w[i] + arm_j * w[j] if by_radii else 0.0
+            beyond = _added(beyond, first, before, shear, was, kt, slip, turned, dt)
     motion.moment[0], motion.moment[1], motion.moment[2], motion.moment[3] = s00, s01, s10, s11
     if summed:
         motion.work[1] += slipped
