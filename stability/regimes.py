@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, product
 from math import prod
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar, overload
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from stability.complementarity import (
     STARTS,
     Complementarity,
     Family,
-    feasible_for_all,
     known_solutions,
     solve_complementarity,
 )
@@ -37,8 +36,6 @@ SEARCH_LIMIT = 8192
 # Contacts at yield up to which all combinations of sticking and sliding are tried in the small
 # system of their slips: half a second for 16.
 MOST_SLIPS = 16
-# Contacts at yield up to which several starts are worth their time.
-STARTED = 600
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
 # Rounding of rates in sign conditions, over the largest rate.
@@ -59,6 +56,8 @@ OPEN = Choice(Regime.OPEN)
 ELASTIC = Choice(Regime.ELASTIC)
 LEFT = Choice(Regime.SLIDING, 1.0)
 RIGHT = Choice(Regime.SLIDING, -1.0)
+# Options of a contact at yield; of a `SlipProblem` either side is called the left one.
+SLIPS = (ELASTIC, LEFT)
 # Options of a contact inside its cone where all contacts are tried: only sticking can agree.
 INSIDE = (ELASTIC, LEFT, RIGHT)
 
@@ -109,6 +108,7 @@ class Trial(Protocol):
         ...
 
 
+Answer = TypeVar("Answer")
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
 AnyRates = TypeVar("AnyRates", bound=Trial, covariant=True)
 
@@ -179,16 +179,31 @@ class FullProblem(Generic[AnyTrial]):
         return self._columns
 
 
+class SlipProblem(NamedTuple):
+    """A problem of contacts at yield of which `q` (m,) and `M` (m, m) are known, see `EdgeProblem`.
+
+    What agrees are sets of sliding contacts, (m,) flags in the place of rates: whoever asks solves
+    for the rates of those that it needs, with factors of its own. `free` (m,) are the contacts that
+    may slide in any case: where there is no solution the others are kept from it. `feasible` tells
+    that some slip is known to be enough under every load.
+    """
+
+    q: Floats
+    M: Floats
+    free: Flags | None = None
+    feasible: bool = False
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class RateSolution(Shown, Generic[AnyTrial]):
+class RateSolution(Shown, Generic[Answer]):
     """One solution: a choice per contact at the edge, and the rates."""
 
     choices: tuple[Choice, ...]
-    rates: AnyTrial
+    rates: Answer
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Regimes(Shown, Generic[AnyTrial]):
+class Regimes(Shown, Generic[Answer]):
     """Regimes that agree with the rates they cause: the solutions of a rate problem.
 
     Attributes
@@ -212,7 +227,8 @@ class Regimes(Shown, Generic[AnyTrial]):
         Number of combinations of regimes of the contacts at the edge.
     proof : str
         What the number of solutions stands on where not every combination was solved in full:
-        'enumeration' (of the smaller problem), 'positive definite', 'infeasible', or nothing.
+        'enumeration' (of the smaller problem), 'positive definite', 'infeasible', or nothing; or
+        what limits the answer: 'two-contact grains stick'.
     families : tuple of Family
         Unbroken rows of solutions: contacts at the friction limit (one flag an option list of the
         problem), slip rates at the corners, directions in between.
@@ -221,7 +237,7 @@ class Regimes(Shown, Generic[AnyTrial]):
     """
 
     status: RateStatus
-    solutions: tuple[RateSolution[AnyTrial], ...]
+    solutions: tuple[RateSolution[Answer], ...]
     exhaustive: bool
     singular: int
     tried: int
@@ -231,7 +247,7 @@ class Regimes(Shown, Generic[AnyTrial]):
     contacts: Integers | None = None
 
     @property
-    def taken(self) -> RateSolution[AnyTrial]:
+    def taken(self) -> RateSolution[Answer]:
         """The solution that a path takes; `IndexError` if there is none."""
         return self.solutions[0]
 
@@ -256,13 +272,31 @@ class Regimes(Shown, Generic[AnyTrial]):
         return np.asarray(rates)
 
 
+@overload
+def agreeing(
+    problem: SlipProblem, *, starts: int = STARTS, known: Sequence[Flags] = (), complete: str = ""
+) -> Regimes[Flags]: ...
+
+
+@overload
 def agreeing(
     problem: EdgeProblem[AnyTrial],
     *,
     preferred: Sequence[Choice],
     direction: Floats | None = None,
     starts: int = STARTS,
-) -> Regimes[AnyTrial]:
+) -> Regimes[AnyTrial]: ...
+
+
+def agreeing(
+    problem: EdgeProblem[Any] | SlipProblem,
+    *,
+    preferred: Sequence[Choice] = (),
+    direction: Floats | None = None,
+    starts: int = STARTS,
+    known: Sequence[Flags] = (),
+    complete: str = "",
+) -> Regimes[Any]:
     """Find the regimes that agree with the rates they cause.
 
     If no contact has a choice, one solve is enough. Sticking agrees while the shear rate stays
@@ -274,7 +308,13 @@ def agreeing(
     regime (the symmetric one), then the one whose rates are closest in direction to `direction`
     (continuity), then the one with most preferred choices. Of combinations with the same rates,
     differing in neutral contacts, that with most preferred choices stands for all.
+
+    Of a `SlipProblem` the smaller problem is all there is: sets that are `known`, as from a branch
+    of solutions, are tried first. They are all if `complete` names a proof of it, and all that are
+    tried without a start. The first solution is that of least slip.
     """
+    if isinstance(problem, SlipProblem):
+        return of_sets(_sliding_sets(problem, starts, known, complete))
     options, preferred = problem.options, tuple(preferred)
     count = prod(float(len(choices)) for choices in options)
     search = _Search(problem)
@@ -303,12 +343,8 @@ def agreeing(
         if count > 1 and (pair := problem.condensed()) is not None:
             lines = solve_complementarity(*pair, enumerated=MOST_SLIPS).families
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
-    known: tuple[RateStatus, RateStatus] = ("none", "unique")
-    if not exhaustive:
-        known = ("none found", "one found")
-    status: RateStatus = "several" if len(distinct) > 1 else known[len(distinct)]
     return Regimes(
-        "family" if lines and distinct else status,
+        _status(len(distinct), exhaustive, lines),
         tuple(distinct),
         exhaustive,
         search.singular,
@@ -319,47 +355,37 @@ def agreeing(
     )
 
 
-class SlipSearch:
-    """The search among the contacts at yield of one packing, for any control: which ones slide.
+def _status(solutions: int, exhaustive: bool, lines: Sequence[Family]) -> RateStatus:
+    """Return in a word how many solutions there are, and whether that is known."""
+    if solutions > 1 or (solutions and lines):
+        return "family" if lines else "several"
+    known: tuple[RateStatus, RateStatus] = ("none", "unique")
+    return known[solutions] if exhaustive else ("none found", "one found")[solutions]
 
-    Of `w = q + M z` the controls change `q` and, where they drive the stress, `M`. `free` (m,) are
-    the contacts that may slide in any case: where there is no solution the others are kept from it.
-    """
 
-    def __init__(self, free: Flags) -> None:
-        self.free = free
-        # The last matrix under which no control is infeasible.
-        self._feasible: Floats = np.empty((0, 0))
+def _sliding_sets(
+    problem: SlipProblem, starts: int, known: Sequence[Flags], complete: str
+) -> Complementarity:
+    """Find the sets that slide in each solution."""
+    q, M, free, feasible = problem
+    if complete:
+        return known_solutions(q, M, known, complete)
+    found = solve_complementarity(q, M, starts, known, feasible)
+    if starts == 0 or len(found.active) or found.proof or free is None or free.all():
+        return found
+    others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
+    sets = np.zeros((len(others), len(q)), dtype=bool)
+    sets[:, free] = others
+    return Complementarity(sets, HELD_STUCK) if len(others) else found
 
-    def solutions(
-        self,
-        q: Floats,
-        M: Floats,
-        starts: int = STARTS,
-        known: Sequence[Flags] = (),
-        complete: str = "",
-    ) -> Complementarity:
-        """Return the sets that slide in each solution found; `known` ones are tried first.
 
-        They are all that there are if `complete` names a proof of it, and all that are tried
-        without a start.
-        """
-        if complete:
-            return known_solutions(q, M, known, complete)
-        starts = starts if len(q) <= STARTED else min(starts, 1)
-        feasible = np.array_equal(M, self._feasible)
-        found = solve_complementarity(q, M, starts, known, feasible)
-        if starts == 0 or len(found.active) or found.proof:
-            return found
-        if not feasible and feasible_for_all(M):
-            self._feasible = M
-        free = self.free
-        if free.all():
-            return found
-        others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
-        sets = np.zeros((len(others), len(q)), dtype=bool)
-        sets[:, free] = others
-        return Complementarity(sets, HELD_STUCK) if len(others) else found
+def of_sets(found: Complementarity) -> Regimes[Flags]:
+    """Return sets of sliding contacts as the regimes that agree."""
+    exhaustive = found.proof not in ("", HELD_STUCK)
+    sets = tuple(RateSolution(tuple(SLIPS[s] for s in one.tolist()), one) for one in found.active)
+    status = _status(len(sets), exhaustive, found.families)
+    numbers = found.singular, 0, prod([2.0] * len(found.active.T))
+    return Regimes(status, sets, exhaustive, *numbers, found.proof, found.families)
 
 
 def given_regimes(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:

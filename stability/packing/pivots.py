@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from loops.arrays import Floats, Integers
-from stability.complementarity import solve_complementarity
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, ROOM, SLIDING, Combination, RegimeFactor
+from stability.regimes import SlipProblem, agreeing
 
 # Grains that move by more than this share of the largest displacement are in an unstable mode.
 MODE_SHARE = 0.1
@@ -54,7 +54,7 @@ def pivot(
     from the cone) is raised from zero until it agrees with its regime, and others change regime
     where they would disagree. `critical` are the pairs at yield that agree, or have an event to
     come. Where that meets no end, the regimes of all of them are sought
-    (`stability.complementarity`), for there may be some, unless `search` is false.
+    (`stability.regimes.agreeing`), for there may be some, unless `search` is false.
     """
     others = critical[critical != c]
     every = np.append(others, c)
@@ -96,12 +96,13 @@ def pivot(
         packing.flip(other)
     proof = ""
     if search:
-        solved = solve_complementarity(*slip_system(packing, control, every))
-        for active in solved.active[:1]:
+        found = agreeing(SlipProblem(*slip_system(packing, control, every)))
+        if found.solutions:
+            active = found.taken.rates
             wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
             packing.set_regimes(every, np.where(active, SLIDING, ELASTIC))
             return wrong
-        proof = solved.proof
+        proof = found.proof
     turns = packing.sign(control.stress, control.strain)
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)

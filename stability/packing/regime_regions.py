@@ -21,6 +21,7 @@ from stability.packing.response import (
     CRITICAL,
     SCALED,
     SOLVED,
+    STARTED,
     TRUSTED,
     WHOLE_CIRCLE,
     PackingRates,
@@ -28,7 +29,7 @@ from stability.packing.response import (
     Solved,
 )
 from stability.packing.yielding import complementary_rates
-from stability.regimes import HELD_STUCK, STARTED
+from stability.regimes import HELD_STUCK
 from stability.second_order_work import plane_cone
 from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch
 from stability.spectra import subspace_basis
@@ -48,7 +49,7 @@ FEW_SEGMENTS = 500
 # Contacts that are tried as the critical one.
 CRITICAL_TRIED = 3
 # With more contacts at yield branches take the place of such trials, and of most starts.
-MANY = 300
+MANY_CONTACTS = 300
 # Where both components fall nearly all contacts at yield stick: a solution is found at once.
 UNLOADING = -np.sqrt([0.5, 0.5])
 
@@ -120,7 +121,7 @@ class RegimeRegions:
         around = [branch for branch in self.branches if branch.closed and branch.winding == 1]
         if single and len(around) == 1:
             self.complete = SCALED
-        tried = 0 if single or len(M) > MANY else CRITICAL_TRIED
+        tried = 0 if single or len(M) > MANY_CONTACTS else CRITICAL_TRIED
         for k in np.argsort(-blame)[:tried]:
             rest = np.arange(len(M)) != k
             if scaled_definite(M[np.ix_(rest, rest)], scale[rest])[0]:
@@ -249,7 +250,7 @@ class RegimeRegions:
             if sets is not None and len(known_solutions(q, M, sets, "").active) == len(sets):
                 known, complete = sets, CRITICAL
         if starts is None:
-            few = self.traced and len(rates.every) > MANY
+            few = self.traced and len(rates.every) > MANY_CONTACTS
             starts = min(self.starts, NAMED_STARTS) if few else self.starts
         solved = rates.solved(control, starts, known, complete)
         if solved.response.status not in SOLVED and not solved.response.proof:

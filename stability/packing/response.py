@@ -29,6 +29,7 @@ from stability.complementarity import (
     STARTS,
     Complementarity,
     Family,
+    feasible_for_all,
     nearest_regimes,
     regular_factors,
     solve_from,
@@ -53,19 +54,10 @@ from stability.packing.yielding import (
     yield_response,
 )
 from stability.programmes import Programme
-from stability.regimes import HELD_STUCK, SlipSearch
+from stability.regimes import HELD_STUCK, RateStatus, SlipProblem, agreeing, of_sets
+from stability.regimes import Regimes as AgreeingRegimes
 
-ResponseStatus = Literal[
-    "unique",
-    "one found",
-    "several",
-    "family",
-    "none",
-    "none found",
-    "not converged",
-    "nearest",
-    "given",
-]
+ResponseStatus = RateStatus | Literal["not converged", "nearest"]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several", "family")
 # In place of a proof: a mechanism moves under the strain or under slip with all contacts sticking.
 MECHANISM = "mechanism"
@@ -79,6 +71,8 @@ CRITICAL = "one critical contact"
 GIVEN = "given"
 # Forces left out of balance beyond this share: a mechanism that no regime stops.
 TRUSTED = 1e-6
+# Candidates up to which several starts of a search are worth their time.
+STARTED = 600
 # Up to so many candidates one matrix of them all is solved; beyond, rounds of parts.
 CONDENSED = 2000
 # Most candidates of one part; of more, all wrong ones change sides.
@@ -213,7 +207,8 @@ class PackingRates:
         self.elastic = linear_answer(yielding, self.none)
         self.refine = refine
         self.last = (self.none, self.elastic)
-        self.search = SlipSearch(~yielding.of_two)
+        # The last matrix under which no control is infeasible.
+        self._feasible: Floats = np.empty((0, 0))
 
     @property
     def small(self) -> bool:
@@ -249,7 +244,7 @@ class PackingRates:
     def given(self, control: Control, active: Flags) -> PackingResponse:
         """Answer one control with these candidates sliding, whether that agrees or not."""
         answer = linear_answer(self.yielding, active) if active.any() else self.elastic
-        told = Complementarity(active[None], GIVEN)
+        told = of_sets(Complementarity(active[None], GIVEN))
         return self._response(answer, active, told, control)
 
     def problem(self, control: Control) -> tuple[Floats, Floats]:
@@ -263,24 +258,28 @@ class PackingRates:
         known: Sequence[Flags] = (),
         complete: str = "",
     ) -> Solved:
-        """Answer one control; `known` and `complete` as in `SlipSearch.solutions`."""
+        """Answer one control; `known` and `complete` as in `agreeing`."""
+        free = ~self.yielding.of_two
         if not self.small:
-            free = self.search.free
             first = self._by_parts(control, ~self.none, "")
             if first.response.status in SOLVED or free.all():
                 return first
             second = self._by_parts(control, free, HELD_STUCK)
             return second if second.response.status in SOLVED else first
         q, M = self.problem(control)
-        found = self.search.solutions(q, M, starts, known, complete)
+        starts = starts if len(q) <= STARTED else min(starts, 1)
+        feasible = np.array_equal(M, self._feasible)
+        problem = SlipProblem(q, M, free, feasible)
+        found = agreeing(problem, starts=starts, known=known, complete=complete)
+        missed = found.status == "none found" or found.proof == HELD_STUCK
+        if starts and missed and not feasible and feasible_for_all(M):
+            self._feasible = M
         active = self.none
-        if len(found.active):
-            active = found.active[0]
+        if found.solutions:
+            active = found.taken.rates
         elif starts:
             active = nearest_regimes(q, M)
-        answer = self._answer(active)
-        response = self._response(answer, active, found, control)
-        return Solved(response, active, answer, found.active)
+        return self._solved(self._answer(active), active, found, control)
 
     def rates_of(self, control: Control, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
@@ -290,9 +289,19 @@ class PackingRates:
 
     def _by_parts(self, control: Control, free: Flags, proof: str) -> Solved:
         active, answer, done = regimes_by_parts(self.yielding, control, free)
-        found = Complementarity(active[None][: int(done)], proof if done else "")
+        found = of_sets(Complementarity(active[None][: int(done)], proof if done else ""))
+        return self._solved(answer, active, found, control)
+
+    def _solved(
+        self,
+        answer: LinearAnswer,
+        active: Flags,
+        found: AgreeingRegimes[Flags],
+        control: Control,
+    ) -> Solved:
+        sets = np.array([one.rates for one in found.solutions], dtype=bool)
         response = self._response(answer, active, found, control)
-        return Solved(response, active, answer, found.active)
+        return Solved(response, active, answer, sets.reshape(len(sets), len(self.every)))
 
     def _answer(self, active: Flags) -> LinearAnswer:
         """Answer with these candidates sliding, from the factorisation with none.
@@ -309,7 +318,11 @@ class PackingRates:
         return self.last[1]
 
     def _response(
-        self, answer: LinearAnswer, active: Flags, found: Complementarity, control: Control
+        self,
+        answer: LinearAnswer,
+        active: Flags,
+        found: AgreeingRegimes[Flags],
+        control: Control,
     ) -> PackingResponse:
         yielding = self.yielding
         system, graph = yielding.system, yielding.system.graph
@@ -360,7 +373,7 @@ class PackingRates:
             candidates=len(yielding.rows),
             settled=yielding.settled
             + int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two)),
-            solutions=len(found.active),
+            solutions=len(found.solutions),
             system=system,
             families=found.families,
             at_yield=np.append(system.contacts, np.arange(len(forces) - n) + graph.contact_count)[
@@ -458,17 +471,11 @@ def packing_response(
     return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
 
 
-def _status(found: Complementarity, proof: str, residual: float) -> ResponseStatus:
-    solutions = len(found.active)
+def _status(found: AgreeingRegimes[Flags], proof: str, residual: float) -> ResponseStatus:
+    """Return the status of a search whose answer leaves a residual; a mechanism proves nothing."""
     if proof == GIVEN:
         return "given"
-    if solutions and residual <= TRUSTED:
-        proved = proof in (
-            "enumeration", "positive definite", WHOLE_CIRCLE, SCALED, CRITICAL
-        )  # fmt: skip
-        if found.families:
-            return "family"
-        return "several" if solutions > 1 else "unique" if proved else "one found"
-    if solutions or proof == MECHANISM:
-        return "not converged"
-    return "none" if proof else "none found"
+    if found.solutions and residual <= TRUSTED:
+        doubted = found.status == "unique" and proof == MECHANISM
+        return "one found" if doubted else found.status
+    return "not converged" if found.solutions or proof == MECHANISM else found.status

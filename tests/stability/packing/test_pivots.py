@@ -144,18 +144,18 @@ def test_a_path_finds_the_solution_that_pivots_miss():
 
 def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     """Proved to have none; three springs are tried before the mode stops."""
-    searched, sought = [], pivots.solve_complementarity
+    searched, sought = [], pivots.agreeing
     springs, added = [], RegimeFactor.add_ground_springs
 
-    def search(q, M):
-        searched.append(sought(q, M))
+    def search(problem):
+        searched.append(sought(problem))
         return searched[-1]
 
     def add(packing, grains, spring):
         springs.append(spring)
         added(packing, grains, spring)
 
-    monkeypatch.setattr(pivots, "solve_complementarity", search)
+    monkeypatch.setattr(pivots, "agreeing", search)
     monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
     path = follow(
         Scene(yielding(36, 5, 3), LAW),
@@ -167,7 +167,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     (instability,) = path.of_kind("instability")
     assert instability.cause == "no_regimes" and instability.passed == "dragged"
     assert springs == list(strain_increment.GROUND_SPRINGS[:3])
-    assert [len(found.active) for found in searched] == [0]
+    assert [found.status for found in searched] == ["none"]
 
 
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
