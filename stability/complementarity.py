@@ -29,7 +29,7 @@ from loops.shown import Shown
 # Up to this many unknowns every combination is tried.
 ENUMERATED = 12
 # So many of them at a time.
-AT_ONCE = 4096
+SETS_AT_ONCE = 4096
 # Rounding of an entry of `M`, which is one less what the surroundings of a contact give way.
 ENTRY = 1e-14
 # Singular sets, and pairs of solutions, that are looked at for a family.
@@ -45,24 +45,24 @@ NEWTON_STEPS = 15
 # Pivots below this share of their column, and blocks of this reciprocal condition, are singular.
 PIVOT = 1e-11
 # A variable this close to zero, in the angle to it, is zero.
-TOUCHING = 1e-7
+ZERO_ANGLE = 1e-7
 # Over the largest entry of Q: parts zeros that fall together by far more than SAME_ANGLE, or some
 # stay tied and the exchange by pivots leads in circles.
 TIE_BREAK = 1e-8
 # Of a load that is raised: pivots below this share of their column soften.
-SOFT = 1e-9
+SOFT_PIVOT = 1e-9
 # Slopes below this share of the largest are zero then.
 SLOPE = 1e-14
 # Times that a contact changes its regime then, at most.
-CHANGES = 12
+MOST_CHANGES = 12
 # Determinant over the product of the rows' sizes below which a matrix is taken as singular.
-SINGULAR = 1e-13
+SINGULAR_SET = 1e-13
 # Share of the unit matrix by which a scaled matrix is definite.
-MARGIN = 1e-9
+DEFINITE_MARGIN = 1e-9
 # Steps of the search for a scaling.
 BARRIER_STEPS = 60
 # Slip over the largest entry of q that stands for any amount.
-LARGE = 1e3
+UNBOUNDED_SLIP = 1e3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +126,9 @@ def solve_complementarity(
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
-    for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
+    rng, named = np.random.default_rng(0), [np.zeros(len(q), bool), np.ones(len(q), bool), q < 0]
+    others = [rng.random(len(q)) < 0.5 for _ in range(0 if found else starts - NAMED_STARTS)]
+    for number, start in enumerate((named + others)[:starts]):
         if number == NAMED_STARTS and not (found or feasible) and _infeasible(q, M):
             return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
@@ -326,7 +328,7 @@ def raise_load(distance: Floats, q: Floats, M: Floats) -> RaisedLoad:
         value, slope = lines[:, 0] + share * lines[:, 1], lines[:, 1]
         rounding = SLOPE * np.abs(slope).max(initial=0.0)
         falls = (slope < -rounding) & ~held
-        if changed >= 0 and slope[changed] > -TOUCHING * np.abs(slope).max():
+        if changed >= 0 and slope[changed] > -ZERO_ANGLE * np.abs(slope).max():
             falls[changed] = False
         ahead = np.flatnonzero(falls)
         step = np.maximum(value[ahead], 0.0) / -slope[ahead]
@@ -336,9 +338,9 @@ def raise_load(distance: Floats, q: Floats, M: Floats) -> RaisedLoad:
         share, changes[k] = share + float(step.min()), changes[k] + 1
         pivot = table[k, k] / np.abs(table[:, k]).max()
         changed = -1
-        if pivot < SOFT or changes[k] > CHANGES:
+        if pivot < SOFT_PIVOT or changes[k] > MOST_CHANGES:
             held[k], first = True, min(first, share)
-        if abs(pivot) >= SOFT and (slides[k] or not held[k]):
+        if abs(pivot) >= SOFT_PIVOT and (slides[k] or not held[k]):
             slides[k] ^= True
             exchange_contact(lines, table, k)
             changed = k
@@ -402,12 +404,12 @@ def _every_solution(q: Floats, M: Floats) -> tuple[list[tuple[Flags, Floats]], F
     m, scale = len(q), float(np.abs(q).max(initial=0.0)) or 1.0
     found: list[tuple[Flags, Floats]] = []
     parts = []
-    for first in range(0, 2**m, AT_ONCE):
-        numbers = np.arange(first, min(first + AT_ONCE, 2**m))
+    for first in range(0, 2**m, SETS_AT_ONCE):
+        numbers = np.arange(first, min(first + SETS_AT_ONCE, 2**m))
         actives = (numbers[:, None] >> np.arange(m) & 1).astype(bool)
         matrices = np.where(actives[:, None, :], M, -np.eye(m))
         sizes = np.linalg.norm(matrices, axis=2).prod(axis=1)
-        regular = np.abs(np.linalg.det(matrices)) > SINGULAR * sizes
+        regular = np.abs(np.linalg.det(matrices)) > SINGULAR_SET * sizes
         right = np.broadcast_to(-q, (regular.sum(), m))[..., None]
         values = np.linalg.solve(matrices[regular], right)[..., 0]
         agrees = values.min(axis=1, initial=0.0) >= -SIGN * scale
@@ -430,7 +432,7 @@ def _every_solution(q: Floats, M: Floats) -> tuple[list[tuple[Flags, Floats]], F
         if len(_distinct(found, m)) > 1:
             break
         # The bound keeps the answer finite where any amount of slip agrees.
-        answer = linprog(-np.ones(m), A_eq=rest[k], b_eq=-q / scale, bounds=(0.0, LARGE))
+        answer = linprog(-np.ones(m), A_eq=rest[k], b_eq=-q / scale, bounds=(0.0, UNBOUNDED_SLIP))
         if answer.status == 0:
             found.append((singular[k], np.where(singular[k], scale * answer.x, 0.0)))
     return found, singular[possible]
@@ -453,12 +455,6 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
             break
         active = active ^ wrong
     return best, least
-
-
-def _starts(q: Floats, count: int) -> list[Flags]:
-    rng = np.random.default_rng(0)
-    named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
-    return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
 
 
 def _exchange(table: Floats, row: int, column: int) -> None:
@@ -499,7 +495,7 @@ def scaled_definite(M: Floats, start: Floats | None = None) -> tuple[bool, Float
     s = 1e-3 - 1.1 * float(np.linalg.eigvalsh(sums + sums.T)[0])
     weight, blame = 2.0 * m / abs(s), np.zeros(m)
     for _ in range(BARRIER_STEPS):
-        if positive_definite(d[:, None] * (M - MARGIN * one)):
+        if positive_definite(d[:, None] * (M - DEFINITE_MARGIN * one)):
             return True, d, np.zeros(m)
         scaled = d[:, None] * M
         inverse = np.linalg.inv(scaled + scaled.T + s * one)

@@ -8,7 +8,7 @@ from loops.arrays import Floats
 from stability.complementarity import positive_definite, scaled_definite
 
 # Diagonal entries below this share of what they were before elimination are rounding.
-ROUNDING = 1e-11
+ROUNDED_MINOR = 1e-11
 # Matrices that the recursion looks at before it gives up; each takes 0.1 to 0.3 ms.
 MOST_MATRICES = 300
 
@@ -45,11 +45,11 @@ def is_p_matrix(M: Floats, most: int = MOST_MATRICES) -> bool | None:
         A, size = left.pop()
         looked += 1
         diagonal = np.diag(A)
-        if (diagonal < -ROUNDING * size).any():
+        if (diagonal < -ROUNDED_MINOR * size).any():
             return False
         if len(A) == 0:
             continue
-        if (diagonal <= ROUNDING * size).any():
+        if (diagonal <= ROUNDED_MINOR * size).any():
             certain = False
             continue
         if looked > most:
@@ -59,10 +59,10 @@ def is_p_matrix(M: Floats, most: int = MOST_MATRICES) -> bool | None:
         # The minor of two: negative ones are found before the recursion gets there.
         pairs = A * A.T
         np.fill_diagonal(pairs, 0.0)
-        if pairs.max(initial=0.0) > 1.0 + ROUNDING:
+        if pairs.max(initial=0.0) > 1.0 + ROUNDED_MINOR:
             return False
         # A singular matrix passes Cholesky's test or not, as its last pivot is rounded.
-        definite = positive_definite(A - ROUNDING * np.eye(len(A)))
+        definite = positive_definite(A - ROUNDED_MINOR * np.eye(len(A)))
         if definite or _dominant(A) or (looked == 1 and has_definite_scaling(A)):
             continue
         k = int(np.argmax(pairs.sum(axis=1)))

@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from stability.complementarity import (
     PIVOT,
     TIE_BREAK,
-    TOUCHING,
+    ZERO_ANGLE,
     exchange_contact,
     principal_transform,
 )
@@ -163,13 +163,13 @@ def _follow(
         # Angle from here to the zero of every variable that is not zero all around.
         size = np.hypot(lines[:, 0], lines[:, 1])
         ahead = np.mod(sense * (np.arctan2(lines[:, 1], lines[:, 0]) - at) + 0.5 * np.pi, TURN)
-        ahead[ahead > TURN - TOUCHING] = 0.0
+        ahead[ahead > TURN - ZERO_ANGLE] = 0.0
         if changed >= 0:
             ahead[changed] = np.pi
         ahead[size <= ZERO_ROW * size.max()] = np.pi
         if watched is not None:
             ahead[watched] = np.pi
-        if ahead.max() > np.pi + TOUCHING:
+        if ahead.max() > np.pi + ZERO_ANGLE:
             return segments, "degenerate"
         reach = float(ahead.min())
         if step > 0 and sense == first_sense and np.array_equal(sliding, start):

@@ -12,7 +12,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.laws import ContactLaw
 from loops.laws.frictional import require_law
 from loops.shown import Shown
-from stability.material.cell import COUNTS, ROWS, Cells, cell_steps, cells_of
+from stability.material.cell import CONTACT_COUNTS, CONTACT_ROWS, Cells, cell_steps, cells_of
 from stability.material.contact_model import (
     ContactSteps,
     Touching,
@@ -42,9 +42,9 @@ from stability.material.kernels import (
 from stability.material.loop_set import LoopSet
 
 # Newton steps after which a loop that is not in balance has no solution.
-MOST_STEPS = 40
+MOST_RELAXATIONS = 40
 # Contacts of a block, times points: the arrays of a step stay in the cache.
-BLOCK = 4096
+BLOCK_CONTACTS = 4096
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +73,7 @@ class MaterialState(Shown):
     loop_stress: Floats
     failed: Flags
 
-    def part(self, points: slice, block: Block) -> MaterialState:
+    def part(self, points: slice, block: LoopBlock) -> MaterialState:
         """Return views of some points and one block of loops."""
         loops = self.loop_stress[points, block.loops], self.failed[points, block.loops]
         rows = self.shear_force[points, block.rows], self.branches[points, block.rows]
@@ -87,7 +87,7 @@ class MaterialState(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class LoopBlock:
     """Loops one after the other, with what a step needs of them.
 
     `loops`, `rows`: Where they stand in the arrays of a state; `offsets` (L + 1,): Rows of each
@@ -125,14 +125,14 @@ class Block:
         return columns
 
 
-def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> list[Block]:
+def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> list[LoopBlock]:
     """Return the loops in blocks, the laws of their contacts checked."""
     require_law(law)
     offsets, rows, branches = loops.offsets, np.arange(len(loops.x)), loops.branches
     cells = None
     if closure == "cell":
         cells, branches = cells_of(loops)
-        rows = (loops.offsets[:-1, None] + np.array(ROWS)).ravel()
+        rows = (loops.offsets[:-1, None] + np.array(CONTACT_ROWS)).ravel()
         offsets, branches = 2 * np.arange(len(weight) + 1), branches.reshape(-1, 2)
     following = np.arange(len(loops.x)) + 1
     following[loops.offsets[1:] - 1] = loops.offsets[:-1]
@@ -149,14 +149,15 @@ def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> 
     blocks, begin = [], 0
     while begin < len(weight):
         end = max(
-            int(np.searchsorted(offsets, offsets[begin] + BLOCK, side="right")) - 1, begin + 1
+            int(np.searchsorted(offsets, offsets[begin] + BLOCK_CONTACTS, side="right")) - 1,
+            begin + 1,
         )
         which, part = slice(begin, end), slice(int(offsets[begin]), int(offsets[end]))
         numbers = np.arange(part.start, part.stop)
         touch = Touching(radii[0][part], radii[1][part], touching.length[part])
         steps = steps_of(own.take(numbers), touch)
         answer = steps(branches[None, part], branches[None, part], shear[None, part])[0]
-        block = Block(
+        block = LoopBlock(
             which, part, offsets[begin : end + 1] - offsets[begin], branches[part],
             answer[:, SHEAR], np.zeros((end - begin, 4)), size[which], weight[which], loops.share,
             steps, centres[part], boundary[part], np.zeros_like(branches[part]),
@@ -169,7 +170,7 @@ def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> 
     return blocks
 
 
-def _balance_start(block: Block, answer: Floats) -> None:
+def _balance_start(block: LoopBlock, answer: Floats) -> None:
     """Fill the stress of the loops at the start, and the loads that balance their grains.
 
     The stress is Love and Weber's, `(1/V0) sum f (x) d`; whole contacts.
@@ -188,7 +189,7 @@ def _balance_start(block: Block, answer: Floats) -> None:
     block.dead[:] = np.where(np.abs(loads) > BALANCED * size[:, None], loads, 0.0)
 
 
-def affine(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
+def affine(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step under `d = U d0`; fill the new state, return the sums (q, 24) of the loops."""
     sums, known = np.zeros((len(U), SUMS)), block.steps.compiled
     if known is not None:
@@ -205,7 +206,7 @@ def affine(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> F
     return sums
 
 
-def traction(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
+def traction(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step of loops in balance under uniform stresses; as `affine`."""
     change = np.swapaxes(U - old.stretch, 1, 2)
     end = old.branches + block.branches @ change
@@ -215,7 +216,7 @@ def traction(block: Block, U: Floats, old: MaterialState, new: MaterialState) ->
     stress, stretch = old.loop_stress.copy(), U.reshape(-1, 4)
     tangent = np.zeros((*stress.shape[:2], 16))
     status = np.where(old.failed, LOST, MOVING)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_RELAXATIONS):
         answer = block.steps(old.branches, end, old.shear_force)
         moving = relax_centres(
             answer, block.offsets, stretch, block.boundary, block.dead, block.size, x, end, stress,
@@ -237,7 +238,7 @@ def traction(block: Block, U: Floats, old: MaterialState, new: MaterialState) ->
 
 
 def _part(
-    block: Block, U: Floats, old: MaterialState, lost: Flags, answer: Floats, end: Floats,
+    block: LoopBlock, U: Floats, old: MaterialState, lost: Flags, answer: Floats, end: Floats,
     stress: Floats, tangent: Floats,
 ) -> None:  # fmt: skip
     """Let loops that are not in balance come apart where the strain parts all their contacts."""
@@ -252,7 +253,7 @@ def _part(
     lost &= ~free
 
 
-def cell(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
+def cell(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step of the H-model's cells; as `affine`."""
     assert block.cells is not None
     end, answer, stress, tangent, lost = cell_steps(
@@ -266,13 +267,13 @@ def cell(block: Block, U: Floats, old: MaterialState, new: MaterialState) -> Flo
     new.failed[:] = lost
     sums = np.zeros((len(U), SUMS))
     # Four inclined contacts and two axial ones.
-    six = np.repeat(answer, np.tile(COUNTS, len(block.weight)), axis=1)
+    six = np.repeat(answer, np.tile(CONTACT_COUNTS, len(block.weight)), axis=1)
     offsets = 6 * np.arange(len(block.weight) + 1)
     relaxed_sums(six, offsets, block.weight, block.share, stress, tangent, lost, sums)
     return sums
 
 
-CLOSURES: dict[str, Callable[[Block, Floats, MaterialState, MaterialState], Floats]] = {
+CLOSURES: dict[str, Callable[[LoopBlock, Floats, MaterialState, MaterialState], Floats]] = {
     "affine": affine,
     "traction": traction,
     "cell": cell,

@@ -17,14 +17,14 @@ from stability.material.kernels import FX, FY, KXX, KXY, KYX, KYY, REGIME
 from stability.material.loop_set import LoopSet
 
 # Rows of a hexagon that stand for its four inclined contacts, and for its two axial ones.
-ROWS = (2, 1)
-COUNTS = np.array([4, 2])
+CONTACT_ROWS = (2, 1)
+CONTACT_COUNTS = np.array([4, 2])
 # Sides that differ by no more than this share of the longest are equal.
 EQUAL = 1e-9
 # Change of an axial branch, over its length, that is rounding.
-ROUNDING = 1e-15
+ROUNDED_CHANGE = 1e-15
 # Halvings and Newton steps in which the axial branch is found to rounding.
-MOST_STEPS = 100
+MOST_AXIAL_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ def cells_of(loops: LoopSet) -> tuple[Cells, Floats]:
         raise InputError("loops of a cell closure", received, expected, "See patterns.hexagon.")
     extent = np.stack([x[:, 0] - x[:, 3], x[:, 1] - x[:, 5]], axis=1)
     extent = np.abs(np.einsum("lij,lij->li", axes, extent))
-    first = np.abs(branches[:, ROWS, :])
+    first = np.abs(branches[:, CONTACT_ROWS, :])
     return Cells(axes, extent, loops.areas), first
 
 
@@ -100,7 +100,7 @@ def cell_steps(
     _, answer = at(low)
     lost = ~is_open & (answer[..., 1, FX] < answer[..., 0, FX])
     axial = np.clip(start.reshape(q, count, 2, 2)[..., 1, 0], low, high)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_AXIAL_STEPS):
         end, answer = at(axial)
         excess = answer[..., 1, FX] - answer[..., 0, FX]
         slope = answer[..., 1, KXX] + 0.5 * answer[..., 0, KXX]
@@ -110,7 +110,7 @@ def cell_steps(
         inside = (newton >= low) & (newton <= high)
         step = np.where(inside, newton, 0.5 * (low + high))
         change = np.where(is_open | lost, 0.0, step - axial)
-        if not np.abs(change).max(initial=0.0) > ROUNDING * np.abs(axial).max(initial=0.0):
+        if not np.abs(change).max(initial=0.0) > ROUNDED_CHANGE * np.abs(axial).max(initial=0.0):
             break
         axial = axial + change
     is_open |= (answer[..., REGIME] == 0.0).any(axis=-1)

@@ -15,7 +15,7 @@ from loops.errors import InputError, check_choice, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.shown import Shown
-from stability.material.blocks import BLOCK, CLOSURES, MaterialState, blocks_of
+from stability.material.blocks import BLOCK_CONTACTS, CLOSURES, MaterialState, blocks_of
 from stability.material.kernels import A11, OPENED, P11, STUCK, SUMS, WEIGHT
 from stability.material.loop_set import LoopSet, loop_set
 from stability.material.rotation import nominal_response, polar
@@ -191,7 +191,7 @@ class LoopMaterial(Shown):
         tasks = [
             (number, slice(begin, begin + size))
             for number, block in enumerate(self._blocks)
-            for size in [max(1, BLOCK // len(block.branches))]
+            for size in [max(1, BLOCK_CONTACTS // len(block.branches))]
             for begin in range(0, points, size)
         ]
         if self.threads == 1:

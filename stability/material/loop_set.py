@@ -19,7 +19,7 @@ from loops.scene import Subject, scene_of
 from loops.shown import Shown
 
 # Share of a contact's force that counts for a loop which shares it with the next.
-HALF = 0.5
+SHARED_HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -278,5 +278,5 @@ def loops_of(
         contacts.append(batch.contacts.ravel())
     cut = loop_set(parts)
     return replace(
-        cut, weights=cut.areas, contacts=np.concatenate(contacts), share=HALF, law=scene.law
+        cut, weights=cut.areas, contacts=np.concatenate(contacts), share=SHARED_HALF, law=scene.law
     )

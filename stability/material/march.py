@@ -17,13 +17,13 @@ from stability.programmes import Programme, Stage
 
 MarchStatus = Literal["finished", "control limit", "loops lost"]
 # Newton steps after which a programme has no solution at the end of a step.
-MOST_STEPS = 60
+MOST_CONTROL_STEPS = 60
 # Rounding of a programme's equations: strains, and stresses over the stiffness.
 MET = 1e-13
 # Isotropic strain tried first where nothing has a stiffness yet.
 FIRST = 1e-3
 # Largest change of a strain in one Newton step.
-LONGEST = 5e-3
+LONGEST_STEP = 5e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,7 +146,7 @@ def _step(
 ) -> tuple[tuple[MaterialResponse, Floats] | None, MarchStatus]:  # fmt: skip
     """Return the response and the strain at which what the programme controls is as wanted."""
     end = guess
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_CONTROL_STEPS):
         try:
             response = material.update(np.eye(2)[None] - end.reshape(1, 2, 2), state)
         except InputError:
@@ -162,5 +162,5 @@ def _step(
             step = np.linalg.solve(stress @ A + strain, -residual)
         except np.linalg.LinAlgError:
             return None, "control limit"
-        end = end + step * min(1.0, LONGEST / np.abs(step).max())
+        end = end + step * min(1.0, LONGEST_STEP / np.abs(step).max())
     return None, "control limit"

@@ -230,8 +230,7 @@ def hold(
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
     graph, around = scene.graph, scene.boundary
     checked = require_movable(graph, scene.law)
-    walled = around.kind == "walls"
-    if walled and (control == "stress" or around.volume is None):
+    if around.kind == "walls" and (control == "stress" or around.volume is None):
         received = "control='stress'" if control == "stress" else "no volume"
         expected = "control='strain' and a volume between walls"
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
@@ -257,9 +256,23 @@ def hold(
     found, other = sorted(
         (run(share) for share in damping), key=lambda one: one.status != "at rest"
     )
-    moving, end, stress = found.moving, found.end, _stress(found.end)
     ways = [other, run(found.damping, SLOWER)] if control == "stress" else []
-    apart = max((float(np.linalg.norm(way.end.strain - end.strain)) for way in ways), default=0.0)
+    strains = [way.end.strain - found.end.strain for way in ways]
+    apart = max((float(np.linalg.norm(strain)) for strain in strains), default=0.0)
+    return _told(around, checked, control, start, found, other, apart)
+
+
+def _told(
+    around: Boundary,
+    law: MovableLaw,
+    control: HoldControl,
+    start: Contacts,
+    found: _Run,
+    other: _Run,
+    apart: float,
+) -> HeldPacking:
+    """Return what a run changed; strains of other runs end `apart` from its own."""
+    end, stress, walled = found.end, _stress(found.end), around.kind == "walls"
     size, strain = float(np.linalg.norm(stress)), float(np.linalg.norm(end.strain))
     # Contacts between grains.
     first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
@@ -273,7 +286,7 @@ def hold(
     at_rest = end.graph()
     return HeldPacking(
         graph=at_rest,
-        law=law_of(checked, end.law, last),
+        law=law_of(law, end.law, last),
         boundary=boundary_of(
             at_rest,
             walls=walls if walled else None,
@@ -284,7 +297,7 @@ def hold(
         damping=found.damping,
         control=control,
         unbalanced_before=found.before,
-        unbalanced=_unbalanced(moving, end),
+        unbalanced=_unbalanced(found.moving, end),
         stress_before=_stress(start),
         stress=stress,
         strain=end.strain,

@@ -38,7 +38,7 @@ from stability.packing.yielding import YieldResponse, checked_band, yield_respon
 # Share of its strength from which a contact is a candidate for sliding.
 CANDIDATES = 0.7
 # Over its strength: a contact this far beyond it disagrees.
-BEYOND = 1e-6
+BEYOND_STRENGTH = 1e-6
 
 
 class PackingIncrements:
@@ -128,7 +128,9 @@ class PackingIncrements:
         _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
         strength = law.strength(state)
         with np.errstate(invalid="ignore"):
-            beyond = np.abs(state.shear_force + shear) > (strength + grown) + BEYOND * strength
+            beyond = (
+                np.abs(state.shear_force + shear) > (strength + grown) + BEYOND_STRENGTH * strength
+            )
         beyond = beyond[own] & (system.regime[:n] == Regime.ELASTIC)
         rows = self.yielding.rows
         beyond[rows[rows < n]] = False

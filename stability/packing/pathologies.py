@@ -6,19 +6,20 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
-from stability.complementarity import positive_definite, solve_complementarity
+from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import edges_of_pushes
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.path import Pathologies
+from stability.regimes import SlipProblem, agreeing
 
 # Candidates up to which minors and solutions are looked for.
 FEW_CANDIDATES = 30
 # Candidates up to which there is a matrix: twice the columns that a factor keeps at most.
 MOST_CANDIDATES = 192
 # Random and named starts of the search for solutions where not all sets are tried.
-STARTS = 5
+FEW_STARTS = 5
 
 
 def pathologies(
@@ -80,8 +81,8 @@ def _judged(q: Floats, M: Floats, w2: float) -> Pathologies:
     told = "" if sure is not None else told
     solutions, proved = (1, True) if sure else (-1, False)
     if not sure and m < FEW_CANDIDATES:
-        found = solve_complementarity(q, M, starts=STARTS)
-        solutions, proved = len(found.active), bool(found.proof)
+        found = agreeing(SlipProblem(q, M), starts=FEW_STARTS)
+        solutions, proved = len(found.solutions), found.exhaustive
     return Pathologies(m, asymmetry, definite, sure, solutions, proved, w2, told)
 
 

@@ -163,7 +163,6 @@ def replay(
                 raise InputError("replay", found, "a stable motion", "Take shorter steps.")
             done += part
         states.append(moving.state())
-    velocity, spin = motion.velocity[:count], motion.spin[:count]
     whole = _span(strain) if isinstance(strain, Stage) else 1.0
     return Path(
         status="finished",
@@ -174,8 +173,8 @@ def replay(
         H=np.array([state.strain.ravel() for state in states]),
         P=np.array([nominal(state.stress, state.strain).ravel() for state in states]),
         states=tuple(states),
-        velocity=velocity,
-        spin=spin,
+        velocity=motion.velocity[:count],
+        spin=motion.spin[:count],
         steps=steps,
         time_step=dt,
         law_asked=moving.asks,

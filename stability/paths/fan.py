@@ -34,7 +34,7 @@ from stability.spectra import restrict, symmetric_part
 
 Control = Literal["strain", "stress"]
 # Local error of a step over the size of the variables.
-RTOL = 1e-14
+STEP_RTOL = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,7 @@ class Fan:
         return k
 
     def step(self, states: LoopStates, rows: Integers, h: Floats) -> tuple[LoopStates, Floats]:
-        """One step of length `h` (B,) each; the states at its end, and its error over `RTOL`."""
+        """Return states after steps `h` (B,) each, and the error of each over `STEP_RTOL`."""
         k = self._stages(states, rows, h, STAGES)
         change = h[:, None] * np.tensordot(DOP853.B, k, 1)
         # Error of the embedded orders 5 and 3, as DOP853 weighs it.
@@ -252,7 +252,7 @@ class Fan:
         error = h * five / np.sqrt(np.maximum(five + 0.01 * three, np.finfo(float).tiny))
         heading = np.where(h[:, None] > 0.0, change[:, [0, 3]], states.heading)
         after = replace(self._at(states, self._flat(states) + change), heading=heading)
-        return after, error / (RTOL * max(self.reach, 1e-300))
+        return after, error / (STEP_RTOL * max(self.reach, 1e-300))
 
     def interpolant(
         self, states: LoopStates, rows: Integers, h: Floats

@@ -27,7 +27,7 @@ MAX_STEP = 0.04
 # Share of a step before which no event is looked for: at the first touch all forces are zero.
 BEGUN = 1e-4
 # Steps after which a programme without a limit is left to `follow`.
-MOST_STEPS = 600
+MOST_FAN_STEPS = 600
 # Halvings that locate an event: as many as a number has bits, so to the rounding of a step.
 EVENT_HALVINGS = 52
 # Newton's steps that follow on the states that are integrated to.
@@ -39,15 +39,15 @@ STRESS_REACH = 5.0
 # Event functions this close to zero where another one vanishes do so there too.
 COINCIDENT = 1e-13
 # A normalised eigenvalue or rate this small is zero.
-SINGULAR = 1e-12
+SINGULAR_RTOL = 1e-12
 # What |T| of the first state may lack to the strength, over it, where a contact is at yield.
-AT_YIELD = 1e-9
+YIELD_RTOL = 1e-9
 # Overlap of the first state over r_i + r_j up to which a contact just touches.
-TOUCHING = 1e-11
+TOUCHING_GAP = 1e-11
 # A programme along which both strains are equal to this is isotropic: several modes go singular.
-ISOTROPIC = 1e-9
+ISOTROPIC_RTOL = 1e-9
 # Shortest step, over the reach of the programmes; below, the question is left to `follow`.
-SHORTEST = 1e-9
+SHORTEST_STEP = 1e-9
 # Event functions of states on the programmes of some rows, see `Fan.functions`.
 Pending = Callable[[LoopStates, Integers], tuple[Floats, dict[str, slice]]]
 
@@ -96,7 +96,7 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
     balance, gone = np.zeros((count, len(fan.blocks), 2)), np.zeros(count)
     _set_balance(fan, balance, now, rows)
     h = np.full(count, MAX_STEP * fan.reach)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_FAN_STEPS):
         if len(rows) == 0:
             break
         before, h[rows] = now.take(rows), np.minimum(h[rows], fan.reach - gone[rows])
@@ -105,7 +105,7 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
         error = np.nan_to_num(error, nan=np.inf)
         growth = np.clip(0.9 * np.maximum(error, 1e-9) ** -0.125, 0.2, 4.0)
         h[rows] = np.minimum(taken * growth, MAX_STEP * fan.reach)
-        limits.open_question[rows[taken < SHORTEST * fan.reach]] = True
+        limits.open_question[rows[taken < SHORTEST_STEP * fan.reach]] = True
         good = error <= 1.0
         if good.any():
             going, low = rows[good], np.where(gone[rows[good]] > 0.0, 0.0, BEGUN)
@@ -221,9 +221,9 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     """
     model, count = fan.model, len(fan.programme)
     rows, contacts = np.arange(count), fan.contacts(now)
-    at_edge = np.abs(contacts.shear_force) >= (1.0 - AT_YIELD) * model.law.strength(contacts)
+    at_edge = np.abs(contacts.shear_force) >= (1.0 - YIELD_RTOL) * model.law.strength(contacts)
     at_edge &= model.has_cone
-    still = SINGULAR * model.stiffness * model.length
+    still = SINGULAR_RTOL * model.stiffness * model.length
     for _ in range(2 * model.contact_count + 2):
         rates, shift = fan.rates(now, rows)
         normal, beyond = fan.edges(now, rates, shift)
@@ -237,19 +237,19 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
         T = np.where(now.shear_force == 0.0, rates.shear_force, now.shear_force)
         now.side[start], now.side[stop] = np.sign(T)[start], 0.0
         now.regime[start], now.regime[stop] = Regime.SLIDING, Regime.ELASTIC
-    touching = contacts.overlap <= TOUCHING * model.touching
+    touching = contacts.overlap <= TOUCHING_GAP * model.touching
     parting = np.asarray((touching & (normal < -still)).any(axis=1))
     limits.record("opening", rows[parting], now.take(parting))
     # On isotropic programmes several modes go singular at one state, which symmetry alone resolves.
     together = fan.control == "stress" or model.closure == "traction"
-    alike = np.abs(np.cos(fan.programme) - np.sin(fan.programme)) < ISOTROPIC
+    alike = np.abs(np.cos(fan.programme) - np.sin(fan.programme)) < ISOTROPIC_RTOL
     limits.open_question[~parting & (~settled | (alike & together))] = True
     going = np.flatnonzero(~limits.open_question & ~parting)
     slides = going[(now.regime[going] == Regime.SLIDING).any(axis=1)]
     limits.record("yield", slides, now.take(slides))
     values, _, columns = fan.functions(now.take(going), going)
     for k, kind in enumerate(SPECTRAL):
-        lost = going[values[:, columns["spectral"].start + k] <= SINGULAR]
+        lost = going[values[:, columns["spectral"].start + k] <= SINGULAR_RTOL]
         limits.record(kind, lost, now.take(lost))
     return going[~limits.found["det_K_zero"][going]]
 
@@ -298,7 +298,7 @@ def _after_event(
     # With these contacts sliding the programme does not go on: it ends here, or snaps.
     limits.record("limit", own[~agrees], now.take(own[~agrees]))
     for k, kind in enumerate(SPECTRAL):
-        lost = own[agrees & (values[:, columns["spectral"].start + k] <= SINGULAR)]
+        lost = own[agrees & (values[:, columns["spectral"].start + k] <= SINGULAR_RTOL)]
         limits.record(kind, lost, now.take(lost))
 
 
@@ -330,12 +330,12 @@ def followed_limits(
     first = stability_measures(restrict(path.A[0], "symmetric"))
     for k, kind in enumerate(SPECTRAL):
         # A path whose first tangent has no single value begins on a mechanism.
-        if not first[k] > SINGULAR:
+        if not first[k] > SINGULAR_RTOL:
             limits.record(kind, row, state(0, path.H[0]))
     for event in path.events:
         lost = limits.states["det_K_zero"].H[programme]
         # Events of the state at which det K is lost still count.
-        if limits.found["det_K_zero"][programme] and np.abs(lost - event.H).max() > SINGULAR:
+        if limits.found["det_K_zero"][programme] and np.abs(lost - event.H).max() > SINGULAR_RTOL:
             break
         kind = "limit" if event.kind == "control_limit" else str(event.kind)
         if event.subspace == "symmetric":

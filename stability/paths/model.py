@@ -14,7 +14,6 @@ from loops import (
     ContactLaw,
     GrainGraph,
     InputError,
-    LinearFrictional,
     Regime,
     boundary_vectors,
     polygon_area,
@@ -292,8 +291,7 @@ def path_model(
     expected = law.normal_force(contacts)
     mismatch = np.abs(contacts.normal_force - expected) / (stiffness * contacts.touching_length)
     if mismatch.max(initial=0.0) > START_MISMATCH:
-        if type(law) is LinearFrictional:
-            require_linear_forces(law, contacts)
+        require_linear_forces(law, contacts)
         c = int(mismatch.argmax())
         raise InputError(
             f"normal force of contact {c}",
@@ -349,12 +347,12 @@ def law_scale(state: ContactState, law: ContactLaw) -> float:
     elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
     kn = law.local_stiffness(state, elastic)[..., 0, 0]
     if not kn.mean() > 0.0:
-        kn = law.local_stiffness(compressed(state, law, 0.9), elastic)[..., 0, 0]
+        kn = law.local_stiffness(compressed_state(state, law, 0.9), elastic)[..., 0, 0]
     return float(kn.mean())
 
 
-def compressed(state: ContactState, law: ContactLaw, length: float) -> ContactState:
-    """The same contacts compressed to a fraction of `r_i + r_j`, without shear force."""
+def compressed_state(state: ContactState, law: ContactLaw, length: float) -> ContactState:
+    """The same contacts compressed_state to a fraction of `r_i + r_j`, without shear force."""
     state = replace(
         state, length=length * state.touching_length, shear_force=np.zeros(state.length.shape)
     )

@@ -14,7 +14,7 @@ from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.stress_strain import cauchy_rate
 from loops.symmetry import PointGroup, point_group
-from stability.paths.model import PathModel, compressed
+from stability.paths.model import PathModel, compressed_state
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_at, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import NOTHING, Programme
@@ -189,7 +189,7 @@ def law_marks(model: PathModel, contacts: ContactState) -> list[Floats]:
     law, unit, marks = model.law, model.stiffness, []
     elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     for length in PROBES:
-        state = compressed(contacts, law, length)
+        state = compressed_state(contacts, law, length)
         D = law.local_stiffness(state, elastic) / unit
         strength = law.strength(state) / (unit * model.length)
         N = state.normal_force / (unit * model.length)

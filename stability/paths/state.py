@@ -11,7 +11,7 @@ from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, with_sides
 from stability.path import WORK_TERMS
-from stability.paths.model import START_MISMATCH, PathModel, compressed
+from stability.paths.model import START_MISMATCH, PathModel, compressed_state
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8
@@ -68,7 +68,7 @@ def first_state(model: PathModel, contacts: ContactState) -> tuple[PathModel, Fl
         place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
     else:
         place = state.place - FIRST_STRAIN * (model.x0 + state.place)
-    pressed = compressed(contacts, model.law, 1.0 - FIRST_STRAIN)
+    pressed = compressed_state(contacts, model.law, 1.0 - FIRST_STRAIN)
     kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
     # Between the first stiffness, for what is singular, and the later ones, for tolerances.
     model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))

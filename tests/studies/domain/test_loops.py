@@ -15,7 +15,7 @@ from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
 from patterns.polygons import opposite_gap
 from stability import Stage, follow, restrict, symmetric_part
-from stability.paths.fan import RTOL, Fan, LoopStates, stability_measures
+from stability.paths.fan import STEP_RTOL, Fan, LoopStates, stability_measures
 from stability.paths.fan_limits import (
     CONTROLS,
     SPECTRAL,
@@ -506,4 +506,4 @@ def test_the_error_of_a_step_is_that_of_scipy(h):
     solver = DOP853(rates, 0.0, y0, 1.0, rtol=1e-9, first_step=h)
     rk_step(rates, 0.0, y0, solver.f, h, solver.A, solver.B, solver.C, solver.K)
     wanted = solver._estimate_error_norm(solver.K, h, fan.units)
-    assert found[0] * RTOL * fan.reach == pytest.approx(wanted, rel=1e-6, abs=0.0)
+    assert found[0] * STEP_RTOL * fan.reach == pytest.approx(wanted, rel=1e-6, abs=0.0)
