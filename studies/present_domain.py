@@ -254,7 +254,7 @@ def loop_domain(
     check_choice("control", control, ("strain", "stress"))
     scene: Scene = scene_of(loop)
     if directions is None:
-        directions = programmes_of(spins, linear=type(scene.law) is LinearFrictional)
+        directions = programmes_of(spins, linear=linear_springs(scene.law))
     whole_number("directions", directions, 3)
     if scene.boundary.kind != "free":
         received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
