@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.graph import branch_vectors, contact_state
+from loops.graph import contact_state
 from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
@@ -32,6 +32,7 @@ from stability.packing.response import (
     PackingRates,
     PackingResponse,
     ResponseStatus,
+    response_of,
 )
 from stability.packing.yielding import YieldResponse, checked_band, yield_response
 
@@ -59,13 +60,12 @@ class PackingIncrements:
 
     def _response(self, control: HeldAndDriven, raised: RaisedLoad, M: Floats) -> PackingResponse:
         slip = raised.slip
-        yielding, elastic = self.yielding, self.rates.elastic
-        system, graph = yielding.system, yielding.system.graph
+        yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
         stress_of_slip = self.rates.whole[1] @ slip
         held, B = control.held.T @ control.strain, control.driven
         wanted = control.stress - B @ (elastic.stress @ held + stress_of_slip)
         h = held + B.T @ np.linalg.solve(B @ elastic.stress @ B.T, wanted)
-        H, n = h.reshape(2, 2), len(system.contacts)
+        H = h.reshape(2, 2)
         motion = elastic.motion @ h + self.rates.slips @ slip
         relative, forces = self._forces(motion, H, slip)
         # What one refinement of each motion under slip has left.
@@ -73,33 +73,20 @@ class PackingIncrements:
         relative, forces = self._forces(motion, H, slip)
         size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
         residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
-        v = np.append(motion, 0.0)[system.freedom]
-        branch_rate, force_rate = -branch_vectors(graph) @ H.T, np.zeros((graph.contact_count, 2))
-        branch_rate[system.contacts], force_rate[system.contacts] = relative[:n, :2], forces[:n, :2]
-        regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-        regime[system.contacts] = system.regime[:n]
-        slides = yielding.rows[slip > 0]
-        regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
         status: ResponseStatus = "nearest" if raised.held.any() else "one found"
         if status == "one found" and positive_definite(M):
             status = "unique"
-        return PackingResponse(
+        return response_of(
+            yielding,
+            (H, motion, relative, forces),
+            slip > 0,
             status=status if residual <= TRUSTED else "not converged",
             proof="positive definite" if status == "unique" else "",
             residual=residual,
             disagreeing=int(np.count_nonzero(raised.held)),
-            strain_rate=H,
             stress_rate=(elastic.stress @ h + stress_of_slip).reshape(2, 2),
-            motion=v[:, :2],
-            spin=v[:, 2] / system.length,
-            branch_rate=branch_rate,
-            force_rate=force_rate,
-            regime=regime,
-            sliding=int(np.count_nonzero(slip > 0)),
-            candidates=len(yielding.rows),
             settled=yielding.settled,
             solutions=int(status != "nearest"),
-            system=system,
             reached=raised.first,
             beyond=int(np.count_nonzero(self._beyond(relative))),
         )

@@ -347,39 +347,56 @@ class PackingRates:
         moves = float(np.linalg.norm(answer.unbalanced @ H.ravel())) / size if told else moves
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
-        v = np.append(answer.motion @ H.ravel(), 0.0)[system.freedom]
-        n = len(system.contacts)
-        branch_rate = -branch_vectors(graph) @ H.T
-        branch_rate[system.contacts] = relative[:n, :2]
-        force_rate = np.zeros((graph.contact_count, 2))
-        force_rate[system.contacts] = forces[:n, :2]
-        regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-        regime[system.contacts] = system.regime[:n]
-        slides = yielding.rows[active]
-        regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
-        return PackingResponse(
+        walls = np.arange(len(forces) - len(system.contacts)) + graph.contact_count
+        stuck = int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two))
+        return response_of(
+            yielding,
+            (H, answer.motion @ H.ravel(), relative, forces),
+            active,
             status=_status(found, proof, residual),
             proof=proof,
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
-            strain_rate=H,
             stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
-            motion=v[:, :2],
-            spin=v[:, 2] / system.length,
-            branch_rate=branch_rate,
-            force_rate=force_rate,
-            regime=regime,
-            sliding=int(np.count_nonzero(active)),
-            candidates=len(yielding.rows),
-            settled=yielding.settled
-            + int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two)),
+            settled=yielding.settled + stuck,
             solutions=len(found.solutions),
-            system=system,
             families=found.families,
-            at_yield=np.append(system.contacts, np.arange(len(forces) - n) + graph.contact_count)[
-                yielding.rows
-            ],
+            at_yield=np.append(system.contacts, walls)[yielding.rows],
         )
+
+
+def response_of(
+    yielding: YieldResponse,
+    moved: tuple[Floats, Floats, Floats, Floats],
+    active: Flags,
+    **told: Any,
+) -> PackingResponse:
+    """Return a response with what a search told of it.
+
+    `moved` are the strain (2, 2), the motion (size,) of the freedoms, and relative motions and
+    forces (E, 4) of the contacts; `active` (m,) the candidates that slide.
+    """
+    (H, motion, relative, forces), system = moved, yielding.system
+    graph, n = system.graph, len(system.contacts)
+    v = np.append(motion, 0.0)[system.freedom]
+    branch_rate, force_rate = -branch_vectors(graph) @ H.T, np.zeros((graph.contact_count, 2))
+    branch_rate[system.contacts], force_rate[system.contacts] = relative[:n, :2], forces[:n, :2]
+    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+    regime[system.contacts] = system.regime[:n]
+    slides = yielding.rows[active]
+    regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
+    return PackingResponse(
+        strain_rate=H,
+        motion=v[:, :2],
+        spin=v[:, 2] / system.length,
+        branch_rate=branch_rate,
+        force_rate=force_rate,
+        regime=regime,
+        sliding=int(np.count_nonzero(active)),
+        candidates=len(yielding.rows),
+        system=system,
+        **told,
+    )
 
 
 def regimes_by_parts(
