@@ -9,7 +9,6 @@ from loops.contacts import AT_YIELD, Contacts
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
-from stability.packing.pivots import edges_of_pushes
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.path import Pathologies
 from stability.regimes import SlipProblem, agreeing
@@ -59,7 +58,7 @@ def pathologies(
     if m == 0:
         return _judged(np.zeros(0), np.eye(0), _second_order_work(packing, control)), packing
     rows = (len(packing.frame) + candidates).tolist()
-    pushes = edges_of_pushes(packing, control, rows, candidates)
+    pushes = packing.edges_of_pushes(control, rows, candidates)
     q = packing.edge((packing.solve(*control),), candidates)[:, 0]
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
     M = (np.eye(m) - side[candidates] * pushes) * packing.frame["kt"][candidates]

@@ -123,20 +123,11 @@ def slip_system(
     parts = []
     for first in range(0, len(rows), ROOM):
         packing.set_regimes(sliding, ELASTIC)
-        parts.append(edges_of_pushes(packing, control, rows[first : first + ROOM], contacts))
+        parts.append(packing.edges_of_pushes(control, rows[first : first + ROOM], contacts))
     q = packing.edge((packing.solve(*control),), contacts)[:, 0]
     packing.set_regimes(sliding, SLIDING)
     # A force -s on the shear row is one unit of slip.
     return q, np.eye(len(rows)) - packing.side[contacts] * np.hstack(parts)
-
-
-def edges_of_pushes(
-    packing: RegimeFactor, control: MixedControl, rows: list[int], contacts: Integers
-) -> Floats:
-    """Return `w - z` (k, r) of contacts under a unit force on each row, the control held."""
-    units = packing.columns(rows)
-    rates = [packing.driven(control.stress, control.strain, k) for k in units]
-    return packing.edge(tuple(rates), contacts)
 
 
 def disagreeing(

@@ -19,6 +19,7 @@ from loops.compiled import WIDTH
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION, Factor, lu_factors
+from stability.packing.controls import MixedControl
 
 # Columns from which on the system is factorised anew; from half of the room on it always is.
 RANK = 96
@@ -360,6 +361,11 @@ class RegimeFactor:
         cached = self.yield_rates, self.motion_count, self.slip_sign
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
+
+    def edges_of_pushes(self, control: MixedControl, rows: list[int], c: Integers) -> Floats:
+        """Return `w - z` (k, r) of pairs under a unit force on each row, the control held."""
+        units = self.columns(rows)
+        return self.edge(tuple(self.driven(*control[:2], k) for k in units), c)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""
