@@ -126,9 +126,7 @@ def solve_complementarity(
     found = [active for active in known if violation(q, M, active) <= SIGN]
     if certain and found:
         return Complementarity(np.array(found[:1]), "positive definite")
-    rng, named = np.random.default_rng(0), [np.zeros(len(q), bool), np.ones(len(q), bool), q < 0]
-    others = [rng.random(len(q)) < 0.5 for _ in range(0 if found else starts - NAMED_STARTS)]
-    for number, start in enumerate((named + others)[:starts]):
+    for number, start in enumerate(_starts(q, min(starts, NAMED_STARTS) if found else starts)):
         if number == NAMED_STARTS and not (found or feasible) and _infeasible(q, M):
             return known_solutions(q, M, found, "infeasible")
         active = solve_from(q, M, start)
@@ -455,6 +453,12 @@ def _newton(q: Floats, M: Floats, active: Flags) -> tuple[Flags, int]:
             break
         active = active ^ wrong
     return best, least
+
+
+def _starts(q: Floats, count: int) -> list[Flags]:
+    rng = np.random.default_rng(0)
+    named = [np.zeros(len(q), dtype=bool), np.ones(len(q), dtype=bool), q < 0]
+    return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
 
 
 def _exchange(table: Floats, row: int, column: int) -> None:

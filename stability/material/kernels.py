@@ -42,7 +42,7 @@ SHORT = 0.01
 # A gap below this share of the length at touch is none: rounding of turned loops.
 TOUCH = 1e-12
 # Pivot over the largest entry at which a system is singular.
-SINGULAR_PIVOT = 1e-14
+SINGULAR = 1e-14
 # Five Gauss points on [0, 1], for stiffnesses that change with the overlap.
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
 NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
@@ -400,7 +400,7 @@ def _solve(a: Floats, b: Floats, size: int, columns: int) -> bool:
         for i in range(k + 1, size):
             if abs(a[i, k]) > abs(a[pivot, k]):
                 pivot = i
-        if not abs(a[pivot, k]) > SINGULAR_PIVOT * largest:
+        if not abs(a[pivot, k]) > SINGULAR * largest:
             return False
         if pivot != k:
             for j in range(k, size):
