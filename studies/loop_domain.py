@@ -30,7 +30,6 @@ from studies.present_domain import (
     domain_of,
     present_fan,
     virgin_domain,
-    virgin_figure,
 )
 from studies.study import one_of, study
 from studies.style import (
@@ -47,7 +46,7 @@ FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
 LOST = ("det_Ks_zero", "limit")
 LONGEST = 60
-PRESENT = "present state"
+PRESENT = "from the present state"
 CONTACTS = {
     "sticking": "contacts never slide",
     "frictional": r"contacts slide at $|T| = \mu N$",
@@ -225,10 +224,8 @@ def run_loop_domains(
         if PRESENT in alone:
             tables["boundary"] = alone[PRESENT].rows
         summary = results.write_results(tables, found)
-        if PRESENT in alone:
-            figures = [(name, domain_figure(alone[PRESENT], plane)) for name, plane in PLANES]
-        elif alone:
-            figures = [(name, virgin_figure(alone, plane)) for name, plane in PLANES]
+        if alone:
+            figures = [(name, domain_figure(alone, plane)) for name, plane in PLANES]
         else:
             figures = loop_figures(table, loops, parameters)
         results.save_figures(figures)

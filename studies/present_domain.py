@@ -33,8 +33,6 @@ from studies.style import (
     ONE_COLUMN,
     ORANGE,
     VERMILION,
-    axes_or_new,
-    figure_of,
     new_panels,
     styled,
 )
@@ -285,13 +283,6 @@ def domain_of(
     )
 
 
-@styled()
-def domain_figure(found: LoopDomain, plane: str) -> Figure:
-    """Figure of a domain in one plane, for a report."""
-    ax = axes_or_new(None, ONE_COLUMN, 4.4)
-    return figure_of(draw_domain(found, ax, plane))
-
-
 def virgin_domain(fan: Fan, limits: FanLimits) -> LoopDomain:
     """Domain of a loop that begins without load, along programmes that compress every branch."""
     return LoopDomain(
@@ -308,12 +299,12 @@ def virgin_domain(fan: Fan, limits: FanLimits) -> LoopDomain:
 
 
 @styled()
-def virgin_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
-    """Domains of one loop without load, a panel for each kind of contacts."""
+def domain_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
+    """Domains of one loop by its start or kind of contacts, a panel each."""
     figure, (axes,) = new_panels(1, len(found), 4.4, ONE_COLUMN * len(found))
-    for ax, (contacts, domain) in zip(axes, found.items(), strict=True):
+    for ax, (name, domain) in zip(axes, found.items(), strict=True):
         draw_domain(domain, ax, plane)
-        ax.text(0.98, 0.02, contacts, transform=ax.transAxes, ha="right", va="bottom")
+        ax.text(0.98, 0.02, name, transform=ax.transAxes, ha="right", va="bottom")
     return figure
 
 
