@@ -9,7 +9,7 @@ import pytest
 from matplotlib.axes import Axes
 
 import grainloops as gl
-from loops import lazy, love_weber_stress
+from loops import branch_vectors, contact_forces, lazy, love_weber_stress
 from loops.fabric import direction_tensors, mean_tensor
 from loops.shown import Shown
 from patterns.snapshots.walls import box_area
@@ -69,6 +69,21 @@ def test_the_error_of_a_stress_is_that_of_independent_blocks():
         # p is half the sum of two means of n^2 forces of standard deviation 1.
         ratios.append(found.p_error / (0.5 * np.sqrt(2.0) / n))
     assert abs(np.mean(ratios) - 1.0) < 0.1 and BLOCKS == 4
+
+
+def test_the_error_of_a_stress_by_hand():
+    """Four by four blocks of a cell, each left out with its sixteenth of the area."""
+    sample = small_sample("cell", LAW)
+    graph, found = sample.graph, gl.stress(sample)
+    d = branch_vectors(graph)
+    middle = graph.x[graph.contacts[:, 0]] + 0.5 * d
+    column, row = (4 * np.mod(np.linalg.solve(graph.cell, middle.T), 1.0)).astype(int)
+    trace = (contact_forces(graph) * d).sum(axis=1)
+    values = []
+    for block in range(16):
+        kept = 4 * column + row != block
+        values.append(0.5 * trace[kept].sum() / (found.volume * 15 / 16))
+    assert found.p_error == pytest.approx(np.sqrt(15 * np.var(values)), rel=1e-12)
 
 
 def test_fabric_tells_contacts_by_force_and_loops_by_order(snapshot):

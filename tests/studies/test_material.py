@@ -53,6 +53,13 @@ def test_the_command_has_the_numbers_of_the_call(hexagons):
     assert np.allclose(rows["P22"], 1e-2, rtol=0, atol=1e-12)
 
 
+def test_a_ratio_that_rises_to_the_end_has_no_peak(tmp_path):
+    summary = run_material(MaterialOptions(end=0.005, steps=10, orientations=2), tmp_path / "out")
+    mean = summary["mean"]
+    assert mean["end_stress_ratio"] > 1.2 and round(mean["end_strain"], 12) == 0.005
+    assert mean["peak_stress_ratio"] is None and mean["peak_strain"] is None
+
+
 def test_files_hold_units_meanings_and_provenance(hexagons):
     summary, out = hexagons
     names = {path.name for path in out.iterdir()}

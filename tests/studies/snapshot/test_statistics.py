@@ -96,6 +96,12 @@ def test_nothing_to_average():
     assert np.isnan(axes_block(np.array([np.nan]))["direction"])
 
 
+def test_the_error_of_a_share_is_that_of_a_binomial():
+    found = share(np.array([True, False, False, False, False]))
+    assert (found["mean"], found["count"]) == (0.2, 5)
+    assert found["std_error"] == pytest.approx(np.sqrt(scipy.stats.binom(5, 0.2).var()) / 5)
+
+
 def test_groups_hold_every_loop_once():
     order = np.array([3, 4, 4, 5, 8, 9, 40])
     groups = group_rows(order)
@@ -127,6 +133,7 @@ def test_full_lattice_in_closed_form():
     """70 grains with six contacts each: 140 regular triangles."""
     s, _ = of(from_graph(synthetic_network(70, periodic=True, coordination=6, jitter=0)))
     assert (s["loops"], s["coordination"], s["mean_order"]) == (140, 6.0, 3.0)
+    assert s["coordination_all"] == 6.0
     assert s["mean_order_from_coordination"] == 3.0
     assert s["contacts_per_grain"]["std"] == 0.0
     area = 3**0.5 / 4
