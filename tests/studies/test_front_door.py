@@ -297,3 +297,18 @@ def test_a_law_of_ones_own_says_what_it_lacks():
         gl.traction_tangent(ring, Own(k=1.0))
     with pytest.raises(NotImplementedError, match=r"FrictionalLaw\.closed_force: write this"):
         gl.FrictionalLaw(kt=1.0).normal_force(gl.contact_state(ring))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_errors_of_an_axis_are_those_of_its_parts(turn):
+    """Of weighted axes: along the mean direction and across it, whatever the frame."""
+    rng = np.random.default_rng(5)
+    axes, weights = rng.normal(0.0, 0.6, 400) + 0.3, rng.random(400)
+    tensors = direction_tensors(np.stack([np.cos(axes + turn), np.sin(axes + turn)], axis=-1))
+    share = weights / weights.sum()
+    mean = share @ np.exp(2j * axes)
+    relative = np.exp(2j * axes) * np.exp(-1j * np.angle(mean)) - abs(mean)
+    along, across = axis_errors(tensors, weights, 0.5 * float(np.angle(mean)) + turn)
+    assert along == pytest.approx(np.linalg.norm(share * relative.real), rel=1e-12)
+    assert across == pytest.approx(np.linalg.norm(share * relative.imag), rel=1e-12)
+    assert abs(along - across) > 0.1 * along

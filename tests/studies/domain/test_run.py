@@ -165,6 +165,16 @@ def test_generic_operator_is_singular_there(table):
         assert abs(np.linalg.det(matrix)) < 1e-11 * np.linalg.norm(K) ** 2
 
 
+def test_programmes_are_spread_evenly_about_the_isotropic_one():
+    """By the angle between line and branch, measured in half diagonals."""
+    alpha0 = 0.6
+    programme, _ = programme_fan(alpha0, 7)
+    across, along = np.sin(programme) * np.sin(alpha0), np.cos(programme) * np.cos(alpha0)
+    angle = np.arctan2(across, along)
+    np.testing.assert_allclose(angle - alpha0, 0.5 * np.pi * np.arange(-3, 4) / 4, atol=1e-14)
+    assert programme[3] == pytest.approx(np.pi / 4)
+
+
 def test_friction_cuts_the_domain_of_sticking_contacts():
     sticking = first_losses(PAPER_CASES[0], 201, friction=False)
     frictional = first_losses(PAPER_CASES[0], 201, friction=True)
