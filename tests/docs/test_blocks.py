@@ -42,6 +42,7 @@ TESTED = {
     "evidence/probing": "test_blocks",  # in a cell and between walls
     "fabric": "test_how_to",  # in a cell, between walls, cut out, the sample of the package
     "first-steps": "test_first_steps",  # the sample of the package
+    "forecast": "test_how_to",  # in a cell, between walls; cut out it is refused
     "formats": "test_blocks",  # in a cell, between walls, cut out
     "larger-loops": "test_how_to",  # a hexagon
     "material": "test_blocks",  # hexagons, and loops of three kinds of samples
@@ -86,7 +87,7 @@ COMMANDS = sorted(
 
 
 def test_the_code_of_every_page_has_a_test_that_runs_it():
-    """A new block goes to a test; its page to the list above."""
+    """A new block goes to a test, its page to the list above."""
     with_code = {name for name, found in FENCED.items() if any(kind in CODE for kind, _ in found)}
     assert with_code == TESTED.keys()
     for name, file in TESTED.items():
