@@ -237,10 +237,10 @@ def _forecast_lines(summary: dict[str, Any]) -> list[str]:
             f"by the replay {row['replay']}"
         )
     for what, one in summary["next"].items():
-        told = f"none on {one['ways'] - one['found']} of {one['ways']} ways"
+        told = f"next {what}: found by {one['found']} of {one['ways']} ways"
         if one["found"]:
-            told += f", else at {summary['driven']} = {one['low']:.4g} to {one['high']:.4g}"
-        lines.append(f"next {what}: {told}")
+            told += f", at {summary['driven']} = {one['low']:.4g} to {one['high']:.4g}"
+        lines.append(told)
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
