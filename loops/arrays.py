@@ -40,9 +40,13 @@ def order_statistics(values: ArrayLike, places: Iterable[int]) -> list[float]:
     """
     placed, start, found = np.array(values, dtype=float).ravel(), 0, list[float]()
     for place in places:
-        if place >= start:
+        if place == start:
+            # The least of those behind.
+            at = start + int(placed[start:].argmin())
+            placed[start], placed[at] = placed[at], placed[start]
+        elif place >= start:
             placed[start:].partition(place - start)
-            start = place + 1
+        start = max(start, place + 1)
         found.append(float(placed[place]))
     return found
 

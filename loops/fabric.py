@@ -18,9 +18,9 @@ from loops.compiled import given, use_passes
 from loops.errors import InputError
 from loops.faces import Faces
 from loops.graph import (
-    ContactState,
     GrainGraph,
     HasGraph,
+    branch_vectors,
     contact_state,
     graph_of,
     require_one_state,
@@ -306,9 +306,8 @@ def force_chains(
     graph = graph_of(graph)
     require_one_state(graph)
     require_plane(graph.x, "centres of the grains")
-    state = contact_state(graph)
-    i, j = graph.contacts.T
-    stress = _force_moments(graph, state)
+    branches, (i, j) = branch_vectors(graph), graph.contacts.T
+    stress = _force_moments(graph)
     stress /= (np.pi * graph.radii**2)[:, None, None]
     difference, axis = principal(stress)
     major = 0.5 * (stress[:, 0, 0] + stress[:, 1, 1] + difference)
@@ -316,7 +315,7 @@ def force_chains(
     touched = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count) > 0
     strong = touched & (major > major[touched].mean() if touched.any() else touched)
     near = np.flatnonzero(strong[i] & strong[j])
-    n = state.n[near]
+    n = branches[near] / np.hypot(*branches[near].T)[:, None]
     cosines = np.stack([np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j)], axis=1)
     deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
     along_axis = np.flatnonzero(deviation <= angle)
@@ -339,18 +338,18 @@ def force_chains(
     )
 
 
-def _force_moments(graph: GrainGraph, state: ContactState) -> Floats:
+def _force_moments(graph: GrainGraph) -> Floats:
     """Return (G, 2, 2) sums of force times arm over the contacts of each grain."""
     count, contacts = graph.grain_count, graph.contacts
     if use_passes(len(contacts)):
         from loops.compiled.passes import stresses_at_end
 
         pairs = given(contacts, np.int64)
-        every = (state.length, state.n, state.normal_force, state.shear_force, graph.radii)
+        every = (branch_vectors(graph), graph.normal_force, graph.shear_force, graph.radii)
         columns = [given(values, np.float64) for values in every]
         first, second = in_threads(lambda side: stresses_at_end(pairs, side, *columns), (0, 1))
         return np.asarray((first + second).reshape(-1, 2, 2))
-    moments = np.zeros((count, 2, 2))
+    state, moments = contact_state(graph), np.zeros((count, 2, 2))
     n0, n1 = state.n.T.copy()
     # The tangent is the normal turned: t = (-n1, n0).
     force = (

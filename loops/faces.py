@@ -94,6 +94,13 @@ class Faces(Shown):
         """(L,) array: faces that are loops."""
         return np.flatnonzero(self.kind == FaceKind.LOOP)
 
+    @property
+    def row(self) -> Integers:
+        """(F,) array: place of each face among the loops, -1 for the other faces."""
+        row = np.full(len(self.kind), -1)
+        row[self.loops] = np.arange(len(self.loops))
+        return row
+
     def facts(self) -> dict[str, object]:
         """Names and values shown at the prompt and in a notebook."""
         orders, counts = np.unique(self.order[self.loops], return_counts=True)

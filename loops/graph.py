@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -93,6 +93,7 @@ class GrainGraph(Shown):
     cell0: Floats | None
     regime: Regimes | None
     rolling_moment: Floats | None
+    _branches: Floats = field(init=False)  # current ones, kept since every question takes them
 
     def __init__(
         self,
@@ -133,7 +134,10 @@ class GrainGraph(Shown):
         for name, value in values.items():
             object.__setattr__(self, name, value)
         check_graph(self)
-        check_branches("centres", self.contacts, branch_vectors(self))
+        branches = branches_between(self.x, self.contacts, self.images, self.cell)
+        branches.flags.writeable = False
+        object.__setattr__(self, "_branches", branches)
+        check_branches("centres", self.contacts, branches)
         if self.x0 is not self.x or self.cell0 is not self.cell:
             check_branches("reference centres", self.contacts, reference_branch_vectors(self))
 
@@ -211,7 +215,7 @@ def _integers(name: str, values: ArrayLike, columns: int) -> Integers:
 
 
 def branch_vectors(graph: GrainGraph) -> Floats:
-    """Branch vectors of the contacts, `d = x_j + cell @ image - x_i`.
+    """Branch vectors of the contacts, `d = x_j + cell @ image - x_i`; the graph keeps them.
 
     Parameters
     ----------
@@ -221,7 +225,7 @@ def branch_vectors(graph: GrainGraph) -> Floats:
     Returns
     -------
     (..., C, 2) array
-        From the centre of grain i to (the image of) the centre of grain j (length).
+        From the centre of grain i to (the image of) the centre of grain j (length), read-only.
 
     Examples
     --------
@@ -232,7 +236,7 @@ def branch_vectors(graph: GrainGraph) -> Floats:
     >>> branch_vectors(row).tolist()
     [[1.0, 0.0], [1.0, 0.0]]
     """
-    return branches_between(graph.x, graph.contacts, graph.images, graph.cell)
+    return graph._branches
 
 
 def reference_branch_vectors(graph: GrainGraph) -> Floats:
@@ -248,15 +252,9 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     (..., C, 2) array
         Reference branch vectors `d0` (length).
     """
+    if graph.x0 is graph.x and graph.cell0 is graph.cell:
+        return graph._branches
     return branches_between(graph.x0, graph.contacts, graph.images, graph.cell0)
-
-
-def branches_of(graph: GrainGraph, part: Integers | slice) -> Floats:
-    """(..., 2) branch vectors of some contacts of one state, of any shape."""
-    contacts = graph.contacts[part]
-    images = None if graph.images is None else graph.images[part].reshape(-1, 2)
-    d = branches_between(graph.x, contacts.reshape(-1, 2), images, graph.cell)
-    return d.reshape(contacts.shape)
 
 
 def branches_between(
@@ -332,7 +330,8 @@ def _frame(d: Floats) -> tuple[Floats, Floats, Floats]:
     if d.ndim == 2 and use_passes(len(d)):
         from loops.compiled.passes import fill_frames
 
-        length, n, t = np.empty(len(d)), np.empty_like(d), np.empty_like(d)
+        d, length = given(d, np.float64), np.empty(len(d))
+        n, t = np.empty_like(d), np.empty_like(d)
         on_parts(lambda part: fill_frames(d[part], length[part], n[part], t[part]), len(d))
         return length, n, t
     length = np.hypot(d[..., 0], d[..., 1])
@@ -436,13 +435,12 @@ def contact_state(graph: GrainGraph | HasGraph) -> ContactState:
     >>> state.length.tolist(), state.arm_i.round(12).tolist(), state.touching_length.tolist()
     ([0.9], [0.45], [1.0])
     """
-    graph = graph_of(graph)
-    return state_of_branches(graph, slice(None), branch_vectors(graph))
+    return state_of(graph_of(graph), slice(None))
 
 
-def state_of_branches(graph: GrainGraph, part: slice, d: Floats) -> ContactState:
-    """Contacts in a part of their list, as `contact_state` has all of them, from their branches."""
-    length, n, t = _frame(d)
+def state_of(graph: GrainGraph, part: slice) -> ContactState:
+    """Contacts in a part of their list, as `contact_state` has all of them."""
+    length, n, t = _frame(branch_vectors(graph)[..., part, :])
     i, j = graph.contacts[part].T
     return ContactState(
         length=length,

@@ -77,16 +77,14 @@ class Polygons:
 
 def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
     """Polygons of all loops of a packing, in the order of `Faces.loops`."""
-    row = np.zeros(len(faces.kind), dtype=np.int64)
-    row[faces.loops] = np.arange(len(faces.loops))
     out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
     for batch in loop_batches(graph, faces):
         x = batch.graph.x
         out.grains.append(batch.grains)
         out.vectors.append(boundary_vectors(x))
         out.area.append(polygon_area(x))
-        out.row.append(row[batch.face])
-        out.centre[row[batch.face]] = x.mean(axis=1) + batch.origin
+        out.row.append(batch.row)
+        out.centre[batch.row] = x.mean(axis=1) + batch.origin
     return out
 
 
@@ -539,14 +537,12 @@ def loops_in_place(
     error = np.full_like(share, np.inf)
     np.divide(share, 1.0 - share, out=error, where=share < 1.0)
     error += found.error
-    row = np.zeros(len(faces.kind), dtype=np.int64)
-    row[faces.loops] = np.arange(len(faces.loops))
     alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
     for batch in loop_batches(graph, faces):
         own = law.take(batch.contacts)
         tangent = macroscopic_tangent(batch.graph, own, "traction", spins="free")
-        alone[row[batch.face]] = tangent.matrix
-        alone_error[row[batch.face]] = tangent.rounding
+        alone[batch.row] = tangent.matrix
+        alone_error[batch.row] = tangent.rounding
     return LoopsInPlace(found.matrix, alone, error, alone_error, system)
 
 

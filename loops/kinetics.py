@@ -469,8 +469,7 @@ def order_neighbours(faces: Faces) -> Integers:
     Row m over its sum is the probability that the loop across a contact of a loop of order m has
     the order n. Contacts to the outside, and those with one loop on both sides, are left out.
     """
-    order, loops = faces.order, np.zeros(len(faces.order), dtype=bool)
-    loops[faces.loops] = True
+    order, loops = faces.order, faces.row >= 0
     sides = np.zeros((int(faces.contacts.max(initial=-1)) + 1, 2), dtype=np.int64)
     face = np.repeat(np.arange(len(order)), np.diff(faces.offsets))
     sides[faces.contacts, faces.forward.astype(int)] = face

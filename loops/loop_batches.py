@@ -17,7 +17,7 @@ from loops.closures.tangents import solved
 from loops.compiled import given
 from loops.errors import InputError
 from loops.faces import Faces, faces_by_order, find_faces
-from loops.graph import GrainGraph, branches_of, state_of_branches
+from loops.graph import GrainGraph, branch_vectors, state_of
 from loops.laws import ContactLaw
 
 
@@ -31,8 +31,8 @@ class LoopBatch(NamedTuple):
         regimes go along.
     grains, contacts : (L, n) array of int
         Grains and contacts of each loop as numbered in the packing.
-    face : (L,) array of int
-        Face of each loop in `Faces`.
+    face, row : (L,) array of int
+        Face of each loop in `Faces`, and its place in `Faces.loops`.
     origin : (L, 2) array
         Place of the graph's origin in the packing: zero, but the first grain for loops that cross
         a periodic border. These are unrolled from there, since sums with the cell vectors far from
@@ -43,6 +43,7 @@ class LoopBatch(NamedTuple):
     grains: Integers
     contacts: Integers
     face: Integers
+    row: Integers
     origin: Floats
 
 
@@ -79,6 +80,7 @@ def loop_batches(
     [[[0, 1, 2], [0, 2, 3]]]
     """
     crossing = None if graph.images is None else np.asarray(graph.images.any(axis=1))
+    row = faces.row
     for order, group in faces_by_order(faces, loops).items():
         ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
         for start in range(0, len(group.face), size):
@@ -90,7 +92,7 @@ def loop_batches(
                 over = np.asarray(crossing[contacts].any(axis=1))
             if over.any():
                 sign = np.where(group.forward[part][over][..., None], 1.0, -1.0)
-                edges = sign * branches_of(graph, contacts[over])
+                edges = sign * branch_vectors(graph)[contacts[over]]
                 x[over] = np.cumsum(edges, axis=1) - edges
                 origin[over] = graph.x[grains[over, 0]]
             batch = GrainGraph(
@@ -101,7 +103,8 @@ def loop_batches(
                 shear_force=graph.shear_force[contacts],
                 regime=None if graph.regime is None else graph.regime[contacts],
             )
-            yield LoopBatch(batch, grains, contacts, group.face[part], origin)
+            face = group.face[part]
+            yield LoopBatch(batch, grains, contacts, face, row[face], origin)
 
 
 def loop_tangents(
@@ -149,14 +152,14 @@ def loop_tangents(
     """
     graph, law = with_law(graph, law)
     faces = find_faces(graph) if faces is None else faces
-    faced, tangents = [], []
+    rows, tangents = [], []
     for batch in loop_batches(graph, faces):
-        faced.append(batch.face)
+        rows.append(batch.row)
         own = law.take(batch.contacts)
         tangents.append(macroscopic_tangent(batch.graph, own, closure, spins=spins))
     if not tangents:
         raise InputError("faces", "no loops", "one at least", "Look at the contacts.")
-    order = np.argsort(np.concatenate(faced))
+    order = np.argsort(np.concatenate(rows))
     fields = ("matrix", "volume", "condition", "residual", "trusted", "sensitivity")
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(tangent, name) for tangent in tangents])[order]
@@ -243,11 +246,10 @@ def compiled_packing(
 
     def fill(start: int) -> tuple[bool, bool]:
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
-        d = branches_of(graph, part)
-        rows[part, :2] = d
+        rows[part, :2] = branch_vectors(graph)[part]
         if law is None:
             return True, True
-        state = state_of_branches(graph, part, d)
+        state = state_of(graph, part)
         own = law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
         stiffness = own.local_stiffness(state, regimes[part])

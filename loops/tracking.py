@@ -386,10 +386,8 @@ def exchange_matrix(counts: ExchangeCounts, last: int | None = None) -> Integers
 
 def _loop_of_half_edge(faces: Faces, contacts: int) -> Integers:
     """(2 C,) array: loop that each half-edge bounds, -1 if it bounds none."""
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
     loop = np.full(2 * contacts, -1)
-    loop[2 * faces.contacts + ~faces.forward] = np.repeat(row, faces.order)
+    loop[2 * faces.contacts + ~faces.forward] = np.repeat(faces.row, faces.order)
     return loop
 
 

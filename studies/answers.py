@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, is_dataclass
-from functools import singledispatch
+from functools import partial, singledispatch
+from operator import attrgetter, methodcaller
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from loops import InputError, MacroTangent
+from loops.lazy import named
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, loop_of_snapshot
@@ -156,52 +158,10 @@ def _(result: PlaneCone) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-@table_of.register
-def _(result: Fabric) -> pd.DataFrame:
-    return result.columns()
-
-
-@table_of.register
-def _(result: LoopDomain) -> pd.DataFrame:
-    return result.rows
-
-
-@table_of.register
-def _(result: Evolution) -> pd.DataFrame:
-    return result.loops()
-
-
-@table_of.register
-def _(result: Forecast) -> pd.DataFrame:
-    return result.loops
-
-
-@table_of.register
-def _(result: Snapshot) -> pd.DataFrame:
-    from studies.frames import loop_table
-
-    return loop_table(result)
-
-
-@table_of.register
-def _(result: Path) -> pd.DataFrame:
-    from studies.frames import path_table
-
-    return path_table(result)
-
-
-@table_of.register
-def _(result: Probe) -> pd.DataFrame:
-    from studies.probe import probe_table
-
-    return probe_table(result)
-
-
-@table_of.register
-def _(result: Sustained) -> pd.DataFrame:
-    from studies.sustain import loading_table
-
-    return loading_table(result)
+table_of.register(Evolution, methodcaller("loops"))
+table_of.register(Fabric, methodcaller("columns"))
+table_of.register(Forecast, attrgetter("loops"))
+table_of.register(LoopDomain, attrgetter("rows"))
 
 
 @table_of.register(Regimes)
@@ -229,57 +189,26 @@ def _(result: Fabric, ax: Axes | None = None) -> Axes:
     return plot_rose(result.snapshot, ax=ax)
 
 
-@plot_of.register
-def _(result: LoopDomain, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_domain
-
-    return plot_domain(result, ax=ax)
+def _ask(place: str, result: Any, **how: Any) -> Any:
+    """Ask a function that is loaded when it is first needed."""
+    return named(place)(result, **how)
 
 
-@plot_of.register
-def _(result: Evolution, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_evolved
-
-    return plot_evolved(result, ax=ax)
-
-
-@plot_of.register
-def _(result: Forecast, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_forecast
-
-    return plot_forecast(result, ax=ax)
-
-
-@plot_of.register
-def _(result: Snapshot, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_map
-
-    return plot_map(result, ax=ax)
-
-
-@plot_of.register
-def _(result: SnapshotLoop, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_loop
-
-    return plot_loop(result.graph, ax=ax)
-
-
-@plot_of.register
-def _(result: Path, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_path
-
-    return plot_path(result, ax=ax)
-
-
-@plot_of.register
-def _(result: Probe, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_envelope
-
-    return plot_envelope(result, ax=ax)
-
-
-@plot_of.register
-def _(result: MacroTangent, ax: Axes | None = None) -> Axes:
-    from studies.plots import plot_cone
-
-    return plot_cone(result, ax=ax)
+for kind, place in (
+    (Snapshot, "studies.frames.loop_table"),
+    (Path, "studies.frames.path_table"),
+    (Probe, "studies.probe.probe_table"),
+    (Sustained, "studies.sustain.loading_table"),
+):
+    table_of.register(kind, partial(_ask, place))
+for kind, place in (
+    (Evolution, "studies.plots.plot_evolved"),
+    (Forecast, "studies.plots.plot_forecast"),
+    (LoopDomain, "studies.plots.plot_domain"),
+    (MacroTangent, "studies.plots.plot_cone"),
+    (Path, "studies.plots.plot_path"),
+    (Probe, "studies.plots.plot_envelope"),
+    (Snapshot, "studies.plots.plot_map"),
+    (SnapshotLoop, "studies.plots.plot_loop"),
+):
+    plot_of.register(kind, partial(_ask, place))

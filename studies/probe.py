@@ -123,7 +123,7 @@ def run_probe(
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
         elif by == "events":
-            tables["paths"] = path_table(found, paths)
+            tables["paths"] = direction_paths(found, paths)
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         found_values["ended"] = ended_paths(paths, reached)
@@ -271,7 +271,7 @@ def probe_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def path_table(found: Probe, paths: Sequence[FollowedPath]) -> pd.DataFrame:
+def direction_paths(found: Probe, paths: Sequence[FollowedPath]) -> pd.DataFrame:
     """Every recorded row of the directions' paths, those that ended on the way too."""
     rows = [len(path) for path in paths]
     return pd.DataFrame(

@@ -73,7 +73,12 @@ def solve_through_null_space(
         matrix = np.where(finite[:, None, None], matrix, 0.0)
     # Where other singular values are as small the known null vectors mix with theirs.
     bordered = matrix if known is None else matrix + known @ np.swapaxes(known, -1, -2)
-    inverse, condition = _inverse(bordered)
+    try:
+        inverse: Floats = np.asarray(np.linalg.inv(bordered), dtype=float)
+        condition = frobenius(bordered) * frobenius(inverse)
+        condition = np.where(np.isfinite(condition), condition, np.inf)
+    except np.linalg.LinAlgError:
+        inverse, condition = np.zeros_like(bordered), np.full(len(bordered), np.inf)
     nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
     ambiguity = np.zeros(len(matrix))
     added = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
@@ -120,16 +125,6 @@ def _flat(a: Floats, batch: tuple[int, ...]) -> Floats:
     """Return an array with its batch axes as one."""
     own = a if a.shape[:-2] == batch else np.broadcast_to(a, (*batch, *a.shape[-2:]))
     return own.reshape(-1, *a.shape[-2:])
-
-
-def _inverse(matrix: Floats) -> tuple[Floats, Floats]:
-    """Return inverses and condition numbers, infinite where there is none."""
-    try:
-        inverse: Floats = np.asarray(np.linalg.inv(matrix), dtype=float)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(matrix), np.full(len(matrix), np.inf)
-    condition = frobenius(matrix) * frobenius(inverse)
-    return inverse, np.where(np.isfinite(condition), condition, np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,7 +71,11 @@ def crossing_pairs(
                 same_side = (a_tail == tail[other]) | (a_head == head[other])
                 end_to_start = (a_tail == head[other]) | (a_head == tail[other])
                 if same_side | end_to_start:
-                    if not _same_line(adx, ady, bdx, bdy, same_side, end_to_start):
+                    # They overlap if both leave the common grain in the same direction.
+                    size, along = abs(adx) + abs(ady) + abs(bdx) + abs(bdy), adx * bdx + ady * bdy
+                    if abs(adx * bdy - ady * bdx) > ROUNDING * size or not (
+                        (same_side and along > 0.0) or (end_to_start and along < 0.0)
+                    ):
                         continue
                 elif not _meet(ax, ay, adx, ady, x0[other], y0[other], bdx, bdy):
                     continue
@@ -169,17 +173,6 @@ def _span(a: float, b: float) -> tuple[int, int]:
 def _place(grain: int, p: int, q: int) -> int:
     """One number for a grain and its cell."""
     return (grain << 32) + (p << 16) + q
-
-
-@kernel
-def _same_line(
-    ax: float, ay: float, bx: float, by: float, same_side: bool, end_to_start: bool
-) -> bool:
-    """Whether two branches with a common grain overlap: both leave it in the same direction."""
-    if abs(ax * by - ay * bx) > ROUNDING * (abs(ax) + abs(ay) + abs(bx) + abs(by)):
-        return False
-    along = ax * bx + ay * by
-    return (same_side and along > 0.0) or (end_to_start and along < 0.0)
 
 
 @kernel

@@ -63,19 +63,14 @@ def forces_at_end(
 
 @kernel
 def stresses_at_end(
-    contacts: Integers,
-    side: int,
-    length: Floats,
-    n: Floats,
-    normal: Floats,
-    shear: Floats,
-    radii: Floats,
+    contacts: Integers, side: int, d: Floats, normal: Floats, shear: Floats, radii: Floats
 ) -> Floats:
     """Sum force times arm, (G, 4), of the contacts whose `side` a grain is at."""
     total = np.zeros((len(radii), 4))
     for c in range(len(contacts)):
-        n0, n1, g = n[c, 0], n[c, 1], contacts[c, side]
-        arm = 0.5 * (length[c] + radii[g] - radii[contacts[c, 1 - side]])
+        length, g = math.hypot(d[c, 0], d[c, 1]), contacts[c, side]
+        n0, n1 = d[c, 0] / length, d[c, 1] / length
+        arm = 0.5 * (length + radii[g] - radii[contacts[c, 1 - side]])
         f0, f1 = normal[c] * n0 - shear[c] * n1, normal[c] * n1 + shear[c] * n0
         total[g, 0] += f0 * (arm * n0)
         total[g, 1] += f0 * (arm * n1)

@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 # Columns of `loop_shapes`.
 X, Y, AREA, PERIMETER, ELONGATION, ORIENTATION = range(6)
@@ -31,6 +31,8 @@ S11, S12, S21, S22, SLIDING = range(6, 11)
 COLUMNS = 11
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
 LONGEST_LOOP = 60  # sides; longer loops are left to `macroscopic_tangent`
+# Rows of equations are treated in multiples of so many numbers: the compiler's loops of vectors.
+LANES = 16
 # A contact has a slip below this determinant of its block over its normal stiffness squared.
 SOFT = 0.05
 GEAR = 1e-13  # tolerance of the product of the slip ratios around a ring that makes it a gear mode
@@ -75,14 +77,14 @@ def loop_shapes(
             out[loop, X] += weight * (x0 + x1)
             out[loop, Y] += weight * (y0 + y1)
             x0, y0 = x1, y1
-            row = rows[contacts[h]]
-            length = math.hypot(row[DX], row[DY])
-            f0 = (row[FN] * row[DX] - row[FT] * row[DY]) / length
-            f1 = (row[FN] * row[DY] + row[FT] * row[DX]) / length
-            out[loop, S11] += f0 * row[DX]
-            out[loop, S12] += f0 * row[DY]
-            out[loop, S21] += f1 * row[DX]
-            out[loop, S22] += f1 * row[DY]
+            c = contacts[h]
+            dx, dy, fn, ft = rows[c, DX], rows[c, DY], rows[c, FN], rows[c, FT]
+            length = math.hypot(dx, dy)
+            f0, f1 = (fn * dx - ft * dy) / length, (fn * dy + ft * dx) / length
+            out[loop, S11] += f0 * dx
+            out[loop, S12] += f0 * dy
+            out[loop, S21] += f1 * dx
+            out[loop, S22] += f1 * dy
             out[loop, PERIMETER] += length
             out[loop, SLIDING] += regime[contacts[h]] == 2
         out[loop, AREA] = 0.5 * double
@@ -90,19 +92,19 @@ def loop_shapes(
         out[loop, Y] /= 3.0 * double
         for column in range(S11, S22 + 1):
             out[loop, column] /= out[loop, AREA]
-        _add_moments(rows, contacts, forward, begin, end, out[loop])
+        _add_moments(rows, contacts, forward, begin, end, loop, out)
         out[loop, X] += x[grains[begin], 0]
         out[loop, Y] += x[grains[begin], 1]
     return out
 
 
-@kernel
+@inlined
 def _add_moments(
-    rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int, out: Floats
+    rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int, loop: int, out: Floats
 ) -> None:
     """Elongation and orientation from the second moment of the area about the centroid."""
     xx, xy, yy = 0.0, 0.0, 0.0
-    x0, y0 = -out[X], -out[Y]
+    x0, y0 = -out[loop, X], -out[loop, Y]
     for h in range(begin, end):
         sign = 1.0 if forward[h] else -1.0
         x1, y1 = x0 + sign * rows[contacts[h], DX], y0 + sign * rows[contacts[h], DY]
@@ -114,8 +116,8 @@ def _add_moments(
     mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
     radius = math.hypot(half, xy)
     gap = mean - radius
-    out[ELONGATION] = math.sqrt((mean + radius) / gap) if gap > 0.0 else np.inf
-    out[ORIENTATION] = 0.5 * math.atan2(xy, half)
+    out[loop, ELONGATION] = math.sqrt((mean + radius) / gap) if gap > 0.0 else np.inf
+    out[loop, ORIENTATION] = 0.5 * math.atan2(xy, half)
 
 
 @kernel
@@ -139,17 +141,18 @@ def tangents_of_faces(
     (L,), and the areas (L,).
     """
     count = len(loops)
-    tangents, other = np.full((3, count, 4, 4), np.nan), np.empty((4, 4))
+    tangents, own, other = np.full((3, count, 4, 4), np.nan), np.empty((4, 4)), np.empty((4, 4))
     conditions, smallest = np.full((3, count), np.inf), np.full((3, count), np.nan)
     sensitivity, area = np.zeros(count), np.empty(count)
-    system = np.empty((LONGEST_LOOP + 6, LONGEST_LOOP + 10))
+    system = np.empty((LONGEST_LOOP + 6, _width(LONGEST_LOOP + 6)))
     geometry, moment = np.empty((LONGEST_LOOP, 16)), np.empty((LONGEST_LOOP, 8))
     slip = np.empty(LONGEST_LOOP, dtype=np.int64)
     for loop in range(count):
         begin, end = offsets[loops[loop]], offsets[loops[loop] + 1]
-        area[loop], growth, stiff = _affine(rows, contacts, forward, begin, end, tangents[0, loop])
-        smallest[0, loop] = _smallest(tangents[0, loop])
-        norm = _norm(tangents[0, loop])
+        area[loop], growth, stiff = _affine(rows, contacts, forward, begin, end, own)
+        _store(own, tangents, 0, loop)
+        smallest[0, loop] = _smallest(own)
+        norm = _norm(own)
         none = 1.0 if stiff == 0.0 else np.inf
         conditions[0, loop] = (max(1.0, stiff / norm) if norm > 0.0 else none) + growth
         n = end - begin
@@ -164,7 +167,7 @@ def tangents_of_faces(
                 continue
             if n == 3 and not free:
                 # Three contact forces have as many components as f^ and P: the motion is affine.
-                tangents[1, loop] = tangents[0, loop]
+                _store(own, tangents, 1, loop)
                 conditions[1, loop], smallest[1, loop] = conditions[0, loop], smallest[0, loop]
                 continue
             if free:
@@ -173,10 +176,11 @@ def tangents_of_faces(
                 _moments(geometry, n, moment)
             factor = stiffness * area[loop]
             slips, gear = _system(geometry, moment, slip, n, free == 1, by_radii, system)
-            pivot = _solve(system, slips + 6, tangents[k, loop])
+            pivot = _solve(system, slips + 6, own)
             if not pivot > 0.0:
                 continue
-            _unscale(tangents[k, loop], factor, scale_x, scale_y)
+            _unscale(own, factor, scale_x, scale_y)
+            _store(own, tangents, k, loop)
             if gear < 1.0:
                 # Digits are lost by the ratio of the arms, and again where only rotation resists.
                 turn = 0.0
@@ -184,7 +188,7 @@ def tangents_of_faces(
                     turn = max(turn, abs(geometry[c, TURN_N]))
                 gear *= min(turn, 1.0)
             conditions[k, loop] = n / (pivot * gear) + growth
-            smallest[k, loop] = _smallest(tangents[k, loop])
+            smallest[k, loop] = _smallest(own)
             if not free or n % 2 == 1:
                 continue
             slips, gear = _system(geometry, moment, slip, n, True, not by_radii, system)
@@ -194,11 +198,11 @@ def tangents_of_faces(
                 continue
             _unscale(other, factor, scale_x, scale_y)
             doubt = ROUNDING * n / (pivot * gear) * _norm(other)
-            sensitivity[loop] = _change(tangents[k, loop], other, smallest[k, loop]) + doubt
+            sensitivity[loop] = _change(own, other, smallest[k, loop]) + doubt
     return tangents, conditions, smallest, sensitivity, area
 
 
-@kernel
+@inlined
 def _affine(
     rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int, out: Floats
 ) -> tuple[float, float, float]:
@@ -206,17 +210,16 @@ def _affine(
     x, y, double, terms, stiff = 0.0, 0.0, 0.0, 0.0, 0.0
     out[:] = 0.0
     for h in range(begin, end):
-        row = rows[contacts[h]]
-        sign = 1.0 if forward[h] else -1.0
-        next_x, next_y = x + sign * row[DX], y + sign * row[DY]
+        c, sign = contacts[h], 1.0 if forward[h] else -1.0
+        next_x, next_y = x + sign * rows[c, DX], y + sign * rows[c, DY]
         double += x * next_y - y * next_x
         terms += abs(x * next_y) + abs(y * next_x)
         x, y = next_x, next_y
-        length = math.hypot(row[DX], row[DY])
-        dx, dy = row[DX] / length, row[DY] / length
-        nn, nt, tn, tt = row[KNN], row[KNT], row[KTN], row[KTT]
-        nt_size = abs(nt - row[FT] / length) + abs(row[FT] / length)
-        tt_size = abs(tt + row[FN] / length) + abs(row[FN] / length)
+        length = math.hypot(rows[c, DX], rows[c, DY])
+        dx, dy = rows[c, DX] / length, rows[c, DY] / length
+        nn, nt, tn, tt = rows[c, KNN], rows[c, KNT], rows[c, KTN], rows[c, KTT]
+        turn_n, turn_t = rows[c, FN] / length, rows[c, FT] / length
+        nt_size, tt_size = abs(nt - turn_t) + abs(turn_t), abs(tt + turn_n) + abs(turn_n)
         square = length * length
         stiff += math.sqrt(nn * nn + nt_size * nt_size + tn * tn + tt_size * tt_size) * square
         # The block from the frame n = (dx, dy), t = (-dy, dx).
@@ -243,7 +246,14 @@ def _affine(
     return 0.5 * double, terms / double, stiff / (0.5 * double)
 
 
-@kernel
+@inlined
+def _store(a: Floats, tangents: Floats, k: int, loop: int) -> None:
+    for i in range(4):
+        for j in range(4):
+            tangents[k, loop, i, j] = a[i, j]
+
+
+@inlined
 def _norm(a: Floats) -> float:
     square = 0.0
     for i in range(4):
@@ -252,27 +262,27 @@ def _norm(a: Floats) -> float:
     return math.sqrt(square)
 
 
-@kernel
+@inlined
 def _unscale(a: Floats, factor: float, scale_x: float, scale_y: float) -> None:
     for i in range(4):
         for j in range(4):
             a[i, j] *= factor / ((scale_y if i & 1 else scale_x) * (scale_y if j & 1 else scale_x))
 
 
-@kernel
+@inlined
 def _towards_zero(own: float, other: float) -> float:
     """Change to another eigenvalue, as far as it leads towards zero or beyond; else 0."""
     return max(0.0, own - other if own > 0.0 else other - own)
 
 
-@kernel
+@inlined
 def _change(own: Floats, other: Floats, smallest: float) -> float:
     """Largest change towards zero of a smallest eigenvalue, in the plane or of all strains."""
     in_plane = _towards_zero(_smallest_in_plane(own), _smallest_in_plane(other))
     return max(in_plane, _towards_zero(smallest, _smallest(other)))
 
 
-@kernel
+@inlined
 def _smallest_in_plane(a: Floats) -> float:
     """Smallest eigenvalue of Ks in (11, 22)."""
     return 0.5 * (a[0, 0] + a[3, 3] - math.hypot(a[0, 0] - a[3, 3], a[0, 3] + a[3, 0]))
@@ -299,15 +309,15 @@ def _smallest(a: Floats) -> float:
     return mean + 2.0 * size * math.cos((math.acos(cosine) + 2.0 * math.pi) / 3.0)
 
 
-@kernel
+@inlined
 def _ring(
     rows: Floats, contacts: Integers, forward: Flags, begin: int, n: int, out: Floats
 ) -> tuple[float, float, float]:
     """Fill in the geometry of a ring's contacts; return sizes of m, and the stiffness."""
     x, y, double, moment_x, moment_y, stiffness = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(n):
-        row, sign = rows[contacts[begin + c]], 1.0 if forward[begin + c] else -1.0
-        dx, dy = sign * row[DX], sign * row[DY]
+        row, sign = contacts[begin + c], 1.0 if forward[begin + c] else -1.0
+        dx, dy = sign * rows[row, DX], sign * rows[row, DY]
         next_x, next_y = x + dx, y + dy
         weight = x * next_y - y * next_x
         double += weight
@@ -316,7 +326,7 @@ def _ring(
         # m is the middle of an edge turned by a quarter.
         out[c, MX], out[c, MY] = y + 0.5 * dy, -(x + 0.5 * dx)
         out[c, NX], out[c, NY] = dx, dy
-        stiffness = max(stiffness, abs(row[KNN]))
+        stiffness = max(stiffness, abs(rows[row, KNN]))
         x, y = next_x, next_y
     if not (double > 0.0 and stiffness > 0.0):
         return 0.0, 0.0, 0.0
@@ -329,19 +339,19 @@ def _ring(
     scale_x, scale_y = math.sqrt(scale_x / n), math.sqrt(scale_y / n)
     length = math.sqrt(0.5 * double)
     for c in range(n):
-        row = rows[contacts[begin + c]]
+        row = contacts[begin + c]
         out[c, MX] /= scale_x
         out[c, MY] /= scale_y
-        branch = math.hypot(row[DX], row[DY])
+        branch = math.hypot(rows[row, DX], rows[row, DY])
         out[c, NX] /= branch
         out[c, NY] /= branch
-        out[c, TURN_N] = row[FN] / (branch * stiffness)
-        out[c, TURN_T] = 0.5 * row[FT] / (length * stiffness)
+        out[c, TURN_N] = rows[row, FN] / (branch * stiffness)
+        out[c, TURN_T] = 0.5 * rows[row, FT] / (length * stiffness)
         out[c, LENGTH] = branch / length
     return scale_x, scale_y, stiffness
 
 
-@kernel
+@inlined
 def _contacts(
     rows: Floats,
     shear: Floats,
@@ -350,57 +360,58 @@ def _contacts(
     n: int,
     free: bool,
     stiffness: float,
-    geometry: Floats,
+    out: Floats,
     slip: Integers,
 ) -> bool:
     """Fill in compliances and slips of a ring's contacts; False if a contact has neither."""
     for c in range(n):
-        row, out = rows[contacts[begin + c]], geometry[c]
-        nn, nt = row[KNN] / stiffness, row[KNT] / stiffness
-        tn, tt = row[KTN] / stiffness, row[KTT] / stiffness
+        row = contacts[begin + c]
+        nn, nt = rows[row, KNN] / stiffness, rows[row, KNT] / stiffness
+        tn, tt = rows[row, KTN] / stiffness, rows[row, KTT] / stiffness
         felt = shear[contacts[begin + c]] / stiffness if free else 0.0
         det = nn * tt - nt * tn
         slip[c] = NONE
         if felt == 0.0 and abs(det) < SOFT * nn * nn:
             slip[c] = SLIDES
-            out[S_NN], out[S_NT], out[S_TN], out[S_TT] = 1.0 / nn, 0.0, 0.0, 0.0
-            out[H_N], out[H_T] = -nt / nn, 1.0
-            out[K_N], out[K_Z] = -tn / nn, det / nn
+            out[c, S_NN], out[c, S_NT], out[c, S_TN], out[c, S_TT] = 1.0 / nn, 0.0, 0.0, 0.0
+            out[c, H_N], out[c, H_T] = -nt / nn, 1.0
+            out[c, K_N], out[c, K_Z] = -tn / nn, det / nn
             continue
         if det == 0.0:
             return False
-        out[S_NN], out[S_NT] = tt / det, -nt / det
-        out[S_TN], out[S_TT] = -tn / det, nn / det
-        out[H_N], out[H_T] = felt * out[S_NT], felt * out[S_TT]
+        out[c, S_NN], out[c, S_NT] = tt / det, -nt / det
+        out[c, S_TN], out[c, S_TT] = -tn / det, nn / det
+        out[c, H_N], out[c, H_T] = felt * out[c, S_NT], felt * out[c, S_TT]
         if felt != 0.0:
             slip[c] = ROLLS
     return True
 
 
-@kernel
-def _moments(geometry: Floats, n: int, moment: Floats) -> None:
+@inlined
+def _moments(g: Floats, n: int, moment: Floats) -> None:
     """Moment of every grain per slip of the contact before and of its own, and per f^ and P."""
     moment[:n] = 0.0
     for c in range(n):
-        g = geometry[c]
         second = c + 1 if c + 1 < n else 0
-        gap = g[RADIUS] - geometry[second, RADIUS]
+        gap = g[c, RADIUS] - g[second, RADIUS]
         for side in range(2):
             grain = second if side else c
-            arm = 0.5 * (g[LENGTH] - gap) if side else 0.5 * (g[LENGTH] + gap)
-            moment[grain, BEFORE if side else OWN] = arm * g[TURN_N] * g[H_T] - g[TURN_T] * g[H_N]
+            arm = 0.5 * (g[c, LENGTH] - gap) if side else 0.5 * (g[c, LENGTH] + gap)
+            moment[grain, BEFORE if side else OWN] = (
+                arm * g[c, TURN_N] * g[c, H_T] - g[c, TURN_T] * g[c, H_N]
+            )
             for k in range(2):
-                nk, tk = (g[NY], g[NX]) if k else (g[NX], -g[NY])
-                value = g[TURN_T] * (g[S_NN] * nk + g[S_NT] * tk)
-                value -= arm * (g[TURN_N] * (g[S_TN] * nk + g[S_TT] * tk) + tk)
+                nk, tk = (g[c, NY], g[c, NX]) if k else (g[c, NX], -g[c, NY])
+                value = g[c, TURN_T] * (g[c, S_NN] * nk + g[c, S_NT] * tk)
+                value -= arm * (g[c, TURN_N] * (g[c, S_TN] * nk + g[c, S_TT] * tk) + tk)
                 moment[grain, REST + k] += value
-                moment[grain, REST + 2 + 2 * k] -= value * g[MX]
-                moment[grain, REST + 3 + 2 * k] -= value * g[MY]
+                moment[grain, REST + 2 + 2 * k] -= value * g[c, MX]
+                moment[grain, REST + 3 + 2 * k] -= value * g[c, MY]
 
 
-@kernel
+@inlined
 def _system(
-    geometry: Floats,
+    g: Floats,
     moment: Floats,
     slip: Integers,
     n: int,
@@ -418,30 +429,29 @@ def _system(
         rolls += slip[c] == ROLLS
     size = slips + 6
     for i in range(size):
-        for j in range(size + 4):
+        for j in range(_width(size)):
             out[i, j] = 0.0
     for i in range(4):
         out[slips + 2 + i, size + i] = 1.0
     at, ratio = 0, 1.0
     for c in range(n):
-        g = geometry[c]
-        _close(g, at if slip[c] != NONE else -1, slips, out)
+        _close(g, c, at if slip[c] != NONE else -1, slips, out)
         if slip[c] == SLIDES:
             for k in range(2):
-                force = g[K_N] * (g[NY] if k else g[NX]) + (g[NX] if k else -g[NY])
+                force = g[c, K_N] * (g[c, NY] if k else g[c, NX]) + (g[c, NX] if k else -g[c, NY])
                 out[at, slips + k] = force
-                out[at, slips + 2 + 2 * k] = -force * g[MX]
-                out[at, slips + 3 + 2 * k] = -force * g[MY]
-            out[at, at] = g[K_Z]
+                out[at, slips + 2 + 2 * k] = -force * g[c, MX]
+                out[at, slips + 3 + 2 * k] = -force * g[c, MY]
+            out[at, at] = g[c, K_Z]
         elif slip[c] == ROLLS:
             second, before = c + 1 if c + 1 < n else 0, c - 1 if c > 0 else n - 1
-            r_i, r_j = g[RADIUS], geometry[second, RADIUS]
+            r_i, r_j = g[c, RADIUS], g[second, RADIUS]
             # Only their ratio matters: a slip has no scale.
             if by_radii:
                 b_i, b_j = r_i / (r_i + r_j), r_j / (r_i + r_j)
             else:
-                b_i = 0.5 * (g[LENGTH] + r_i - r_j) / g[LENGTH]
-                b_j = 0.5 * (g[LENGTH] + r_j - r_i) / g[LENGTH]
+                b_i = 0.5 * (g[c, LENGTH] + r_i - r_j) / g[c, LENGTH]
+                b_j = 0.5 * (g[c, LENGTH] + r_j - r_i) / g[c, LENGTH]
             ratio *= b_j / b_i
             b_i, b_j = b_i / (r_i * r_i), b_j / (r_j * r_j)
             if slip[before] != NONE:
@@ -464,20 +474,22 @@ def _system(
     return slips, 1.0
 
 
-@kernel
-def _close(g: Floats, at: int, slips: int, out: Floats) -> None:
+@inlined
+def _close(g: Floats, c: int, at: int, slips: int, out: Floats) -> None:
     """Add the branch rate of a contact to the closure and, times m, to the gradient."""
-    m = (1.0, g[MX], g[MY])
+    m = (1.0, g[c, MX], g[c, MY])
     for i in range(2):
-        ni, ti = (g[NY], g[NX]) if i else (g[NX], -g[NY])
+        ni, ti = (g[c, NY], g[c, NX]) if i else (g[c, NX], -g[c, NY])
         place = (slips + i, slips + 2 + 2 * i, slips + 3 + 2 * i)
         if at >= 0:
-            rate = g[H_N] * ni + g[H_T] * ti
+            rate = g[c, H_N] * ni + g[c, H_T] * ti
             for q in range(3):
                 out[place[q], at] += rate * m[q]
         for k in range(2):
-            nk, tk = (g[NY], g[NX]) if k else (g[NX], -g[NY])
-            rate = ni * (g[S_NN] * nk + g[S_NT] * tk) + ti * (g[S_TN] * nk + g[S_TT] * tk)
+            nk, tk = (g[c, NY], g[c, NX]) if k else (g[c, NX], -g[c, NY])
+            rate = ni * (g[c, S_NN] * nk + g[c, S_NT] * tk) + ti * (
+                g[c, S_TN] * nk + g[c, S_TT] * tk
+            )
             column = (slips + k, slips + 2 + 2 * k, slips + 3 + 2 * k)
             for p in range(3):
                 value = -rate * m[p] if p == 0 else rate * m[p]
@@ -485,17 +497,26 @@ def _close(g: Floats, at: int, slips: int, out: Floats) -> None:
                     out[place[q], column[p]] += value * m[q]
 
 
-@kernel
+@inlined
+def _width(size: int) -> int:
+    """Numbers in a row of so many equations and four right-hand sides, a multiple of `LANES`."""
+    return (size + 3 + LANES) // LANES * LANES
+
+
+@inlined
 def _solve(a: Floats, size: int, stress: Floats) -> float:
-    """Solve for the last four unknowns; return the smallest pivot, rows scaled to size one."""
-    columns = size + 4
+    """Solve for the last four unknowns; return the smallest pivot, rows scaled to size one.
+
+    Whole rows are eliminated, also before the diagonal, where nothing is read again.
+    """
+    width = _width(size)
     for i in range(size):
         largest = 0.0
         for j in range(size):
             largest = max(largest, abs(a[i, j]))
         if not 0.0 < largest < np.inf:
             return 0.0
-        for j in range(columns):
+        for j in range(width):
             a[i, j] /= largest
     smallest = 1.0
     for k in range(size):
@@ -508,12 +529,12 @@ def _solve(a: Floats, size: int, stress: Floats) -> float:
             return 0.0
         smallest = min(smallest, pivot)
         if best != k:
-            for j in range(k, columns):
+            for j in range(width):
                 a[k, j], a[best, j] = a[best, j], a[k, j]
         for i in range(k + 1, size):
             factor = a[i, k] / a[k, k]
             if factor != 0.0:
-                for j in range(k + 1, columns):
+                for j in range(width):
                     a[i, j] -= factor * a[k, j]
     for column in range(4):
         for i in range(3, -1, -1):

@@ -32,7 +32,7 @@ from patterns.snapshots.geometry import (
     read_bodies,
     read_branches,
     read_pairs,
-    rows_by_first_grain,
+    rows_between_grains,
     some,
 )
 from patterns.snapshots.snapshot import Snapshot
@@ -81,11 +81,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     large = use_compiled(None, len(table))
     bodies = read_bodies(frame.grains, along_space=large)
     every = read_pairs(table, bodies)
-    rows = rows_by_first_grain(every) if large else np.arange(len(every))
-    if bodies.is_wall.any():
-        rows = rows[(every[rows] >= 0).all(axis=1)]
-    if len(rows) == 0:
-        raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
+    rows = rows_between_grains(table, every, along_space=large)
     pairs = some(every, rows)
     cell = check_cell(frame.cell, bodies.radii)
     branches = read_branches(table, rows, pairs, bodies, cell)
@@ -98,7 +94,9 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     if parameters.law is None:
         parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
     else:
-        _require_pull(parameters, table)
+        if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
+            expected = f"the largest pull of a contact under --law {parameters.law}"
+            raise InputError("adhesion", "none", expected, "Give --adhesion, or such a column.")
     if parameters.law is None and force is not None:
         told, words = _told_law(table, rows, bodies, pairs, branches.length, normal)
         parameters = parameters._replace(law=told)
@@ -120,8 +118,9 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     state = Checked(*geometry, law, regime, branches.given, pushed, ids, forces_known=known)
     redundant = _redundant(table, rows, branches.n, (normal, shear)) if known else []
     findings = (*frame.findings, *check_state(state), *redundant)
-    if strict:
-        _require_sound(table, findings)
+    for found in findings if strict else ():
+        if found.severity == "error":
+            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
     said = [one for one in findings if one.check == "balance" and frame.measured and known]
     if any(one.severity != "ok" for one in said):
         law = regime = None
@@ -135,13 +134,6 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         *(bodies.rotation, tuple(lacks), mass, frame.time),
         *((None, None) if bodies.motion is None else (bodies.motion[:, :2], bodies.motion[:, 2])),
     )
-
-
-def _require_sound(table: Table, findings: Sequence[Finding]) -> None:
-    """Raise `InputError` for a finding that leaves no meaningful result."""
-    for found in findings:
-        if found.severity == "error":
-            raise InputError(table.path, found.says, "a packing of grains in contact", found.remedy)
 
 
 def _told_law(
@@ -161,21 +153,13 @@ def _told_law(
         kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
         if pull.any():
             overlap = bodies.radii[pairs].sum(axis=1) - length
-            law = _cohesive_law(kn * overlap, normal, pull)
+            # Most forces are those of the springs less the adhesion, or those of the springs.
+            pulls, spring = pull > 0, kn * overlap
+            less = np.abs(normal - spring + pull)[pulls]
+            attract = median(less) < median(np.abs(normal - spring)[pulls])
+            law: LawName = "cohesive" if attract else "bonded"
             return law, [f"law {law!r}, told by the column 'adhesion' and the forces"]
     return None, []
-
-
-def _no_pull(parameters: Parameters, table: Table) -> bool:
-    """Whether nothing tells how far contacts can be pulled."""
-    return parameters.adhesion is None and not table.has("adhesion")
-
-
-def _require_pull(parameters: Parameters, table: Table) -> None:
-    """Raise `InputError` for a cohesive law that was asked for where nothing tells the pull."""
-    if parameters.law in COHESIVE and _no_pull(parameters, table):
-        received, expected = "none", f"the largest pull of a contact under --law {parameters.law}"
-        raise InputError("adhesion", received, expected, "Give --adhesion, or such a column.")
 
 
 def _lacks(parameters: Parameters, table: Table) -> list[str]:
@@ -184,7 +168,7 @@ def _lacks(parameters: Parameters, table: Table) -> list[str]:
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
     if parameters.law == "hertz" and (lacks or parameters.young is not None):
         lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
-    if parameters.law in COHESIVE and _no_pull(parameters, table):
+    if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
         lacks.append("adhesion")
     return lacks
 
@@ -204,13 +188,6 @@ def _of_hertz(
     if len(kn) == 0 or not abs(median(share) / HERTZ - 1) <= HERTZ_BAND:
         return False
     return goes_with_root(kn, radii[pairs[told]], overlap)
-
-
-def _cohesive_law(spring: Floats, normal: Floats, adhesion: Floats) -> LawName:
-    """`cohesive` where most forces are those of the springs less the adhesion, else `bonded`."""
-    pulls = adhesion > 0
-    less = np.abs(normal - spring + adhesion)[pulls]
-    return "cohesive" if median(less) < median(np.abs(normal - spring)[pulls]) else "bonded"
 
 
 def _graph(

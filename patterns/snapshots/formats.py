@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast, get_args
+from typing import Any, NamedTuple, TypedDict, Unpack, cast, get_args
 
 from numpy.typing import ArrayLike
 
@@ -77,6 +77,22 @@ FORMATS = {
     "pegs": Format(is_pegs, pegs_frames),
     "table": Format(is_table, table_frames),
 }
+
+
+class LawOptions(TypedDict, total=False):
+    """Options of `read_snapshot` on the law."""
+
+    kn: float | None
+    kt: float | None
+    mu: float | None
+    phi: float | None
+    shear_increment: str | None
+    law: str | None
+    young: float | None
+    poisson: float | None
+    shear_history: str | None
+    adhesion: float | None
+    cohesion: float | None
 
 
 def read_snapshot(
@@ -175,16 +191,7 @@ def read_snapshot(
     (600, 819, 61)
     """
     parameters = _parameters(
-        kn,
-        kt,
-        friction_of(mu, phi),
-        shear_increment,
-        law,
-        young,
-        poisson,
-        shear_history,
-        adhesion,
-        cohesion,
+        kn, kt, mu, phi, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
     )
     found = _frames(path, contacts, format, columns, cell)
     if frame is None and len(found) > 1:
@@ -203,19 +210,9 @@ def snapshot_from_tables(
     *,
     walls: Any = None,
     cell: ArrayLike | None = None,
-    kn: float | None = None,
-    kt: float | None = None,
-    mu: float | None = None,
-    phi: float | None = None,
-    shear_increment: str | None = None,
-    law: str | None = None,
-    young: float | None = None,
-    poisson: float | None = None,
-    shear_history: str | None = None,
-    adhesion: float | None = None,
-    cohesion: float | None = None,
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
+    **law: Unpack[LawOptions],
 ) -> Snapshot:
     """Make a snapshot of tables in memory, as `read_snapshot` makes one of files.
 
@@ -228,8 +225,11 @@ def snapshot_from_tables(
         A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
         of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
         (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks, and friction `mu`.
-    cell, kn, kt, mu, phi, shear_increment, law, young, poisson, shear_history, columns, strict
+    cell, columns, strict
         See `read_snapshot`.
+    **law
+        `kn`, `kt`, `mu`, `phi`, `shear_increment`, `law`, `young`, `poisson`, `shear_history`,
+        `adhesion`, `cohesion` of `read_snapshot`.
 
     Returns
     -------
@@ -262,18 +262,7 @@ def snapshot_from_tables(
     if walls is not None:
         of_walls, notes = with_aliases(given_table("walls", walls), WALL_COLUMNS)
         frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
-    parameters = _parameters(
-        kn,
-        kt,
-        friction_of(mu, phi),
-        shear_increment,
-        law,
-        young,
-        poisson,
-        shear_history,
-        adhesion,
-        cohesion,
-    )
+    parameters = _parameters(**law)
     return build_snapshot(frame, parameters, strict=strict)
 
 
@@ -282,29 +271,19 @@ def read_frames(
     contacts: str | Path | None = None,
     *,
     cell: ArrayLike | None = None,
-    kn: float | None = None,
-    kt: float | None = None,
-    mu: float | None = None,
-    phi: float | None = None,
-    shear_increment: str | None = None,
-    law: str | None = None,
-    young: float | None = None,
-    poisson: float | None = None,
-    shear_history: str | None = None,
-    adhesion: float | None = None,
-    cohesion: float | None = None,
     format: str = "auto",
     columns: Mapping[str, str] | None = None,
     strict: bool = True,
+    **law: Unpack[LawOptions],
 ) -> Iterator[Snapshot]:
     """Read every snapshot of a file, one after the other.
 
     Parameters
     ----------
-    path, contacts, cell, kn, kt, mu, phi, shear_increment, format, columns, strict
+    path, contacts, cell, format, columns, strict
         See `read_snapshot`.
-    law, young, poisson, shear_history
-        See `read_snapshot`.
+    **law
+        Its options of the law, `kn` to `cohesion`.
 
     Yields
     ------
@@ -323,18 +302,7 @@ def read_frames(
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
     [(0.0, 323)]
     """
-    parameters = _parameters(
-        kn,
-        kt,
-        friction_of(mu, phi),
-        shear_increment,
-        law,
-        young,
-        poisson,
-        shear_history,
-        adhesion,
-        cohesion,
-    )
+    parameters = _parameters(**law)
     for read in _frames(path, contacts, format, columns, cell):
         yield build_snapshot(read(), parameters, strict=strict)
 
@@ -383,18 +351,20 @@ def format_of(path: Path, name: str = "auto") -> Format:
 
 
 def _parameters(
-    kn: float | None,
-    kt: float | None,
-    mu: Any,
-    shear_increment: str | None,
-    law: str | None,
-    young: float | None,
-    poisson: float | None,
-    shear_history: str | None,
-    adhesion: float | None,
-    cohesion: float | None,
+    kn: float | None = None,
+    kt: float | None = None,
+    mu: float | None = None,
+    phi: float | None = None,
+    shear_increment: str | None = None,
+    law: str | None = None,
+    young: float | None = None,
+    poisson: float | None = None,
+    shear_history: str | None = None,
+    adhesion: float | None = None,
+    cohesion: float | None = None,
 ) -> Parameters:
     """The options of the law, checked."""
+    friction: Any = friction_of(mu, phi)
     for name, value, known in (
         ("law", law, get_args(LawName)),
         ("shear_history", shear_history, get_args(ShearHistory)),
@@ -424,7 +394,8 @@ def _parameters(
         HertzMindlin(young, cast(float, poisson))  # raises for numbers out of range
     increment = None if shear_increment is None else checked_increment(shear_increment)
     chosen, history = cast(LawName | None, law), cast(ShearHistory | None, shear_history)
-    return Parameters(kn, kt, mu, increment, chosen, young, poisson, history, adhesion, cohesion)
+    values = kn, kt, friction, increment, chosen, young, poisson, history, adhesion, cohesion
+    return Parameters(*values)
 
 
 def _frames(

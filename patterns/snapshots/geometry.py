@@ -101,11 +101,19 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     return bodies
 
 
-def rows_by_first_grain(pairs: Integers) -> Integers:
-    """Contacts sorted by their first grain, in the given order for each grain."""
-    if median(np.abs(np.diff(pairs[:, 0]))) < FAR:
-        return np.arange(len(pairs))
-    return np.sort((pairs[:, 0] << 32) | np.arange(len(pairs))) & 0xFFFFFFFF
+def rows_between_grains(table: Table, pairs: Integers, *, along_space: bool) -> Integers:
+    """Rows of the contacts between two grains, sorted by the first one if `along_space`.
+
+    Contacts of a grain keep their order; `InputError` if there are none.
+    """
+    rows = np.arange(len(pairs))
+    if along_space and not median(np.abs(np.diff(pairs[:, 0]))) < FAR:
+        rows = np.sort((pairs[:, 0] << 32) | rows) & 0xFFFFFFFF
+    if pairs.min() < 0:
+        rows = rows[(pairs[rows] >= 0).all(axis=1)]
+    if len(rows) == 0:
+        raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
+    return rows
 
 
 def read_pairs(table: Table, bodies: Bodies) -> Integers:

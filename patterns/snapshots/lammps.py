@@ -55,7 +55,7 @@ AGREEING = 0.5  # least share of rows that fit, by which a column is recognised
 AS_WRITTEN = "Give --columns as the dump was written, and both dumps of one step."
 
 
-def named(columns: Map, names: Iterable[str]) -> str:
+def with_columns(columns: Map, names: Iterable[str]) -> str:
     """Names of a map with their columns, for messages."""
     return ", ".join(f"{name}={columns[name]}" for name in names)
 
@@ -141,7 +141,7 @@ class ColumnSearch:
     def _check(self, names: tuple[str, str], error: float) -> None:
         if error > TOLERANCE:
             raise InputError(
-                f"columns {named(self.columns, names)} of {self.table.path}",
+                f"columns {with_columns(self.columns, names)} of {self.table.path}",
                 f"vectors {error:.2g} off the branches of the grains",
                 " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
                 AS_WRITTEN,

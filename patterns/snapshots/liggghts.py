@@ -33,7 +33,7 @@ from patterns.snapshots.dump_files import (
 )
 from patterns.snapshots.files import beside, head_of
 from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
-from patterns.snapshots.lammps import AS_WRITTEN, TOLERANCE, named, shares
+from patterns.snapshots.lammps import AS_WRITTEN, TOLERANCE, shares, with_columns
 from patterns.snapshots.tables import Table
 
 NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
@@ -96,7 +96,7 @@ def liggghts_frames(source: Source) -> Frames:
     return frames_of_dumps(source, read)
 
 
-def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, str]:
+def finer_cell(atoms: Atoms, space: Space, contacts: DumpedContacts) -> tuple[Space, str]:
     """The edges of a rectangular cell from the overlaps across its border.
 
     Centres of a contact with images are `r1 + r2 - delta` apart: least squares for the lengths of
@@ -128,7 +128,7 @@ def finer_cell(atoms: Atoms, space: Space, contacts: Contacts) -> tuple[Space, s
     )
 
 
-class Contacts(NamedTuple):
+class DumpedContacts(NamedTuple):
     """Columns by plain names, pairs, total force on atom 1 (C, 2) and overlaps (C,) or None."""
 
     columns: Map
@@ -137,7 +137,7 @@ class Contacts(NamedTuple):
     overlap: Floats | None
 
 
-def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Contacts:
+def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> DumpedContacts:
     """Recognise ids, forces and overlaps among the columns of `pair/gran/local`."""
     columns = given_columns(table, given, LIGGGHTS_NAMES)
     # The flag of the periodic border follows the ids.
@@ -169,7 +169,7 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Conta
                 "Take both dumps from one step of one run.",
             )
     force = _force(table, pairs, columns, first + 3)
-    return Contacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
+    return DumpedContacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
 
 
 def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats | None:
@@ -192,7 +192,7 @@ def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats 
             kind = _kind(pairs, vector)
             if kind not in (wanted, "zero"):
                 raise InputError(
-                    f"columns {named(columns, names)} of {table.path}",
+                    f"columns {with_columns(columns, names)} of {table.path}",
                     f"vectors {kind} to the branches of the grains",
                     f"vectors {wanted} them",
                     AS_WRITTEN,
@@ -202,7 +202,7 @@ def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats 
         force = table.columns(columns["fx"], columns["fy"])
     if np.sum(force * pairs.d) > 0:
         raise InputError(
-            f"columns {named(columns, columns)} of {table.path}",
+            f"columns {with_columns(columns, columns)} of {table.path}",
             "forces that pull the grains together",
             "forces on the first atom that push it away from the second",
             "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",

@@ -28,9 +28,9 @@ from loops import (
 from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
-from loops.graph import branches_of, state_of_branches
+from loops.graph import state_of
 from loops.laws.frictional import of_tables
-from loops.loop_batches import CONTACTS_AT_ONCE
+from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from patterns.snapshots.findings import MOST_CROSSINGS, Finding
@@ -147,11 +147,13 @@ class Snapshot(Shown):
     def mean_kn(self) -> float:
         """Mean normal stiffness of the contacts, all taken as elastic (force per length)."""
         (law, _), graph = self.mechanics(), self.graph
+        if of_tables(law) and law.constant_springs is not None:
+            return float(np.mean(np.full(graph.contact_count, law.constant_springs[0])))
         kn = np.empty(graph.contact_count)
 
         def fill(start: int) -> None:
             part = slice(start, min(start + CONTACTS_AT_ONCE, len(kn)))
-            state = state_of_branches(graph, part, branches_of(graph, part))
+            state = state_of(graph, part)
             elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
             own = law.take(np.arange(part.start, part.stop))
             kn[part] = own.local_stiffness(state, elastic)[..., 0, 0]
@@ -364,21 +366,15 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     count = len(faces.loops)
     if not (0 <= loop < count and int(loop) == loop):
         raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
-    start, end = faces.offsets[faces.loops[loop] + np.arange(2)]
-    grains, contacts = faces.grains[start:end], faces.contacts[start:end]
-    sign = np.where(faces.forward[start:end], 1.0, -1.0)
-    packing, order = snapshot.graph, np.arange(end - start)
     law, regime = snapshot.mechanics()
-    x = packing.x[grains]
-    if packing.images is not None and packing.images[contacts].any():
-        edges = sign[:, None] * branch_vectors(packing)[contacts]
-        x = np.cumsum(edges, axis=0) - edges
+    (batch,) = loop_batches(snapshot.graph, faces, loops=faces.loops[[loop]])
+    (grains,), (contacts,), cut = batch.grains, batch.contacts, batch.graph
     graph = GrainGraph(
-        x=x,
-        radii=packing.radii[grains],
-        contacts=np.column_stack([order, np.roll(order, -1)]),
-        normal_force=packing.normal_force[contacts],
-        shear_force=packing.shear_force[contacts],
+        x=cut.x[0],
+        radii=cut.radii[0],
+        contacts=cut.contacts,
+        normal_force=cut.normal_force[0],
+        shear_force=cut.shear_force[0],
         regime=regime[contacts],
     )
     return SnapshotLoop(

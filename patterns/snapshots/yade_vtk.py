@@ -260,7 +260,7 @@ def _contacts_path(source: Source, ending: str) -> Path:
 def recorder_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     """Frame of `VTKRecorder`, whose lines join the spheres in contact."""
     grains, notes = grains_of(spheres, "radii")
-    ends = ends_of(spheres, lines)
+    ends = line_ends(spheres, lines)
     refuse_strays(lines, ends)
     notes += [
         "VTKRecorder: no stiffness, no friction, no wall contacts, centres in single precision"
@@ -299,7 +299,7 @@ def grains_of(piece: VtkData, radius: str) -> tuple[PlainColumns, list[str]]:
     return columns, notes
 
 
-def ends_of(spheres: VtkData, lines: VtkData) -> Integers:
+def line_ends(spheres: VtkData, lines: VtkData) -> Integers:
     """Spheres at the ends of the lines, found by their coordinates."""
     ends = index_of(_keys(spheres.points), _keys(lines.points))[lines.lines]
     if ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)).any():
@@ -365,7 +365,7 @@ def exporter_frame(source: Source, spheres: VtkData, lines: VtkData) -> Frame:
     """
     grains, notes = grains_of(spheres, "radius")
     notes.append("VTKExporter: numbers of six digits, too coarse for overlaps")
-    ends = ends_of(spheres, lines)
+    ends = line_ends(spheres, lines)
     vectors = {name: v[:, :2] for name, v in lines.lines_data.items() if v.ndim == 2}
     columns = dict(source.columns)
     normal, shear = (

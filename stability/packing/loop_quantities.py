@@ -152,13 +152,11 @@ def loop_sums(values: Floats, faces: Faces) -> Floats:
 
 def _of_all(parts: _Parts, faces: Faces) -> LoopRates:
     count = len(faces.loops)
-    row = np.empty(len(faces.kind), dtype=np.int64)
-    row[faces.loops] = np.arange(count)
     out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
     out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
     for batch in loop_batches(parts.graph, faces):
         for name, values in parts.of(batch).items():
-            out[name][row[batch.face]] = values
+            out[name][batch.row] = values
     return LoopRates(**out)
 
 
@@ -335,10 +333,8 @@ def indicators(
     }
     count = len(faces.loops)
     out = {name: np.full(count, np.nan) for name in (*by_grain, *by_contact, *most)}
-    row = np.empty(len(faces.kind), dtype=np.int64)
-    row[faces.loops] = np.arange(count)
     for batch in loop_batches(graph, faces):
-        at = row[batch.face]
+        at = batch.row
         for name, values in by_grain.items():
             out[name][at] = _mean(values[batch.grains])
         for name, values in by_contact.items():

@@ -323,13 +323,11 @@ def facts(before: Snapshot, fates: LoopFates) -> Columns:
     graph, faces = before.graph, before.faces
     lost = np.ones(graph.contact_count, dtype=bool)
     lost[fates.contacts.shared] = False
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
     opened, smallest = np.zeros(len(faces.loops), dtype=bool), np.empty(len(faces.loops))
     scale = float(graph.normal_force.mean()) or 1.0
     for batch in loop_batches(graph, faces):
-        opened[row[batch.face]] = lost[batch.contacts].any(axis=1)
-        smallest[row[batch.face]] = graph.normal_force[batch.contacts].min(axis=1) / scale
+        opened[batch.row] = lost[batch.contacts].any(axis=1)
+        smallest[batch.row] = graph.normal_force[batch.contacts].min(axis=1) / scale
     names = np.array([fate.name.lower() for fate in Fate])
     return {
         "loop": np.arange(len(faces.loops)),

@@ -128,7 +128,9 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
     # Each sample without one block has the area of the others.
     left = (whole - parts) / (volume * (1.0 - BLOCKS**-2.0))
     mean, half = _invariants(left)
-    errors = [_jackknife(values) for values in (mean, half, half / mean)]
+    # By the jackknife.
+    apart = [values - values.mean() for values in (mean, half, half / mean)]
+    errors = [float(np.sqrt((len(mean) - 1) / len(mean) * np.sum(one**2))) for one in apart]
     p, q = _invariants(whole / volume)
     degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)
     if walls is not None:
@@ -155,9 +157,3 @@ def _blocks(place: Floats, cell: Floats | None) -> Floats:
         share = (place - low) / (place.max(axis=0) - low)
     at = np.minimum((BLOCKS * share).astype(np.int64), BLOCKS - 1)
     return np.asarray(BLOCKS * at[:, 0] + at[:, 1])
-
-
-def _jackknife(values: Floats) -> float:
-    """Standard error of a number from its values with one block left out."""
-    apart = values - values.mean()
-    return float(np.sqrt((len(values) - 1) / len(values) * np.sum(apart**2)))

@@ -99,9 +99,7 @@ def loop_columns(
     for at, columns in parts:
         for name, values in columns.items():
             table[name][at] = values
-    inside = np.zeros(len(faces.kind), dtype=bool)
-    inside[faces.loops] = True
-    ids = snapshot.ids[faces.grains[np.repeat(inside, faces.order)]]
+    ids = snapshot.ids[faces.grains[np.repeat(faces.row >= 0, faces.order)]]
     offsets = np.concatenate([[0], np.cumsum(faces.order[faces.loops])])
     table["grains"] = pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
     return table
@@ -109,10 +107,7 @@ def loop_columns(
 
 def _plain_parts(snapshot: Snapshot) -> Iterator[tuple[Any, Columns]]:
     """Rows and columns, order by order, in numpy."""
-    faces = snapshot.faces
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
-    for batch in loop_batches(snapshot.graph, faces):
+    for batch in loop_batches(snapshot.graph, snapshot.faces):
         x = batch.graph.x
         centre = polygon_centroid(x) + batch.origin
         elongation, orientation = polygon_shape(x)
@@ -130,7 +125,7 @@ def _plain_parts(snapshot: Snapshot) -> Iterator[tuple[Any, Columns]]:
             columns["sliding_contacts"] = np.count_nonzero(slides, axis=1)
             columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
             columns |= _tangents(snapshot, batch)
-        yield row[batch.face], columns
+        yield batch.row, columns
 
 
 def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
@@ -164,13 +159,11 @@ def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[A
     kn = np.nan if law is None else snapshot.mean_kn
     work = partial(_compiled_columns, packing, faces.loops, kn)
     rest = np.zeros((2, len(faces.loops)), dtype=bool)
-    row = np.full(len(faces.kind), -1)
-    row[faces.loops] = np.arange(len(faces.loops))
 
     def again(task: tuple[Tangents, Integers]) -> list[tuple[Integers, Columns]]:
         find, loops = task
         batches = loop_batches(snapshot.graph, faces, loops=loops)
-        return [(row[batch.face], find(snapshot, batch)) for batch in batches]
+        return [(batch.row, find(snapshot, batch)) for batch in batches]
 
     with ThreadPoolExecutor(threads) as pool:
         for block, (columns, rest[:, block]) in zip(blocks, pool.map(work, blocks), strict=True):

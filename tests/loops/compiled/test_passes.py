@@ -5,8 +5,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from loops import GrainGraph, branch_vectors, contact_frame, force_chains
+from loops import GrainGraph, contact_frame, force_chains
 from loops.compiled import on_parts
+from loops.graph import branches_between
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
 from patterns.snapshots import build, checks, missing
 from patterns.snapshots.checked import Checked, touching_lengths
@@ -64,7 +65,7 @@ def test_branches_and_their_frame(both, periodic):
     # Far from the origin differences of centres are rounded.
     far = graph.replace(x=np.add(graph.x, [1e3, -3e5]), x0=None)
     for one in (graph, far):
-        assert_equal(*both(lambda g=one: branch_vectors(g)))
+        assert_equal(*both(lambda g=one: branches_between(g.x, g.contacts, g.images, g.cell)))
         assert_equal(*both(lambda g=one: contact_frame(g)))
         assert_equal(*both(lambda g=one: force_chains(g)))
 
