@@ -98,9 +98,11 @@ class MacroTangent(Shown):
     @property
     def rounding(self) -> Floats:
         """(...) bound on the error of the operator from rounding, `8 eps condition |A|`."""
-        matrix = np.where(self.trusted[..., None, None], self.matrix, 0.0)
-        size = frobenius(matrix)
-        bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * size
+        # Tables judge many at once, nearly all of them trusted: no copy then.
+        matrix = self.matrix
+        if not self.trusted.all():
+            matrix = np.where(self.trusted[..., None, None], matrix, 0.0)
+        bound = ROUNDING * np.where(self.trusted, self.condition, 0.0) * frobenius(matrix)
         return np.where(self.trusted, bound, np.inf)
 
     @property
@@ -157,7 +159,8 @@ def solved(
     trusted = all_finite(matrix)
     trusted &= (np.asarray(residual) <= RESIDUAL_LIMIT) & (np.asarray(ambiguity) <= AMBIGUITY_LIMIT)
     trusted &= ROUNDING * condition < ERROR_LIMIT
-    matrix = np.where(trusted[..., None, None], matrix, np.nan)
+    if not np.all(trusted):
+        matrix = np.where(trusted[..., None, None], matrix, np.nan)
     volume, condition, residual, sensitivity = (
         np.broadcast_to(a, trusted.shape) for a in (volume, condition, residual, sensitivity)
     )
