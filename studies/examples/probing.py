@@ -147,9 +147,9 @@ def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
             look = {"color": COLOURS[label], "fillstyle": "none", "markersize": 3.5}
             panels[3].loglog(part["amplitude"], part["median"], f"{mark}-", linewidth=0.9, **look)
     panels[3].set(
-        title="median (circles: before,\nsquares: after, triangles: moving)",
+        title="median; circles: before,\nsquares: after, triangles:\nmoving",
         xlabel="amplitude a of the probe",
-        ylabel="error of the stress increment (%)",
+        ylabel="error of the stress\nincrement (%)",
     )
     return figure
 
