@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pathlib
-import re
 from collections.abc import Callable
 from functools import wraps
 from itertools import cycle
@@ -16,7 +15,6 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from loops import (
     ContactLaw,
@@ -28,7 +26,7 @@ from loops import (
     contact_state,
     macroscopic_tangent,
 )
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Regimes
 from loops.closures import Closure, MacroTangent, Spins
 from loops.errors import check_choice
 from loops.fabric import direction_tensors, mean_tensor, principal
@@ -41,6 +39,7 @@ from studies.forecast import Forecast
 from studies.forecast_figures import draw_driven_stress, probability_map
 from studies.frames import events_of_rows
 from studies.packing_figures import response_envelope
+from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import (
     MOST_WITH_ARROWS,
     draw_grains,
@@ -67,7 +66,6 @@ from studies.style import (
 )
 
 ROSE_DEGREES = 10.0  # width of the bins of a rose, which divides 180
-DETERMINANT_LABELS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
 
@@ -556,52 +554,16 @@ def plot_path(
     jumps = (np.diff(path.regime, axis=0) != 0).any(axis=1) | (np.diff(path.stage) != 0)
     smooth = np.split(np.arange(len(path)), np.flatnonzero(jumps) + 1)
     for name, colour in zip(names, cycle(LINE_COLOURS)):
-        curves = [_cubics(path, part, (table, x, name)) for part in smooth]
-        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=_symbol(name))
+        curves = [cubics(path, part, (table, x, name)) for part in smooth]
+        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=symbol(name))
     named = np.array(events_of_rows(path))
     for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
         at = named == kinds
         look: Any = {"color": BLACK, "markersize": 4.0, "markerfacecolor": "white"}
         ax.plot(table[x][at], table[names[0]][at], marker, label=kinds.replace("_", " "), **look)
-    ax.set(xlabel=_named(x), ylabel=_named(names[0][0] if len(names) > 1 else names[0]))
+    ax.set(xlabel=with_unit(x), ylabel=with_unit(names[0][0] if len(names) > 1 else names[0]))
     ax.legend()
     return ax
-
-
-def _cubics(path: Path, part: Integers, columns: tuple[dict[str, Any], str, str]) -> Floats:
-    """(2, n) points of a curve through rows, over the length of `H`'s way, and a gap behind it."""
-    table, *names = columns
-    along = np.cumsum(
-        np.linalg.norm(np.diff(path.H[part], axis=0, prepend=path.H[part[:1]]), axis=1)
-    )
-    part, s = part[(moved := np.diff(along, prepend=-1.0) > 0)], along[moved]
-    fine = np.interp(np.linspace(0, len(s) - 1, 12 * len(s)), np.arange(len(s)), s)
-    points = []
-    for name in names:
-        values = np.asarray(table[name], dtype=float)[part]
-        if len(s) < 2 or not np.isfinite(values).all():
-            drawn = np.interp(fine, s, values)
-        elif f"{name}_rate" in table:
-            drawn = CubicHermiteSpline(s, values, np.asarray(table[f"{name}_rate"])[part])(fine)
-        else:
-            drawn = PchipInterpolator(s, values)(fine)
-        points.append(np.append(drawn, np.nan))
-    return np.stack(points)
-
-
-def _symbol(column: str) -> str:
-    """A column as the theory writes it, else its words."""
-    component = re.fullmatch(r"([HPNT])_?(\d*)", column)
-    if component:
-        return f"${component[1]}_{{{component[2]}}}$"
-    return DETERMINANT_LABELS.get(column, column.replace("_", " "))
-
-
-def _named(column: str) -> str:
-    """A column with its unit."""
-    units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
-    unit = units.get(column.split("_")[0].rstrip("12"))
-    return f"{_symbol(column)} ({unit})" if unit else _symbol(column)
 
 
 @drawn(ONE_COLUMN, 2.6)

@@ -52,7 +52,6 @@ from studies.style import (
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
-ENDS = ("start", "end")  # states that are not marked on curves, which begin and end there
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
 EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
@@ -158,7 +157,7 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
     direction = np.degrees(alpha_e(np.arctan2(found.direction[:, 1], found.direction[:, 0])))
     ax.plot(E1, direction, color=BLUE, label="loading direction")
     for name, row in found.marks.items():
-        if name not in ENDS:
+        if name not in ("start", "end"):
             ax.axvline(E1[row], color=GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=0)
             write_above(ax, E1[row], name, fontweight="bold")
     ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
@@ -190,7 +189,7 @@ def over_strain(
     """Label the axes, mark the named states on one curve, shade where opposite grains overlap."""
     for name, row in found.marks.items():
         at = found.E1[row]
-        if marked is None or name in ENDS:
+        if marked is None or name in ("start", "end"):
             continue
         ax.plot(at, marked[row], "o", color=BLACK, zorder=3)
         text = ax.annotate(
@@ -265,8 +264,7 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
     ax.plot(*circle.T, color=GREY, linewidth=0.8, linestyle=(0, (3, 2)))
     ax.plot(*closed.T, color=BLUE)
     ax.text(0.0, 0.0, name, ha="center", va="center", fontweight="bold", color=BLACK)
-    ring: dict[str, Any] = {"ha": "center", "va": "bottom", "color": GREY, "fontsize": 6}
-    ax.text(0.0, -0.93 * RADIUS, "$w_2 = 0$", **ring)
+    ax.text(0.0, -0.93 * RADIUS, "$w_2 = 0$", ha="center", color=GREY, fontsize=6)
     ax.set(xlim=(-3.15, 3.15), ylim=(-3.15, 3.15), aspect="equal")
     ax.set(xticks=[-2, 0, 2], yticks=[-2, 0, 2])
     ax.set(xlabel=r"$(2 + w_2)\,\cos\alpha_E$ (–)", ylabel=r"$(2 + w_2)\,\sin\alpha_E$ (–)")
