@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import io
 import os
 import signal
@@ -38,11 +37,6 @@ LONGEST_MESSAGE = 1000
 # Bytes below which linear algebra asks for its buffers again and again while it is loaded.
 ADDRESS_SPACE = 800_000_000
 INTERRUPTED = 130
-# Settings of the GNU C library's `malloc` by their numbers there: freed memory is kept for the next
-# array up to 32 MB, since the system clears each page that it gives anew. A million grains take a
-# third fewer pages, 220,000 in place of 335,000, and no more memory.
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-KEPT_MEMORY = {MMAP_THRESHOLD: 1 << 25, TRIM_THRESHOLD: (1 << 31) - 1}
 
 
 app = App(
@@ -160,10 +154,6 @@ def main() -> None:
     """Run the command; bad input gives one line on stderr and exit status 2."""
     # Arrays are short-lived: clearing huge pages for them takes longer than it saves.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
-    with suppress(AttributeError, OSError, TypeError):  # of another C library
-        mallopt = ctypes.CDLL(None).mallopt
-        for setting, value in KEPT_MEMORY.items():
-            mallopt(setting, value)
     if not sys.warnoptions:
         # Warnings are for developers; the notes of a summary tell users what they should know.
         warnings.simplefilter("ignore")
