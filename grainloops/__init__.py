@@ -81,40 +81,6 @@ if TYPE_CHECKING:
     from studies.snapshot.stress import stress as stress
     from studies.sustain import sustain as sustain
 
-
-# Each module with the names that are loaded from it.
-NAMES = {
-    "loops": (
-        "CohesiveFrictional FrictionalLaw GrainGraph HertzMindlin InputError LinearFrictional "
-        "Regime RollingResistance Scene Support affine_tangent contact_state "
-        "find_faces force_chains loop_tangents love_weber_stress "
-        "order_kinetics to_networkx traction_tangent"
-    ),
-    "patterns": (
-        "Snapshot diamond planar polydisperse_polygon random_loop "
-        "read_frames read_snapshot regular_polygon sample_cell sample_path snapshot_from_tables "
-        "synthetic_network write_snapshot"
-    ),
-    "stability": (
-        "Programme Stage destabilising_control directional_work follow judge plane_cone "
-        "programmes rates_at restrict rotate_tangent second_order_work symmetric_spectrum "
-        "unstable_fraction"
-    ),
-    "stability.material": "LoopMaterial loops_of march oriented",
-    "stability.packing": "hold indicators replay",
-    "grainloops.plot": "plot",
-    "studies": "__version__",
-    "studies.answers": "check loop",
-    "studies.evolve": "evolve",
-    "studies.forecast": "forecast",
-    "studies.frames": "chain_table loop_table path_table to_geodataframe",
-    "studies.present_domain": "loop_domain",
-    "studies.probe": "probe",
-    "studies.series.tables": "fates increments series skill",
-    "studies.snapshot.fabric": "fabric",
-    "studies.snapshot.stress": "stress",
-    "studies.sustain": "sustain",
-}
 # Names that have left for their room; for one release.
 FORMER = {
     name: f"stability.{name}" for name in ("normalised_second_order_work", "spectrum", "statuses")
@@ -155,4 +121,4 @@ MEANT = {
     "material": "LoopMaterial",
 }
 SERVED.update(table="studies.answers.table_of", plot="studies.answers.plot_of")
-lazy_face(__name__, NAMES, FORMER, MEANT)
+lazy_face(__name__, FORMER, MEANT)

@@ -79,46 +79,4 @@ if TYPE_CHECKING:
     from loops.tracking import loop_fates as loop_fates
     from loops.tracking import match_contacts as match_contacts
 
-
-# Each module with the names that are loaded from it.
-NAMES = {
-    "loops.assembly": (
-        "assemble_sparse_tangent assemble_tangent contact_tangent translational_blocks"
-    ),
-    "loops.boundary": "Boundary PlaneContacts boundary_of",
-    "loops.closures": (
-        "Closure MacroTangent Spins affine_tangent macroscopic_tangent traction_tangent"
-    ),
-    "loops.crossings": "crossing_contacts_to_drop find_crossings",
-    "loops.errors": "InputError",
-    "loops.fabric": (
-        "ForceChains axial_mean direction_tensors edge_tensors force_chains mean_tensor principal"
-    ),
-    "loops.faces": "FaceKind Faces euler_check faces_by_order find_faces outline_area",
-    "loops.geometry": (
-        "boundary_vectors polygon_area polygon_centroid polygon_perimeter polygon_shape "
-        "reference_volume"
-    ),
-    "loops.graph": (
-        "ContactState GrainGraph branch_vectors contact_frame contact_state from_networkx "
-        "reference_branch_vectors to_networkx"
-    ),
-    "loops.kinetics": "OrderKinetics order_kinetics",
-    "loops.quadrons": "Quadrons quadrons",
-    "loops.laws": (
-        "CohesiveFrictional ContactLaw FrictionalLaw HertzMindlin LinearFrictional Regime "
-        "RollingResistance"
-    ),
-    "loops.loop_batches": "LoopBatch loop_batches loop_tangents",
-    "loops.pruning": "prune_dangling",
-    "loops.scene": "Scene",
-    "loops.stress_strain": (
-        "best_fit_strain contact_forces loop_strain love_weber_stress nominal_stress "
-        "rotation_and_stretch"
-    ),
-    "loops.support": "Support",
-    "loops.tracking": (
-        "ContactMatch Fate LoopFates exchange_counts exchange_matrix loop_fates match_contacts"
-    ),
-}
-lazy_face(__name__, NAMES)
+lazy_face(__name__)

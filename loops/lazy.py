@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -63,18 +64,22 @@ def _is_special(name: str) -> bool:
 
 
 def lazy_face(
-    package: str,
-    names: Mapping[str, str],
-    former: Mapping[str, str] | None = None,
-    meant: Mapping[str, str] | None = None,
+    package: str, former: Mapping[str, str] | None = None, meant: Mapping[str, str] | None = None
 ) -> None:
-    """Make a package a `LazyFace`: `names` are the names of each module, separated by blanks.
+    """Make a package a `LazyFace` of the names that it imports for type checkers.
 
-    `former` are names that have left, with where they are now: they work with a warning. `meant`
-    has for words that are no names those that the error points to.
+    They are read from its source, so that each stands there once. `former` are names that have
+    left, with where they are now: they work with a warning. `meant` has for words that are no names
+    those that the error points to.
     """
     face = sys.modules[package]
-    places = {name: module for module, several in names.items() for name in several.split()}
+    loader: Any = face.__loader__
+    places = {
+        name.name: f"{package}.{name.name}" if one.module == package else str(one.module)
+        for one in ast.walk(ast.parse(loader.get_source(package)))
+        if isinstance(one, ast.ImportFrom) and one.module not in ("typing", __name__)
+        for name in one.names
+    }
     face.__dict__.update(places=places, former=dict(former or {}), __all__=sorted(places))
     face.__dict__["meant"] = {word: said for key, said in (meant or {}).items()
                               for word in key.split()}  # fmt: skip

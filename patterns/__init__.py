@@ -26,17 +26,4 @@ if TYPE_CHECKING:
     from patterns.snapshots import write_snapshot as write_snapshot
     from patterns.synthetic import synthetic_network as synthetic_network
 
-
-# Each module with the names that are loaded from it.
-NAMES = {
-    "patterns.diamond": "diamond",
-    "patterns.polygons": (
-        "equilateral_polygon hexagon opposite_gap polydisperse_polygon random_loop regular_polygon"
-    ),
-    "patterns.snapshots": (
-        "Snapshot SnapshotLoop WallContacts count_frames loop_of_snapshot planar "
-        "read_frames read_snapshot sample_cell sample_path snapshot_from_tables write_snapshot"
-    ),
-    "patterns.synthetic": "synthetic_network",
-}
-lazy_face(__name__, NAMES)
+lazy_face(__name__)

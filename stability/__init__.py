@@ -57,28 +57,4 @@ if TYPE_CHECKING:
     from stability.verdict import judge as judge
     from stability.verdict import statuses as statuses
 
-
-# Each module with the names that are loaded from it.
-NAMES = {
-    "stability.complementarity": "Family",
-    "stability.destabilising": (
-        "LinearControl destabilising_control softening_control strain_driven stress_driven"
-    ),
-    "stability.directional": "BranchFraction DirectionalWork branch_fraction directional_work",
-    "stability.follow": "follow",
-    "stability.path": "Event Path",
-    "stability.paths.supported": "SupportedRates slip_problem",
-    "stability.programmes": "Programme Stage programmes",
-    "stability.rates_at": "rates_at",
-    "stability.regimes": "RateSolution Regimes",
-    "stability.second_order_work": (
-        "PlaneCone PolarDiagram alpha_e imhof_fraction normalised_second_order_work plane_cone "
-        "polar_diagram second_order_work unstable_fraction"
-    ),
-    "stability.spectra": (
-        "COMPONENTS RTOL bromwich_margin flutter_pairs operator_norm restrict rotate_tangent "
-        "spectrum subspace_basis symmetric_modes symmetric_part symmetric_spectrum"
-    ),
-    "stability.verdict": "Verdict judge statuses",
-}
-lazy_face(__name__, NAMES)
+lazy_face(__name__)
