@@ -78,12 +78,17 @@ def test_the_error_of_a_stress_by_hand():
     d = branch_vectors(graph)
     middle = graph.x[graph.contacts[:, 0]] + 0.5 * d
     column, row = (4 * np.mod(np.linalg.solve(graph.cell, middle.T), 1.0)).astype(int)
-    trace = (contact_forces(graph) * d).sum(axis=1)
+    products = contact_forces(graph)[:, :, None] * d[:, None, :]
     values = []
     for block in range(16):
-        kept = 4 * column + row != block
-        values.append(0.5 * trace[kept].sum() / (found.volume * 15 / 16))
-    assert found.p_error == pytest.approx(np.sqrt(15 * np.var(values)), rel=1e-12)
+        left = products[4 * column + row != block].sum(axis=0) / (found.volume * 15 / 16)
+        minor, major = np.linalg.eigvalsh(0.5 * (left + left.T))
+        values.append(
+            [0.5 * (major + minor), 0.5 * (major - minor), (major - minor) / left.trace()]
+        )
+    errors = np.sqrt(15 * np.var(values, axis=0))
+    given = found.p_error, found.q_error, found.q_over_p_error
+    np.testing.assert_allclose(given, errors, rtol=1e-10)
 
 
 def test_fabric_tells_contacts_by_force_and_loops_by_order(snapshot):

@@ -38,11 +38,15 @@ def test_the_command_has_the_numbers_of_the_call(hexagons):
     mean = summary["mean"]
     assert abs(mean["peak_stress_ratio"] - 4.649) < 1e-3 and round(mean["peak_strain"], 9) == 0.061
     assert round(mean["w2_negative_strain"], 9) == 0.0615
+    table = pd.read_parquet(out / "path.parquet")
+    for name in ("mean", "single"):
+        run = table[(table["set"] == name) & (table["stage"] == "programme")]
+        assert summary[name]["cone_strain"] == run.loc[run["cone_status"] == "open", "strain"].min()
+        assert summary[name]["w2_negative_strain"] == run.loc[run["w2"] < 0, "strain"].min()
     assert mean["cone_strain"] <= mean["w2_negative_strain"]
     # The single hexagon, the first of equal ones, peaks where its four inclined contacts yield.
     assert summary["loop"] == 0
     assert summary["single"]["peak_strain"] < 0.025
-    table = pd.read_parquet(out / "path.parquet")
     rows = table[(table["set"] == "mean") & (table["stage"] == "programme")]
     law = LinearFrictional(1.0, 0.5, np.tan(np.radians(30)))
     material = LoopMaterial(oriented(regular_polygon(6), 36), None, law)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet
 import pytest
 from scipy.stats import norm
@@ -16,7 +17,7 @@ from studies.reading import plan_series, read_planar, reading, with_fingerprints
 from studies.series.evolution import track_loops
 from studies.series.figures import maps_of
 from studies.series.run import run_series
-from studies.series.skill import ENDS, pooled, survival, verdict_codes
+from studies.series.skill import ENDS, pooled, survival, survival_rows, verdict_codes
 from studies.series.tasks import Series
 from studies.snapshot.summary import JUDGES
 from tests.studies.series.test_run import write_series
@@ -172,3 +173,27 @@ def test_verdicts_on_either_side_of_the_tolerance(tmp_path):
     pyarrow.parquet.write_table(pyarrow.table({"traction_lambda_min": smallest}), file)
     ((judge, codes),) = verdict_codes(file, np.array([0, 1, 2, 3, 4, -1])).items()
     assert judge == "traction" and codes.tolist() == [1, 0, 0, 0, 2, 3]
+
+
+def test_survival_by_hand():
+    """Six earlier loops, and a later one: by verdict and order, and all orders together."""
+    fates = ["survived", "died", "survived", "survived", "merged", "split", "born"]
+    columns = {
+        "snapshot_before": pa.chunked_array([[4] * 7]),
+        "snapshot_after": pa.chunked_array([[5] * 7]),
+        "loop_before": pa.chunked_array([[0, 1, 2, 3, 4, 5, -1]]),
+        "order_before": pa.chunked_array([[3, 3, 12, 3, 4, 3, 0]]),
+        "fate": pa.chunked_array([fates]),
+    }
+    verdict = np.array([0, 0, 0, 1, 1, 2, 3])
+    rows = pd.DataFrame(survival_rows(columns, {"affine": verdict}))
+    assert (rows["judge"] == "affine").all() and (rows["snapshot_after"] == 5).all()
+    found = rows.set_index(["verdict", "order"])[["loops", "survived", "share"]]
+    told = {
+        ("stable", 0): (3, 2), ("stable", 3): (2, 1), ("stable", 8): (1, 1),
+        ("unstable", 0): (2, 1), ("unstable", 3): (1, 1), ("unstable", 4): (1, 0),
+        ("undetermined", 0): (1, 0), ("undetermined", 3): (1, 0),
+    }  # fmt: skip
+    assert set(found.index) == told.keys()
+    for key, (loops, survived) in told.items():
+        assert tuple(found.loc[key]) == (loops, survived, survived / loops)
