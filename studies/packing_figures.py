@@ -104,6 +104,11 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
     ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    unknown = int(np.count_nonzero(~found.determined))
+    if unknown:
+        told = f"no answer in\n{unknown} of {len(found.theta)} directions"
+        look: Any = {"ha": "right", "va": "bottom", "color": GREY, "fontsize": 7}
+        ax.text(1.0, 0.01, told, transform=ax.transAxes, **look)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0)
     return ax
 
