@@ -271,10 +271,8 @@ class PackingPathSolver:
         self.size = before["size"]
         return ended
 
-    def _interval(
-        self, stage: Stage, events: list[Event]
-    ) -> tuple[InstabilityError | ControlLimitError | None, float]:
-        """Strain by an increment: what ends it before its goal, and the duration asked for."""
+    def _increment(self, stage: Stage) -> tuple[StrainIncrement, float]:
+        """Return the increment that comes next, and the share of the resultants that it takes."""
         packing = RegimeFactor(
             self.state,
             self.regime,
@@ -297,7 +295,7 @@ class PackingPathSolver:
         relief = decrease * self.first_resultants.ravel() * scale / duration
         # Remove the force imbalance over this interval by adding it as a load.
         packing.set_load(self.imbalance.ravel() * scale / duration + relief)
-        increment = StrainIncrement(
+        return StrainIncrement(
             packing,
             self.state,
             self._control(stage, 1.0 / duration),
@@ -310,7 +308,14 @@ class PackingPathSolver:
             max_speed,
             self.past if isinstance(self.past, Viscous) else None,
             self.rattlers,
-        )
+        ), decrease
+
+    def _interval(
+        self, stage: Stage, events: list[Event]
+    ) -> tuple[InstabilityError | ControlLimitError | None, float]:
+        """Strain by an increment: what ends it before its goal, and the duration asked for."""
+        increment, decrease = self._increment(stage)
+        packing, duration = increment.packing, increment.duration
         met: InstabilityError | ControlLimitError | None = None
         taken = increment, decrease / duration
         try:

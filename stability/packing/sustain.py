@@ -368,22 +368,27 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         message = "no large motion up to the largest load"
     elif status == "large motion, at rest again":
         message = motions[-1].cause
+    path = _with_motions(solver.path(status, message), motions, limit, spread, strain)
+    seconds = thread_time() - begin - halving
+    return replace(path, direction=direction, seconds=seconds, spread_seconds=halving)
+
+
+def _with_motions(
+    path: Path, motions: Sequence[Motion], limit: float, spread: float, strain: float
+) -> Path:
+    """Return a path with its motions, and its rows in which the packing rests."""
     if not math.isnan(limit):
         spread = max(spread, _spread_of_the_threshold(motions, limit))
-    path = solver.path(status, message)
     resting = np.ones(len(path), dtype=bool)
     resting[-1] = not motions or motions[-1].status == "at rest"
     return replace(
         path,
-        direction=direction,
         limit=limit,
         limit_spread=spread,
-        first_large_strain=strain if status in LARGE_MOTION else math.nan,
+        first_large_strain=strain if path.status in LARGE_MOTION else math.nan,
         motions=tuple(motions),
         resting=resting,
         states=(),
-        seconds=thread_time() - begin - halving,
-        spread_seconds=halving,
     )
 
 

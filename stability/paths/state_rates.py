@@ -25,9 +25,9 @@ from stability.paths.state import (
     contacts_at,
     displacement_gradient,
     forces,
+    nominal_stress,
     pack,
     power,
-    stress,
     velocities,
     with_signs,
 )
@@ -67,7 +67,7 @@ class StateRates:
     @cached_property
     def P(self) -> Floats:
         """(4,) nominal stress."""
-        return stress(self.model, self.contacts)
+        return nominal_stress(self.model, self.contacts)
 
     @cached_property
     def x(self) -> Floats:
