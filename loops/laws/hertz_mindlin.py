@@ -156,11 +156,15 @@ class HertzMindlin(FrictionalLaw):
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""
-        factor = self.force_factor(state.radii_i, state.radii_j)
+        factor = self._force_factor(state.radii_i, state.radii_j)
         return factor * np.sign(state.overlap) * np.abs(state.overlap) ** 1.5
 
-    def force_factor(self, radii_i: Floats, radii_j: Floats) -> Floats:
-        """`(4/3) E* sqrt(R*)`, (..., C): the force over the overlap's power."""
+    def power_springs(self, radii: Floats) -> tuple[float, Floats, Floats] | None:
+        """`3/2`, `(4/3) E* sqrt(R*)`, `kt/kn`."""
+        known = type(self) is HertzMindlin
+        return (1.5, self._force_factor(*radii), self.stiffness_ratio) if known else None
+
+    def _force_factor(self, radii_i: Floats, radii_j: Floats) -> Floats:
         radius = radii_i * radii_j / (radii_i + radii_j)
         return np.asarray((4.0 / 3.0) * self._effective_young() * np.sqrt(radius))
 

@@ -52,20 +52,6 @@ class Tangent(NamedTuple):
     cohesion: Floats
 
 
-class PowerSprings(NamedTuple):
-    """Springs of pairs (P,) whose force is a power of the overlap, `N = normal overlap^power`.
-
-    `tangential` is `kt`, or `kt/kn` where both change with the overlap; `remembers` tells whether
-    the shear force goes with `kt`, `by_radii` what a turn shears by, see `FrictionalLaw`.
-    """
-
-    overlap_power: float
-    normal: Floats
-    tangential: Floats
-    remembers: bool
-    by_radii: bool
-
-
 @dataclass(frozen=True, eq=False)
 class PairLaw:
     """Linear springs between pairs (P,), and what all laws of pairs have.
@@ -133,12 +119,6 @@ class PairLaw:
     def wall_springs(cls, walls: WallSprings) -> tuple[Floats, Floats]:
         """Return the constants `kn`, `kt` at walls."""
         return walls.kn, walls.kt
-
-    @classmethod
-    def power_springs(cls, law: FrictionalLaw, radii: Floats) -> PowerSprings | None:
-        """Return the springs between grains of radii (2, P) as a power; None where they are not."""
-        kn, kt = cls.grain_springs(law, radii)
-        return PowerSprings(1.0, kn, kt, False, law.shear_increment == "radii")
 
     def with_law(self, law: FrictionalLaw) -> Self:
         """Return the same pairs under another law of this kind."""
@@ -332,14 +312,6 @@ class HertzPairs(PairLaw):
         fitted = np.where(told, walls.force / (HERTZ * over**3), walls.kn)
         return fitted, walls.kt * fitted / walls.kn
 
-    @classmethod
-    def power_springs(cls, law: FrictionalLaw, radii: Floats) -> PowerSprings | None:
-        """Return Hertz's."""
-        known = cast(HertzMindlin, law)
-        by_displacement = known.shear_history == "displacement"
-        normal, by_radii = known.force_factor(*radii), known.shear_increment == "radii"
-        return PowerSprings(1.5, normal, known.stiffness_ratio, by_displacement, by_radii)
-
     def scale(self, radii: Floats) -> Floats:
         """Return the roots of the effective radii."""
         return np.sqrt(effective_radii(radii))
@@ -401,11 +373,6 @@ class FormulaPairs(PairLaw):
     def grain_springs(cls, law: FrictionalLaw, radii: Floats) -> tuple[Floats, Floats]:
         """Return nothing: the law has them."""
         return np.zeros(()), np.zeros(())
-
-    @classmethod
-    def power_springs(cls, law: FrictionalLaw, radii: Floats) -> PowerSprings | None:
-        """Return None: the law has its formulae alone."""
-        return None
 
     @cached_property
     def rows(self) -> Integers:
@@ -600,11 +567,6 @@ def law_of_pairs(law: MovableLaw, radii: Floats, wall: Integers, walls: WallSpri
     k_r, mu_r = np.zeros((2, len(wall)))
     k_r[wall < 0], mu_r[wall < 0] = law.k_r, law.mu_r
     return replace(free, k_r=k_r, mu_r=mu_r) if k_r.any() else free
-
-
-def power_springs(law: object, radii: Floats) -> PowerSprings | None:
-    """Return a law between grains of radii (2, P) as a power of the overlap, or None."""
-    return KINDS.get(type(law), FormulaPairs).power_springs(cast(FrictionalLaw, law), radii)
 
 
 def law_of(law: MovableLaw, pairs: PairLaw, rows: Flags) -> MovableLaw:

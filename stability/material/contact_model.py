@@ -9,9 +9,8 @@ import numpy as np
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws import ContactLaw, Regime
+from loops.laws import ContactLaw, FrictionalLaw, Regime
 from loops.laws.frictional import TOUCHING_RTOL
-from loops.laws.of_pairs import power_springs
 from stability.material.kernels import (
     ANSWER,
     FX,
@@ -26,11 +25,11 @@ from stability.material.kernels import (
     contact_steps,
 )
 
-# Kernel of a step by the power of the overlap that forces go with, and whether T goes with kt.
+# Kernel of a step by the power of the overlap that forces go with, and what T keeps.
 KERNELS = {
-    (1.0, False): LINEAR,
-    (1.5, False): HERTZ_FORCE,
-    (1.5, True): HERTZ_DISPLACEMENT,
+    (1.0, "force"): LINEAR,
+    (1.5, "force"): HERTZ_FORCE,
+    (1.5, "displacement"): HERTZ_DISPLACEMENT,
 }
 # Step of the differences that give the tangent of a law in numpy, over the length at touch. With
 # the fourth order what is left is rounding, some 1e-12 of kt.
@@ -119,14 +118,15 @@ class ContactSteps:
 
 def steps_of(law: ContactLaw, touching: Touching) -> ContactSteps:
     """Return the contacts of a law, compiled where its springs are a power of the overlap."""
-    springs = power_springs(law, np.stack([touching.radii_i, touching.radii_j]))
+    radii = np.stack([touching.radii_i, touching.radii_j])
+    springs = law.power_springs(radii) if isinstance(law, FrictionalLaw) else None
     if springs is None:
         return ContactSteps(law, touching, None)
-    zero = np.zeros(len(touching.length))
-    numbers = touching.length, springs.normal, springs.tangential, law.mu
-    parameters = np.ascontiguousarray(np.stack([zero + one for one in numbers], axis=-1))
-    kind = KERNELS[springs.overlap_power, springs.remembers]
-    return ContactSteps(law, touching, CompiledLaw(kind, springs.by_radii, parameters))
+    numbers = [np.zeros(len(radii[0])) + one for one in (touching.length, *springs[1:], law.mu)]
+    parameters = np.ascontiguousarray(np.stack(numbers, axis=-1))
+    kind = KERNELS[springs[0], law.shear_history]
+    known = CompiledLaw(kind, law.shear_increment == "radii", parameters)
+    return ContactSteps(law, touching, known)
 
 
 def _protocol_steps(
