@@ -27,11 +27,18 @@ from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import PlaneContacts, plane_stiffness
 from loops.compiled import WIDTH
 from loops.errors import InputError
-from loops.graph import GrainGraph, branch_vectors, contact_frame, contact_state, require_one_state
+from loops.graph import (
+    ContactState,
+    GrainGraph,
+    branch_vectors,
+    contact_state,
+    require_one_state,
+)
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene
 from loops.shown import Shown
+from loops.stress_strain import contact_forces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,10 +149,15 @@ class System(Shown):
 
 def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
     """Prune, number the freedoms and evaluate the contacts, in other regimes if they are given."""
+    require_one_state(scene.graph)
+    state = contact_state(scene.graph)
+    return system_of(scene, state, contact_regime(state, scene.law, regime))
+
+
+def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
+    """Return the system of a scene whose contacts are in this state and have these regimes."""
     graph, law, boundary = scene.graph, scene.law, scene.boundary
-    require_one_state(graph)
-    state = contact_state(graph)
-    regimes = np.broadcast_to(contact_regime(state, law, regime), graph.contacts.shape[:1])
+    regimes = np.broadcast_to(regimes, graph.contacts.shape[:1])
     fixed = np.zeros(graph.grain_count, dtype=bool) if boundary.held is None else boundary.held
     carrying = carrying_grains(graph, regimes != Regime.OPEN, boundary.supports(len(fixed)))
     kept = np.flatnonzero(carrying.contacts)
@@ -242,9 +254,7 @@ def packing_stress_rate(system: System, s: Floats) -> Floats:
 def packing_stress(system: System) -> Floats:
     """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
     graph, planes = system.graph, system.planes
-    _, n, t = contact_frame(graph)
-    forces = graph.normal_force[:, None] * n + graph.shear_force[:, None] * t
-    total = forces.T @ branch_vectors(graph)
+    total = contact_forces(graph).T @ branch_vectors(graph)
     if planes is not None:
         distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
         overlap = np.maximum(graph.radii[planes.grain][:, None] - distance, 0.0)

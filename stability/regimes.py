@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, product
 from math import prod
-from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar, overload
+from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -143,16 +143,12 @@ class EdgeProblem(Protocol[AnyRates]):
 class FullProblem(Generic[AnyTrial]):
     """A problem of which only full solves are known; the smaller one follows from `m + 1` of them.
 
-    `options` and `rates_for` are `options` and `rates` of `EdgeProblem`.
+    `options` and `rates` are those of `EdgeProblem`.
     """
 
     options: Sequence[Sequence[Choice]]
-    rates_for: Callable[[tuple[Choice, ...]], AnyTrial]
+    rates: Callable[[tuple[Choice, ...]], AnyTrial]
     in_full: int = ENUMERATION_LIMIT
-
-    def rates(self, choices: tuple[Choice, ...]) -> AnyTrial:
-        """Rates for one combination of regimes."""
-        return self.rates_for(choices)
 
     @cached_property
     def _columns(self) -> tuple[Floats, Floats] | None:
@@ -160,12 +156,12 @@ class FullProblem(Generic[AnyTrial]):
             return None
         side = np.array([can[1].side for can in self.options])
         stuck = tuple(can[0] for can in self.options)
-        rates = self.rates_for(stuck)
+        rates = self.rates(stuck)
         q = rates.edge.strength - side * rates.edge.shear
         M = np.empty((len(q), len(q)))
         least = SIGN_TOLERANCE * np.abs(q).max(initial=0.0)
         for k, can in enumerate(self.options):
-            one = self.rates_for((*stuck[:k], can[1], *stuck[k + 1 :]))
+            one = self.rates((*stuck[:k], can[1], *stuck[k + 1 :]))
             slack = one.edge.strength - side * one.edge.shear
             slip = -slack[k]
             if not (rates.trusted and one.trusted) or abs(slip) <= least:
@@ -270,22 +266,6 @@ class Regimes(Shown, Generic[Answer]):
         """Return a mean rate of the solution that a path takes; a supported cluster has none."""
         rates = getattr(self.taken.rates, name) if self.solutions else np.full((2, 2), np.nan)
         return np.asarray(rates)
-
-
-@overload
-def agreeing(
-    problem: SlipProblem, *, starts: int = STARTS, known: Sequence[Flags] = (), complete: str = ""
-) -> Regimes[Flags]: ...
-
-
-@overload
-def agreeing(
-    problem: EdgeProblem[AnyTrial],
-    *,
-    preferred: Sequence[Choice],
-    direction: Floats | None = None,
-    starts: int = STARTS,
-) -> Regimes[AnyTrial]: ...
 
 
 def agreeing(

@@ -263,14 +263,9 @@ def hold(
 
 
 def _told(
-    around: Boundary,
-    law: MovableLaw,
-    control: HoldControl,
-    start: Contacts,
-    found: _Run,
-    other: _Run,
-    apart: float,
-) -> HeldPacking:
+    around: Boundary, law: MovableLaw, control: HoldControl, start: Contacts, found: _Run,
+    other: _Run, apart: float,
+) -> HeldPacking:  # fmt: skip
     """Return what a run changed; strains of other runs end `apart` from its own."""
     end, stress, walled = found.end, _stress(found.end), around.kind == "walls"
     size, strain = float(np.linalg.norm(stress)), float(np.linalg.norm(end.strain))

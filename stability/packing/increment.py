@@ -24,7 +24,7 @@ from loops.graph import contact_state
 from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
-from stability.complementarity import RaisedLoad, positive_definite, raise_load
+from stability.complementarity import positive_definite, raise_load
 from stability.packing.controls import HeldAndDriven, component_control
 from stability.packing.response import (
     CONDENSED,
@@ -56,9 +56,7 @@ class PackingIncrements:
     def solved(self, control: HeldAndDriven) -> PackingResponse:
         """Answer one control; strain and stress are whole increments."""
         q, M = self.rates.problem(control)
-        return self._response(control, raise_load(self.yielding.distance, q, M), M)
-
-    def _response(self, control: HeldAndDriven, raised: RaisedLoad, M: Floats) -> PackingResponse:
+        raised = raise_load(self.yielding.distance, q, M)
         slip = raised.slip
         yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
         stress_of_slip = self.rates.whole[1] @ slip

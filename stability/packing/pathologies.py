@@ -50,10 +50,8 @@ def pathologies(
     m = len(candidates)
     if m > MOST_CANDIDATES:
         packing.set_regimes(sliding, SLIDING)
-        w2, said = (
-            _second_order_work(packing, control),
-            f"{m} candidates, {MOST_CANDIDATES} at most",
-        )
+        w2 = _second_order_work(packing, control)
+        said = f"{m} candidates, {MOST_CANDIDATES} at most"
         return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing
     if m == 0:
         return _judged(np.zeros(0), np.eye(0), _second_order_work(packing, control)), packing

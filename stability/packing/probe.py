@@ -414,9 +414,8 @@ def additive_work(response: PackingResponse, faces: Faces) -> Floats:
 def _destabilising(
     pieces: RegimeRegions, around: Cones, directions: Floats, normalised: Floats
 ) -> LinearControl:
-    controls = [
-        control_along(*pieces.tangent_at(angle)) for angle in around.ends[around.refined].tolist()
-    ]
+    edges = [plane_directions(angle) for angle in around.ends[around.refined]]
+    controls = [control_along(*pieces.tangent_along(edge)) for edge in edges]
     if controls:
         return min(controls, key=lambda one: one.reaction)
     negative = np.flatnonzero(normalised < -NEUTRAL)

@@ -284,10 +284,6 @@ class RegimeRegions:
         found = self.at(direction)
         return self.tangents[found.piece], self.basis @ found.response.strain_rate.ravel()
 
-    def tangent_at(self, angle: float) -> tuple[Floats, Floats]:
-        """Return the tangent and the strain at an angle of the plane."""
-        return self.tangent_along(plane_directions(np.asarray(angle)))
-
     def root(self, found: DirectionAnswer, a: float, b: float) -> float | None:
         """Return the angle nearest to `a` in the region up to `b` where W2 vanishes, if any."""
         tangent, arc = self.tangents[found.piece], self.arcs[found.piece]

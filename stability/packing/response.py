@@ -55,7 +55,7 @@ from stability.packing.yielding import (
 )
 from stability.programmes import Programme
 from stability.regimes import HELD_STUCK, RateStatus, SlipProblem, agreeing, of_sets
-from stability.regimes import Regimes as AgreeingRegimes
+from stability.regimes import Regimes as Found
 
 ResponseStatus = RateStatus | Literal["not converged", "nearest"]
 SOLVED: tuple[ResponseStatus, ...] = ("unique", "one found", "several", "family")
@@ -293,11 +293,7 @@ class PackingRates:
         return self._solved(answer, active, found, control)
 
     def _solved(
-        self,
-        answer: LinearAnswer,
-        active: Flags,
-        found: AgreeingRegimes[Flags],
-        control: Control,
+        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: Control
     ) -> Solved:
         sets = np.array([one.rates for one in found.solutions], dtype=bool)
         response = self._response(answer, active, found, control)
@@ -318,11 +314,7 @@ class PackingRates:
         return self.last[1]
 
     def _response(
-        self,
-        answer: LinearAnswer,
-        active: Flags,
-        found: AgreeingRegimes[Flags],
-        control: Control,
+        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: Control
     ) -> PackingResponse:
         yielding = self.yielding
         system, graph = yielding.system, yielding.system.graph
@@ -488,7 +480,7 @@ def packing_response(
     return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
 
 
-def _status(found: AgreeingRegimes[Flags], proof: str, residual: float) -> ResponseStatus:
+def _status(found: Found[Flags], proof: str, residual: float) -> ResponseStatus:
     """Return the status of a search whose answer leaves a residual; a mechanism proves nothing."""
     if proof == GIVEN:
         return "given"

@@ -12,7 +12,7 @@ from loops.assembly import contact_regime, contact_tangent
 from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
 from loops.errors import InputError
-from loops.graph import ContactState, contact_state
+from loops.graph import ContactState, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
 from loops.scene import Scene
 from loops.system import (
@@ -24,9 +24,9 @@ from loops.system import (
     factorised,
     in_freedoms,
     packing_stress_rate,
-    packing_system,
     relative_motion,
     stiffness_matrix,
+    system_of,
 )
 
 # Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
@@ -79,6 +79,7 @@ def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     graph, law, boundary = scene.graph, scene.law, scene.boundary
     require_law(law)
     checked_band(yield_band)
+    require_one_state(graph)
     state = contact_state(graph)
     given = contact_regime(state, law, None)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
@@ -93,7 +94,7 @@ def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
         slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
         planes = replace(planes, sliding=slides)
         boundary = replace(boundary, walls=planes)
-    system = packing_system(replace(scene, boundary=boundary), regime=base)
+    system = system_of(replace(scene, boundary=boundary), state, base)
     grains, picked = [graph.contacts], [system.contacts]
     if planes is not None:
         grains.append(planes.grain[:, None])

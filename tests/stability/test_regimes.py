@@ -9,7 +9,18 @@ import pytest
 from loops import LinearFrictional, Regime, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT, EdgeRates, FullProblem, agreeing
+from stability.packing.response import MECHANISM, TRUSTED, _status
+from stability.regimes import (
+    ELASTIC,
+    HELD_STUCK,
+    LEFT,
+    OPEN,
+    RIGHT,
+    EdgeRates,
+    FullProblem,
+    SlipProblem,
+    agreeing,
+)
 
 SLIP = (ELASTIC, LEFT)
 
@@ -245,3 +256,56 @@ def test_a_ring_without_continuation_says_so():
     assert event.contacts == (2, 3, 8, 9)
     shear, limit = np.abs(path.shear_force[-1]), law.mu * path.normal_force[-1]
     assert np.isclose(shear, limit, rtol=1e-10, atol=0).sum() == 8
+
+
+def among(q, M, count=14):
+    """Contacts of a small problem, and others that stick whatever they do."""
+    whole = np.eye(count)
+    whole[: len(q), : len(q)] = M
+    return np.append(q, np.ones(count - len(q))), whole
+
+
+# The second contact has to slip for the first one, and would not.
+LOST = among(np.array([-1.0, 1.0]), np.array([[-1.0, 2.0], [0.0, 1.0]]))
+
+
+@pytest.mark.parametrize(
+    ("problem", "status", "proof", "sliding"),
+    [
+        (SlipProblem(np.array([-1.0, 1.0]), np.eye(2)), "unique", "enumeration", [1]),
+        (SlipProblem(*among([-1.0], [[1.0]])), "unique", "positive definite", [1]),
+        (SlipProblem(*among([-1.0], [[-1.0]])), "none", "infeasible", []),
+        (SlipProblem(-np.ones(2), np.array([[1.0, 2.0], [2.0, 1.0]])), "several", "enumeration",
+         [2, 1, 1]),
+        (SlipProblem(-np.ones(2), np.ones((2, 2))), "family", "enumeration", None),
+        (SlipProblem(*LOST), "none found", "", []),
+        (SlipProblem(*LOST, free=np.arange(14) > 0), "one found", HELD_STUCK, [0]),
+    ],
+)  # fmt: skip
+def test_sets_that_slide_are_sought_by_the_same_search(problem, status, proof, sliding):
+    found = agreeing(problem)
+    assert (found.status, found.proof) == (status, proof)
+    assert found.exhaustive == (status not in ("none found", "one found"))
+    assert found.combinations == 2.0 ** len(problem.q)
+    for one in found.solutions:
+        assert [choice == LEFT for choice in one.choices] == one.rates.tolist()
+    if sliding is not None:
+        assert [int(one.rates.sum()) for one in found.solutions] == sliding
+
+
+def test_known_sets_are_all_where_something_proves_it():
+    q, M = among([-1.0], [[1.0]])
+    first = np.arange(14) == 0
+    found = agreeing(SlipProblem(q, M), known=[first, ~first], complete="told")
+    assert (found.status, found.proof, len(found.solutions)) == ("unique", "told", 1)
+    assert found.taken.rates.tolist() == first.tolist()
+
+
+def test_a_mechanism_or_a_residual_takes_the_certainty_from_a_packing():
+    found = agreeing(SlipProblem(np.array([-1.0, 1.0]), np.eye(2)))
+    assert _status(found, found.proof, 0.0) == "unique"
+    assert _status(found, MECHANISM, 0.0) == "one found"
+    assert _status(found, found.proof, 2 * TRUSTED) == "not converged"
+    none = agreeing(SlipProblem(*among([-1.0], [[-1.0]])))
+    assert _status(none, none.proof, 1.0) == "none"
+    assert _status(none, MECHANISM, 1.0) == "not converged"
