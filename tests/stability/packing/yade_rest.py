@@ -12,9 +12,9 @@ are of periodic samples (Yade 2023.02a, radii lognormal and cut at 6 and 18 mm),
 The last levels are put on at an inertial number of 2e-6 (held), 6e-6 (slow) and 1e-5 (dense).
 Both directions of dense, slow at 90 and held at 120 degrees were loaded again by levels of 1 to
 3 %, in 1,000 (slow), 4,000 (dense) and 8,000 steps (held) each, held for up to 80,000. Levels 50 %
-apart, put on in 1,000, set off the motion of dense at 150 degrees under 10.9 N/m. held at 120 and
-dense at 150 degrees stand here as loaded once more, by the driver's rule `moved`, from the loads
-under which they had moved: 1.545 and 13.314 N/m.
+apart, put on in 1,000, set off the motion of dense at 150 degrees under 10.9 N/m. held at 120, both
+directions of dense, and slow at 150 degrees as a control, stand here as loaded once more, by the
+driver's rule `moved`, from the loads under which they had moved: 1.545, 13.314, 15.898, 2.989 N/m.
 """
 
 from pathlib import Path
