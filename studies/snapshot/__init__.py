@@ -56,6 +56,7 @@ def run_snapshot(
         # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(results.write_tables, {"loops": table})
+            beside = None if chains is None else other.submit(chains_table, table)
             summary = snapshot_summary(snapshot, table, in_place, chains)
             written.result()
         summary["notes"] += notes
@@ -65,8 +66,8 @@ def run_snapshot(
 
             tables["quadrons"] = quadron_columns(snapshot)
             summary["quadrons"] = quadron_summary(tables["quadrons"])
-        if chains is not None:
-            tables["chains"] = chains_table(table)
+        if beside is not None:
+            tables["chains"] = beside.result()
         if figures:
             tables["fabric"] = fabric_table(snapshot.graph, summary)
         summary = results.write_results(tables, summary)
