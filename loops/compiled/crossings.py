@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 Short = NDArray[np.int32]
 MARGIN = 1e-9  # of a bin: a branch this close to a bin counts as passing it
@@ -162,20 +162,20 @@ def _doubled(values: Short) -> Short:
     return np.concatenate((values, np.empty_like(values)))
 
 
-@kernel
+@inlined
 def _span(a: float, b: float) -> tuple[int, int]:
     """First and last unit interval between two values, with a margin for round-off."""
     margin = MARGIN + ROUNDING * max(abs(a), abs(b))
     return math.floor(min(a, b) - margin), math.floor(max(a, b) + margin)
 
 
-@kernel
+@inlined
 def _place(grain: int, p: int, q: int) -> int:
     """One number for a grain and its cell."""
     return (grain << 32) + (p << 16) + q
 
 
-@kernel
+@inlined
 def _meet(
     ax: float, ay: float, adx: float, ady: float, bx: float, by: float, bdx: float, bdy: float
 ) -> bool:

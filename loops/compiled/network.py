@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 Short = NDArray[np.int32]
 BITS = 11  # bins along each axis: 2^11, their codes sorted in two passes of 2^11 counters
@@ -53,13 +53,13 @@ def spatial_order(x: Floats) -> Short:
     return order
 
 
-@kernel
+@inlined
 def _bins_per_length(low: float, high: float) -> float:
     # Slightly less than the number of bins, so that the last grain falls into the last bin.
     return (BINS - 0.001) / (high - low) if high > low else 0.0
 
 
-@kernel
+@inlined
 def _spread(value: int) -> int:
     """Spread the bits of a number to the even places, zeros between them."""
     value = (value | (value << 8)) & 0x00FF00FF
@@ -248,7 +248,7 @@ def _around_grains(ends: Short, degree: Short, d: Floats) -> tuple[Short, Short,
     return begin, edge, angle
 
 
-@kernel
+@inlined
 def _sort_by_angle(edge: Short, angle: Floats, order: Short) -> bool:
     """Sort half-edges by counting smaller angles; False if two angles are too close to compare."""
     apart = True
@@ -354,7 +354,7 @@ def _component_labels(ends: Short, place: Short, degree: Short) -> Short:
     return label
 
 
-@kernel
+@inlined
 def _root(parent: Short, k: int) -> int:
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -462,13 +462,13 @@ def _walk(following: Short, network: LocalNetwork, images: Short) -> tuple[Short
     return begin[: faces + 1].copy(), member
 
 
-@kernel
+@inlined
 def _grain(network: LocalNetwork, half_edge: int) -> int:
     """Grain that a half-edge leaves, in the numbering of the graph."""
     return network.grain[network.ends[half_edge >> 1, half_edge & 1]]
 
 
-@kernel
+@inlined
 def _before(a: int, b: int, network: LocalNetwork, images: Short) -> bool:
     """Whether half-edge a comes before b: by first grain, second grain, image."""
     one, other = _grain(network, a), _grain(network, b)

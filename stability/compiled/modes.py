@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -44,7 +44,7 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
     return values, softest, opening
 
 
-@kernel
+@inlined
 def _jacobi(
     k00: float, k11: float, k22: float, k01: float, k02: float, k12: float
 ) -> tuple[Triple, tuple[Triple, Triple, Triple]]:
@@ -69,7 +69,7 @@ def _jacobi(
     return (k00, k11, k22), (v0, v1, v2)
 
 
-@kernel
+@inlined
 def _rotation(first: float, second: float, off: float) -> Triple:
     """Tangent, cosine and sine of the angle that uncouples two axes."""
     if off == 0.0:
@@ -80,7 +80,7 @@ def _rotation(first: float, second: float, off: float) -> Triple:
     return tangent, cosine, tangent * cosine
 
 
-@kernel
+@inlined
 def _turned(a: Triple, b: Triple, c: float, s: float) -> tuple[Triple, Triple]:
     return (
         (c * a[0] - s * b[0], c * a[1] - s * b[1], c * a[2] - s * b[2]),
@@ -88,7 +88,7 @@ def _turned(a: Triple, b: Triple, c: float, s: float) -> tuple[Triple, Triple]:
     )
 
 
-@kernel
+@inlined
 def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     """Opening of the cone in the plane, the determinant without rounding errors (`plane_cone`)."""
     largest = max(max(abs(k11), abs(k22)), max(abs(k12), abs(k21)))
@@ -112,7 +112,7 @@ def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     return 2.0 * math.atan2(math.sqrt(max(-low, 0.0)), math.sqrt(max(high, 0.0)))
 
 
-@kernel
+@inlined
 def _product_error(a: float, b: float, product: float) -> float:
     """Rounding error of a product, `a b - product` (Dekker), within `TINY` and `HUGE`."""
     high_a = SPLITTER * a - (SPLITTER * a - a)
