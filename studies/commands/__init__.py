@@ -52,7 +52,6 @@ Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after
 Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
 Csv = Annotated[bool, Parameter(group=FURTHER, help="Write each table as CSV too.")]
 Json = Annotated[bool, Parameter(group=FURTHER, help="Print the summary as JSON.")]
-NoFigures = Annotated[bool, Parameter(group=FURTHER, help="Draw no figures, write no report.")]
 YieldBand = Annotated[
     float,
     Parameter(group=FURTHER, help="Contacts with |T| of this share of mu N at least may slide."),
@@ -60,19 +59,6 @@ YieldBand = Annotated[
 Candidates = Annotated[
     float,
     Parameter(group=FURTHER, help="Share of mu N for that over an interval, or to an amplitude."),
-]
-Workers = Annotated[
-    Whole | None, Parameter(group=FURTHER, help="Number of processes. Default: one a core.")
-]
-Scheduler = Annotated[
-    str | None,
-    Parameter(group=FURTHER, metavar="tcp://HOST:PORT", help="Dask scheduler that shares work."),
-]
-Hold = Annotated[
-    bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
-]
-HoldStress = Annotated[
-    bool, Parameter(group=FURTHER, help="Bring the state to rest first, at fixed stress.")
 ]
 FluidBulkModulus = Annotated[
     float | None,
@@ -117,6 +103,47 @@ class Writing:
     def files(self) -> dict[str, Any]:
         """The options that a study takes."""
         return {"force": self.force, "csv": self.csv}
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Drawing(Writing):
+    """Options of results with figures."""
+
+    no_figures: Annotated[
+        bool, Parameter(group=FURTHER, help="Draw no figures, write no report.")
+    ] = False
+
+    def files(self) -> dict[str, Any]:
+        """The options that a study takes."""
+        return {**super().files(), "figures": not self.no_figures}
+
+
+@Parameter(name="*", group=FURTHER)
+@dataclass(frozen=True, kw_only=True)
+class Sharing:
+    """Who does the work, by the names of the studies."""
+
+    workers: Annotated[
+        Whole | None, Parameter(help="Number of processes. Default: one a core.")
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        Parameter(metavar="tcp://HOST:PORT", help="Dask scheduler that shares work."),
+    ] = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Holding:
+    """Whether a state is brought to rest first, by the names of the studies."""
+
+    hold: Annotated[
+        bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
+    ] = False
+    hold_stress: Annotated[
+        bool, Parameter(group=FURTHER, help="Bring the state to rest first, at fixed stress.")
+    ] = False
 
 
 @Parameter(name="*", group=FURTHER)

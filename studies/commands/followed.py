@@ -12,17 +12,15 @@ from studies.commands import (
     FURTHER,
     Answer,
     Cells,
+    Drawing,
     FluidBulkModulus,
-    Hold,
-    HoldStress,
-    NoFigures,
+    Holding,
     OneReading,
     PastOption,
     PlaneReading,
     Replaying,
     StrainRatio,
     Whole,
-    Writing,
     answer,
     clock,
     out_or,
@@ -151,7 +149,7 @@ def evolve_command(
         ),
     ],
     driving: Driving,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     rows: Annotated[Whole, Parameter(group=FURTHER, help="Rows of the path, evenly spaced.")] = 20,
     pathologies: Annotated[
         bool,
@@ -179,17 +177,15 @@ def evolve_command(
         ),
     ] = False,
     replaying: Replaying | None = None,
-    hold: Hold = False,
-    hold_stress: HoldStress = False,
+    holding: Holding | None = None,
     cells: Cells = None,
-    no_figures: NoFigures = False,
     animation: Annotated[
         bool, Parameter(group=FURTHER, help="Draw the work of the loops row by row, as GIF.")
     ] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
     """Follow a DEM snapshot by events or by a replay: stresses, events, W2 of the loops."""
-    writing, reading = writing or Writing(), reading or PlaneReading()
+    writing, reading = writing or Drawing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
     words: Any = {"by": by}
     with clock("grainloops evolve") as tell:
@@ -204,10 +200,8 @@ def evolve_command(
             spread=spread,
             pathologies=pathologies,
             **asdict(replaying or Replaying()),
-            hold=hold,
-            hold_stress=hold_stress,
+            **asdict(holding or Holding()),
             cells=cells,
-            figures=not no_figures,
             animation=animation,
             progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
             **writing.files(),
@@ -249,7 +243,7 @@ def forecast_command(
     /,
     *,
     driving: Driving,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     rows: Annotated[
         Whole, Parameter(group=FURTHER, help="Places along the way that are told apart.")
     ] = 40,
@@ -267,16 +261,14 @@ def forecast_command(
     damping: Annotated[
         float, Parameter(group=FURTHER, help="Cundall's damping of the replay.")
     ] = 0.3,
-    hold: Hold = False,
-    hold_stress: HoldStress = False,
-    no_figures: NoFigures = False,
+    holding: Holding | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Say which loops of a DEM snapshot will be lost, how likely, and where the stress drops next.
 
     No later snapshot is needed. Probabilities are frequencies in samples of Yade.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "forecast", path)
     with clock("grainloops forecast") as tell:
         from studies.forecast_report import run_forecast
@@ -289,9 +281,7 @@ def forecast_command(
             spread=not no_spread,
             inertial_number=inertial_number,
             damping=damping,
-            hold=hold,
-            hold_stress=hold_stress,
-            figures=not no_figures,
+            **asdict(holding or Holding()),
             progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
             **writing.files(),
             **reading.how_of(path),

@@ -12,12 +12,11 @@ from loops.errors import InputError
 from studies.commands import (
     FURTHER,
     Answer,
+    Drawing,
     FluidBulkModulus,
-    NoFigures,
     OneReading,
     StrainRatio,
     Whole,
-    Writing,
     answer,
     clock,
     numbers,
@@ -96,8 +95,7 @@ def material_command(
         ),
     ] = None,
     steps: Annotated[Whole, Parameter(group=FURTHER, help="Steps of the programme.")] = 200,
-    no_figures: NoFigures = False,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Average loops as a material, and march the mean through a programme.
@@ -105,7 +103,7 @@ def material_command(
     Copies of one loop (--order) in all directions, or the loops of a snapshot; beside them one of
     the loops alone.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading = writing or Drawing(), reading or OneReading()
     of_loop = {"order": order, "alpha0_deg": alpha0, "orientations": orientations,
                "kappa": kappa, "phi_deg": phi, "confine": confine}  # fmt: skip
     asked: dict[str, Any] = {name: value for name, value in of_loop.items() if value is not None}
@@ -133,9 +131,7 @@ def material_command(
 
         options = MaterialOptions(**asked, **words)
         how = {} if snapshot is None else reading.how_of(snapshot)
-        summary = run_material(
-            options, out, snapshot=snapshot, figures=not no_figures, **writing.files(), **how
-        )
+        summary = run_material(options, out, snapshot=snapshot, **writing.files(), **how)
     many = ", ".join(f"{count} of order {n}" for n, count in summary["orders"].items())
     lines = [f"{summary['loops']} loops ({many}), closure {closure}, {programme}, {steps} steps"]
     for name, said in (("mean", "mean of the loops"), ("single", f"loop {summary['loop']} alone")):

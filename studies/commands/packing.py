@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,15 +12,12 @@ from studies.commands import (
     FURTHER,
     Answer,
     Candidates,
-    Hold,
-    HoldStress,
-    NoFigures,
+    Drawing,
+    Holding,
     OneReading,
     PastOption,
-    Scheduler,
+    Sharing,
     Whole,
-    Workers,
-    Writing,
     YieldBand,
     answer,
     clock,
@@ -134,7 +131,7 @@ def probe_command(
     path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
     /,
     *,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     directions: Annotated[Whole, Parameter(help="Number of directions.")] = 72,
     control: Annotated[
         str,
@@ -163,11 +160,8 @@ def probe_command(
     ] = "events",
     candidates: Candidates = 0.7,
     past: PastOption = "viscous",
-    hold: Hold = False,
-    hold_stress: HoldStress = False,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    no_figures: NoFigures = False,
+    holding: Holding | None = None,
+    sharing: Sharing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops.
@@ -177,7 +171,7 @@ def probe_command(
     exists, proved. none found: no solution was found. not converged: a mechanism moves. Column
     proof says what each stands on.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
     words: Any = {"control": control, "subspace": subspace, "past": past, "by": by}
     with clock("grainloops probe") as tell:
@@ -191,11 +185,8 @@ def probe_command(
             yield_band=yield_band,
             amplitude=amplitude,
             candidates=candidates,
-            hold=hold,
-            hold_stress=hold_stress,
-            workers=workers,
-            scheduler=scheduler,
-            figures=not no_figures,
+            **asdict(holding or Holding()),
+            **asdict(sharing or Sharing()),
             progress=lambda done: tell(f"{done} of {directions} directions"),
             **writing.files(),
             **reading.how_of(path),
@@ -239,7 +230,7 @@ def sustain_command(
     path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
     /,
     *,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     directions: Annotated[Whole, Parameter(help="Number of directions of the stress rate.")] = 24,
     subspace: Annotated[
         str,
@@ -284,13 +275,11 @@ def sustain_command(
             help="Bring the sample to rest at fixed stress first. Default: at fixed cell.",
         ),
     ] = False,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    no_figures: NoFigures = False,
+    sharing: Sharing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Find the load of the first large motion of a DEM snapshot in each direction of stress."""
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "sustain", path)
     words: Any = {"subspace": subspace}
     with clock("grainloops sustain"):
@@ -308,9 +297,7 @@ def sustain_command(
                 most_snaps=most_snaps,
                 spread=not no_spread,
                 hold_stress=hold_stress,
-                workers=workers,
-                scheduler=scheduler,
-                figures=not no_figures,
+                **asdict(sharing or Sharing()),
                 **writing.files(),
                 **reading.how_of(path),
             )

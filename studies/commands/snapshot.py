@@ -20,17 +20,16 @@ from studies.commands import (
     Cells,
     Contacts,
     Csv,
+    Drawing,
     Force,
     Json,
-    NoFigures,
     OneReading,
     PastOption,
     PlaneReading,
     Reading,
     Replaying,
-    Scheduler,
+    Sharing,
     Whole,
-    Workers,
     Writing,
     YieldBand,
     answer,
@@ -116,7 +115,7 @@ def snapshot_command(
     path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
     /,
     *,
-    writing: Writing | None = None,
+    writing: Drawing | None = None,
     in_packing: Annotated[
         str | None,
         Parameter(
@@ -133,14 +132,13 @@ def snapshot_command(
             "in common with each of its grains.",
         ),
     ] = False,
-    no_figures: NoFigures = False,
     paraview: Annotated[
         bool, Parameter(group=FURTHER, name="--vtk", help="Write loops.vtp for ParaView.")
     ] = False,
     reading: OneReading | None = None,
 ) -> Answer:
     """Find the loops of a DEM snapshot and judge the stability of each."""
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
     # The study checks the words itself, and says what is expected.
     words: Any = {"in_packing": in_packing}
@@ -157,7 +155,6 @@ def snapshot_command(
             out,
             **words,
             quadrons=quadrons,
-            figures=not no_figures,
             paraview=paraview,
             **writing.files(),
             **reading.how_of(path),
@@ -436,8 +433,7 @@ def series_command(
         ),
     ],
     writing: Writing | None = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    sharing: Sharing | None = None,
     cells: Cells = None,
     in_packing: Annotated[
         str,
@@ -497,8 +493,7 @@ def series_command(
         summary = run_series(
             paths,
             out,
-            workers=workers,
-            scheduler=scheduler,
+            **asdict(sharing or Sharing()),
             cells=cells,
             in_packing=in_packing,
             candidates=candidates,
