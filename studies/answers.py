@@ -22,6 +22,7 @@ from stability import COMPONENTS, Path, PlaneCone, Regimes, Verdict
 from stability.packing import PackingResponse, Probe, Sustained
 from studies.evolve import Evolution
 from studies.forecast import Forecast
+from studies.output import Row
 from studies.present_domain import LoopDomain
 from studies.snapshot.fabric import Fabric
 from studies.snapshot.stress import Stress
@@ -167,7 +168,7 @@ table_of.register(LoopDomain, attrgetter("rows"))
 @table_of.register(Regimes)
 @table_of.register(PackingResponse)
 def _(result: Any) -> pd.DataFrame:
-    row: dict[str, Any] = {"status": result.status}
+    row: Row = {"status": result.status}
     for name, rate in (("H", "strain_rate"), ("P", "stress_rate"), ("cauchy_", "cauchy_rate")):
         values = np.ravel(getattr(result, rate))
         row |= {f"{name}{ij}": value for ij, value in zip(COMPONENTS, values, strict=True)}

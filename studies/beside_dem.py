@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,7 @@ from stability import COMPONENTS, Stage
 from stability import Path as FollowedPath
 from stability.packing.state import nominal
 from stability.programmes import NOTHING
+from studies.output import Summary
 from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
@@ -97,7 +97,7 @@ def forecast_table(
     return table
 
 
-def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> dict[str, Any]:
+def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> Summary:
     """Errors of each way and of persistence, drops of stress predicted and missed, and how far.
 
     `holds_to` is the driven strain up to which the error, over all snapshots until there, is less

@@ -49,7 +49,7 @@ from patterns.diamond.strain_lines import (
     strain_line,
     yield_position,
 )
-from studies.output import UNITS, definitions
+from studies.output import UNITS, Summary, definitions
 from studies.study import study
 from studies.style import (
     BLACK,
@@ -272,7 +272,7 @@ def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
 
 def run_domain(
     parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
+) -> Summary:
     """Find the bifurcation domains of diamonds, and write the table, summary and figure."""
     with study(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
@@ -283,7 +283,7 @@ def run_domain(
     return summary
 
 
-def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> dict[str, Any]:
+def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary:
     """Counts and bounds of each diamond's domain."""
     cases = []
     for case in parameters.cases():

@@ -24,7 +24,7 @@ from stability.packing import LoopRates, loop_changes, replay
 from stability.packing.pathologies import columns
 from stability.path import Past, describe
 from studies.beside_dem import dem_table, forecast_summary, forecast_table, replay_rate
-from studies.output import UNITS, definitions, readable
+from studies.output import UNITS, Summary, definitions, readable
 from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
 from studies.series.evolution import components
@@ -258,7 +258,7 @@ def run_evolve(
     animation: bool = False,
     progress: Callable[[float], None] | None = None,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Follow the first snapshot, write tables, figures and a report; return the summary.
 
     `how` are options of `evolve` and of `read_planar`; later snapshots are compared with the path
@@ -320,7 +320,7 @@ def evolution_tables(found: Evolution, changes: list[LoopRates]) -> dict[str, pd
 
 def evolution_summary(
     found: Evolution, tables: dict[str, pd.DataFrame], rate: Rate | None
-) -> dict[str, Any]:
+) -> Summary:
     """Return the summary of the first way, and of a replay its rate; its end beside a path."""
     told = path_summary(found.way, tables, found.driven)
     told |= {"driven": found.driven, "replay": None}
@@ -338,7 +338,7 @@ def _draw(
     snapshot: Snapshot,
     title: str,
     tables: dict[str, Any],
-    summary: dict[str, Any],
+    summary: Summary,
 ) -> None:
     """Draw the figures and the report."""
     from studies.packing_figures import path_figures
@@ -489,7 +489,7 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
 
 def replay_summary(
     ways: Mapping[str, FollowedPath], tables: Mapping[str, pd.DataFrame], driven: str, contacts: int
-) -> dict[str, Any]:
+) -> Summary:
     """End of a replay beside a path, and how far their contact forces are apart there.
 
     The distance is None where the path ended before the replay.
@@ -513,7 +513,7 @@ def end_of(rows: pd.DataFrame, driven: str) -> dict[str, float]:
     return {name: float(rows[name].iloc[-1]) for name in names}
 
 
-def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str) -> dict[str, Any]:
+def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str) -> Summary:
     """Summary of a way and its tables."""
     last, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
     instabilities = [event for event in way.events if event.kind == "instability"]

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
@@ -77,18 +78,27 @@ def overlaps(state: Contacts) -> Floats:
     return np.asarray(state.law.touching - state.length)
 
 
-def places(found: Evolution, name: str) -> dict[str, Any]:
-    """Return where a way loses each loop: shares of the way by `KINDS`, infinite for never.
+class Places(NamedTuple):
+    """Where a way loses each loop (L,): shares of the way by kind, infinite for never.
 
-    Beside them the `contact` that opens first and the `fate` at the end. A state counts that lasts
-    to the end: so does a later snapshot. Not numbers for a way that does not reach its end.
+    `contact` is the one that opens first, -1 for none, `fate` what became of the loop at the end.
+    Not numbers, and unknown, of a way that does not reach its end.
     """
-    way, scene, faces = found.ways[name], found.scene, found.scene.faces
-    count = len(faces.loops)
-    if way.status != "finished":
-        return dict.fromkeys(KINDS, np.full(count, np.nan)) | {
-            "contact": np.full(count, -1), "fate": np.full(count, "unknown")
-        }  # fmt: skip
+
+    opens: Floats
+    lost: Floats
+    unstable: Floats
+    contact: Integers
+    fate: NDArray[np.str_]
+
+
+def places(found: Evolution, name: str) -> Places:
+    """Return where a way loses each loop; a state counts that lasts to the end: so a snapshot."""
+    scene, faces = found.scene, found.scene.faces
+    way, count = found.ways.get(name), len(faces.loops)
+    if way is None or way.status != "finished":
+        unknown = np.full(count, np.nan)
+        return Places(*[unknown] * 3, np.full(count, -1), np.full(count, "unknown"))
     graph, rows = scene.graph, len(way.states) - 1
     opens, contact = opening_places(way, faces, graph.contact_count)
     fates, negative = np.empty((rows, count), dtype=int), np.empty((rows, count), dtype=bool)
@@ -103,8 +113,7 @@ def places(found: Evolution, name: str) -> dict[str, Any]:
         for row in (since(fates != Fate.SURVIVED), since(negative))
     )
     names = np.array([fate.name.lower() for fate in Fate])
-    return {"opens": opens, "lost": lost, "unstable": unstable, "contact": contact,
-            "fate": names[fates[-1]]}  # fmt: skip
+    return Places(opens, lost, unstable, contact, names[fates[-1]])
 
 
 # ---- how far
@@ -175,8 +184,18 @@ def next_rows(found: Evolution, asked: Evolving, *, spread: bool) -> pd.DataFram
     return pd.DataFrame(next_of(name, way, *driven) for name, way in ways.items())
 
 
-def spread_of(rows: pd.DataFrame, what: str) -> dict[str, Any]:
-    """Return the value of the path, the lowest and highest of all ways that have one, how many."""
+class Spread(TypedDict):
+    """A value by the path, the lowest and highest of all ways that have one, and how many have."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    found: int
+    ways: int
+
+
+def spread_of(rows: pd.DataFrame, what: str) -> Spread:
+    """Return the spread of the next drop or instability over the ways."""
     known = rows[what].dropna()
     first = rows[what].iloc[0]
     return {
@@ -321,21 +340,18 @@ def forecast_of(
     number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
     found = followed(scene, ids, asked, rate, progress)
-    faces, graph = scene.faces, scene.graph
-    unknown = dict.fromkeys(KINDS, np.full(len(faces.loops), np.nan))
-    told = {
-        name: places(found, way) if way in found.ways else unknown for name, way in WAYS.items()
-    }
+    graph = scene.graph
+    told = {name: places(found, way) for name, way in WAYS.items()}
     loops = found.loops()[["loop", "order", "area", "grains"]]
     reach, base = reach_of(scene, asked.to, asked.driven), {}
     for kind in KINDS:
-        both = told["path"][kind], told["replay"][kind]
+        both = getattr(told["path"], kind), getattr(told["replay"], kind)
         for name, place in zip(WAYS, both, strict=True):
             loops[f"{name}_{kind}_at"] = np.where(np.isfinite(place), asked.to * place, np.nan)
         loops[f"{kind}_probability"], rates = calibration().probability(kind, *both, reach)
         base[kind] = float(rates[0]) if len(rates) else np.nan
-    for name in (name for name in WAYS if "fate" in told[name]):
-        loops[f"{name}_fate"], contact = told[name]["fate"], told[name]["contact"]
+    for name, one in told.items():
+        loops[f"{name}_fate"], contact = one.fate, one.contact
         ends = np.where(contact[:, None] < 0, -1, ids[graph.contacts[contact]])
         loops[f"{name}_id1"], loops[f"{name}_id2"] = ends.T
     return Forecast(found, reach, loops, base, next_rows(found, asked, spread=spread))

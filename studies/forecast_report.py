@@ -12,7 +12,7 @@ import pandas as pd
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
 from studies.evolve import Evolving
 from studies.forecast import DEFAULTS, Forecast, forecast_of, spread_of
-from studies.output import UNITS, definitions, readable
+from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
@@ -32,7 +32,7 @@ def run_forecast(
     figures: bool = True,
     progress: Callable[[float], None] | None = None,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Forecast a snapshot, write tables, a figure and a report; return the summary.
 
     `how` are options of `evolve` and of `read_planar`.
@@ -66,7 +66,7 @@ def run_forecast(
     return summary
 
 
-def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> dict[str, Any]:
+def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> Summary:
     """Return the summary of a forecast."""
     known, (low, high) = calibration(), calibration().range()
     ends = {

@@ -22,7 +22,7 @@ from stability.paths.fan import Control, Fan, LoopStates
 from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
 from stability.paths.model import path_model
 from studies.domain import OVERLAP_ATOL, require_odd
-from studies.output import UNITS, definitions
+from studies.output import UNITS, Summary, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
 from studies.present_domain import (
     LoopDomain,
@@ -212,7 +212,7 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
 
 def run_loop_domains(
     parameters: LoopDomainParameters, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
+) -> Summary:
     """Find the bifurcation domains of loops, and write the table, summary and figures."""
     with study(
         "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv

@@ -18,7 +18,7 @@ from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, rest
 from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
-from studies.output import definitions, readable
+from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
 from studies.study import one_of, study
@@ -107,7 +107,7 @@ def run_material(
     csv: bool = False,
     figures: bool = True,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """March averaged loops and a single one, write the tables, figures and a report.
 
     Without a `snapshot` copies of one loop, else the loops of a packing; `how` are options of
@@ -230,7 +230,7 @@ def averaged_loops(loops: LoopSet) -> dict[str, Any]:
 
 def material_summary(
     options: MaterialOptions, loops: LoopSet, table: pd.DataFrame, paths: dict[str, MaterialPath]
-) -> dict[str, Any]:
+) -> Summary:
     """Return the summary, of the mean and of the single loop."""
     return {
         "loops": len(loops.weights),

@@ -59,6 +59,10 @@ PACKAGES = ("loops", "patterns", "stability", "studies")
 # A table on its way from the kernels to a file: arrays by column. Tables in which rows are
 # selected, grouped or joined are pandas data frames, which take .2 s to load.
 Columns = dict[str, NDArray[Any]]
+# A study's summary: plain values by the keys of summary.json, which `definitions` explains.
+Summary = dict[str, Any]
+# One row of a table, by the names of its columns.
+Row = dict[str, Any]
 # Commands whose columns are described; tables of other commands share names, not meanings.
 DESCRIBED_COMMANDS = (
     *("snapshot", "series", "probe", "sustain", "evolve", "forecast"),

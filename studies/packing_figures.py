@@ -18,6 +18,7 @@ from matplotlib.projections.polar import PolarAxes
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability.packing import Probe, Sustained
+from studies.output import Summary
 from studies.snapshot.figures import draw_values, loop_drawer
 from studies.style import (
     BLUE,
@@ -64,7 +65,7 @@ SHEAR_LOOK = (GREEN, "-.")
 
 
 def probe_figures(
-    snapshot: Snapshot, found: Probe, loops: pd.DataFrame, summary: dict[str, Any]
+    snapshot: Snapshot, found: Probe, loops: pd.DataFrame, summary: Summary
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a probe by name."""
     yield "envelope", figure_of(response_envelope(found, summary["mean_kn"]))
@@ -184,7 +185,7 @@ def additive_work_map(snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n
 
 
 def path_figures(
-    snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: dict[str, Any]
+    snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: Summary
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a path by name."""
     yield "stress_strain", stress_and_volume(tables, summary["driven"])
@@ -273,7 +274,7 @@ def _change(driven: str) -> str:
 
 @styled()
 def animate_path(
-    snapshot: Snapshot, works: Floats, path: pd.DataFrame, summary: dict[str, Any], folder: Path
+    snapshot: Snapshot, works: Floats, path: pd.DataFrame, summary: Summary, folder: Path
 ) -> list[Path]:
     """Animate the loops' normalised work since the start, (rows, loops), beside the stresses."""
     figure, ((left, right),) = new_panels(1, 2, 3.4)
@@ -298,7 +299,7 @@ def animate_path(
 
 
 @styled()
-def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: dict[str, Any]) -> Figure:
+def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figure:
     """Loops by their second-order work, and by the driven value where it is first negative."""
     figure, ((work, first),) = new_panels(1, 2, 3.0)
     draw = loop_drawer(snapshot)
@@ -316,7 +317,7 @@ def sustain_figures(
     found: Sustained,
     rates: Probe,
     tables: dict[str, pd.DataFrame],
-    summary: dict[str, Any],
+    summary: Summary,
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure by name."""
     yield "limits", limit_surface(found, rates)

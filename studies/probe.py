@@ -26,7 +26,7 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.packing.yielding import checked_band
 from stability.path import Past
-from studies.output import UNITS, definitions, readable
+from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.evolution import components
 from studies.series.workers import open_runner
@@ -67,7 +67,7 @@ def run_probe(
     figures: bool = True,
     progress: Callable[[int], None] | None = None,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
     `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
@@ -375,7 +375,7 @@ def loop_work_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def probe_summary(found: Probe, orders: pd.DataFrame) -> dict[str, Any]:
+def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
     """Summary of a probe and its table of orders."""
     statuses, counts = np.unique(found.status, return_counts=True)
     softest, control, carrying = found.softest, found.destabilising, found.system.carrying

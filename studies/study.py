@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError
-from studies.output import folder_within, provenance, result_folder, write_summary, write_table
+from studies.output import (
+    Summary,
+    folder_within,
+    provenance,
+    result_folder,
+    write_summary,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +44,7 @@ class Results:
         for name, table in tables.items():
             write_table(self.folder, name, table, self.source, csv=self.csv)
 
-    def write_summary(self, summary: Mapping[str, Any]) -> dict[str, Any]:
+    def write_summary(self, summary: Mapping[str, Any]) -> Summary:
         """Write `summary.json`; return the summary with its provenance."""
         whole = {**summary, "provenance": self.source}
         write_summary(self.folder, whole)

@@ -29,7 +29,7 @@ from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
 from stability.path import Event
 from stability.path import Path as LoadedPath
-from studies.output import code_version, definitions, errors_of, readable, require_folder
+from studies.output import Summary, code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
@@ -66,7 +66,7 @@ def run_sustain(
     csv: bool = False,
     figures: bool = True,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
 
     The state is brought to rest first, at fixed cell or with `hold_stress` at fixed stress. `how`
@@ -482,9 +482,7 @@ def weakest_of(found: Sustained) -> int | None:
     return None
 
 
-def sustain_summary(
-    found: Sustained, rates: Probe, tables: dict[str, pd.DataFrame]
-) -> dict[str, Any]:
+def sustain_summary(found: Sustained, rates: Probe, tables: dict[str, pd.DataFrame]) -> Summary:
     """Summary of the loads that a sample sustains."""
     statuses, counts = np.unique(found.status, return_counts=True)
     weakest, row, shares = weakest_of(found), None, {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -27,6 +27,9 @@ from studies.commands import (
     within,
 )
 
+if TYPE_CHECKING:
+    from studies.output import Summary
+
 # How the path went on past an instability.
 PASSED_WORDS = {
     "dragged": "continued with viscous damping",
@@ -39,7 +42,7 @@ PASSED_WORDS = {
 FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
 
 
-def _evolve_lines(summary: dict[str, Any]) -> list[str]:
+def _evolve_lines(summary: Summary) -> list[str]:
     counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
     lines = [
         f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
@@ -213,7 +216,7 @@ def evolve_command(
 KIND_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
 
 
-def _forecast_lines(summary: dict[str, Any]) -> list[str]:
+def _forecast_lines(summary: Summary) -> list[str]:
     lines = [
         f"{name}: {one['status']} at {summary['driven']} = {one['reached']:.4g} of "
         f"{summary['to']:g}, residual {one['residual']:.1g}: {one['message']}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -29,6 +29,9 @@ from studies.commands import (
     out_or,
     shown,
 )
+
+if TYPE_CHECKING:
+    from studies.output import Summary
 
 # Default stiffness ratio kt/kn; that of spheres is for Poisson's ratio 0.3.
 KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
@@ -257,7 +260,7 @@ def _of_snapshot(
     return LoopOptions(order, confine=0.0, **words, **of_snapshot)
 
 
-def _polygon_lines(summary: dict[str, Any]) -> list[str]:
+def _polygon_lines(summary: Summary) -> list[str]:
     from studies.paths.polygon import event_lines
 
     critical = "  ".join(
@@ -400,7 +403,7 @@ def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:
             raise InputError(where, str(n), expected, "Correct it.")
 
 
-def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
+def _loop_domain_lines(summary: Summary) -> list[str]:
     lines = []
     for row in summary["loops"]:
         limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
@@ -420,7 +423,7 @@ def _loop_domain_lines(summary: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _domain_lines(summary: dict[str, Any]) -> list[str]:
+def _domain_lines(summary: Summary) -> list[str]:
     return [
         f"alpha0 = {case['alpha0_deg']:g}  kappa = {case['kappa']:g}  phi = {case['phi_deg']:g}  "
         f"{contacts:<10}  {summary['directions']} strain paths: det Ks vanishes on "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -26,6 +26,9 @@ from studies.commands import (
     within,
 )
 
+if TYPE_CHECKING:
+    from studies.output import Summary
+
 STATUS_WORDS = {
     "unique": "one solution (proved)",
     "one found": "one solution found",
@@ -42,7 +45,7 @@ WAYS = {"events": "followed from event to event", "increment": "each in one solv
 SHOWN_FOLDS = 8
 
 
-def _probe_lines(summary: dict[str, Any]) -> list[str]:
+def _probe_lines(summary: Summary) -> list[str]:
     statuses = ", ".join(
         f"{STATUS_WORDS.get(name, name)}: {count}" for name, count in summary["statuses"].items()
     )
@@ -104,7 +107,7 @@ def _probe_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def _unanswered(summary: dict[str, Any]) -> str:
+def _unanswered(summary: Summary) -> str:
     """Headline where directions have no answer, with what can be done."""
     count, of = summary["undetermined"], summary["directions"]
     if summary["ended"]:
@@ -196,7 +199,7 @@ def probe_command(
     return replace(said, status=int(summary["undetermined"] == summary["directions"]))
 
 
-def _sustain_lines(summary: dict[str, Any]) -> list[str]:
+def _sustain_lines(summary: Summary) -> list[str]:
     statuses = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items())
     lines = [
         f"{summary['directions']} directions of the stress rate ({summary['subspace']}), load up "

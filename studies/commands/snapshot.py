@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -38,6 +38,9 @@ from studies.commands import (
     shown,
 )
 
+if TYPE_CHECKING:
+    from studies.output import Row, Summary
+
 M_ARENA_MAX = -8  # of malloc.h
 JUDGE_WORDS = {
     "affine": "affine closure, spins blocked",
@@ -47,7 +50,7 @@ JUDGE_WORDS = {
 }
 
 
-def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
+def _snapshot_lines(summary: Summary) -> list[str]:
     from studies.snapshot.table import LAST_ORDER
 
     # Loops of the last order and beyond are counted together.
@@ -70,7 +73,7 @@ def _snapshot_lines(summary: dict[str, Any]) -> list[str]:
     return lines + [f"note: {note}" for note in summary["notes"]]
 
 
-def _verdicts(summary: dict[str, Any]) -> list[str]:
+def _verdicts(summary: Summary) -> list[str]:
     """Shares of unstable loops, with what each assumes."""
     from studies.output import definitions
 
@@ -197,7 +200,7 @@ def check_command(
         rows, unread = _rows(paths, cells, how)
         worst = max((SEVERITIES.index(row["severity"]) for row in rows), default=0)
         made = ("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
-        summary: dict[str, Any] = {
+        summary: Summary = {
             "verdict": "unreadable" if unread else SEVERITIES[worst],
             "snapshots": len({(row["path"], row["snapshot"]) for row in rows}),
             "findings": {name: sum(row["severity"] == name for row in rows) for name in SEVERITIES},
@@ -231,14 +234,14 @@ def check_command(
 
 def _rows(
     paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
-) -> tuple[list[dict[str, Any]], list[InputError]]:
+) -> tuple[list[Row], list[InputError]]:
     """One row per finding, and the errors of the files that could not be read."""
     from patterns.snapshots.findings import crossings
     from patterns.snapshots.slip_check import check_kt
 
     if options["cell"] is not None and cells is not None:
         raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     unread: list[InputError] = []
     before = None
     for path in paths:
@@ -318,7 +321,7 @@ TARGET_WORDS = {
 }
 
 
-def _series_lines(summary: dict[str, Any]) -> list[str]:
+def _series_lines(summary: Summary) -> list[str]:
     fates = "  ".join(f"{name}: {count}" for name, count in summary["fates"].items())
     lines = [
         f"{summary['snapshots']} snapshots, {summary['loops']} loops in all",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from studies.output import definitions
+from studies.output import Row, Summary, definitions
 from studies.paths.options import ComparisonOptions
 from studies.paths.polygon import YIELD_RTOL, Followed, event_values, follow_polygon, thresholds
 
@@ -27,7 +27,7 @@ class Compared:
         """One row per order; NaN where a loop has no such state."""
         rows = []
         for loop in self.loops:
-            row: dict[str, Any] = {"order": loop["order"]}
+            row: Row = {"order": loop["order"]}
             for subspace, strain in loop["critical_strain"].items():
                 row[f"critical_strain_{subspace}"] = np.nan if strain is None else strain
             for name in ("first_yield", "peak"):
@@ -46,7 +46,7 @@ class Compared:
             tables.append(pd.DataFrame(columns))
         return pd.concat(tables, ignore_index=True)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """Summary of the study, without its provenance."""
         early = [str(loop["order"]) for loop in self.loops if loop["status"] != "finished"]
         notes = [f"paths that end before their target: orders {', '.join(early)}"] if early else []

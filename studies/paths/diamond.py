@@ -53,7 +53,7 @@ from stability import (
     statuses,
     symmetric_part,
 )
-from studies.output import definitions
+from studies.output import Summary, definitions
 from studies.paths.options import DiamondOptions
 from studies.paths.polygon import YIELD_RTOL, Followed, follow_path, operator_diagram, plane_columns
 
@@ -395,7 +395,7 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
 # ---- summary
 
 
-def diamond_summary(found: FollowedDiamond) -> dict[str, Any]:
+def diamond_summary(found: FollowedDiamond) -> Summary:
     """Summary of the study, without its provenance.
 
     `states` are null where not reached, B has the operators of sliding contacts too, as `beyond`;
@@ -540,7 +540,7 @@ def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
     return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
 
 
-def model_summary(found: FollowedDiamond) -> dict[str, Any]:
+def model_summary(found: FollowedDiamond) -> Summary:
     """Degrees of freedom; with `--model full` the differences from the smallest model."""
     model = asdict(found.path.model)
     if found.options.model == "auto":

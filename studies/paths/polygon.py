@@ -40,7 +40,7 @@ from stability import (
 )
 from stability import Path as LoopPath
 from stability.path import describe
-from studies.output import definitions
+from studies.output import Summary, definitions
 from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
@@ -398,7 +398,7 @@ def written_rows(found: Followed) -> Integers:
     return np.unique(np.concatenate([np.linspace(0, count - 1, most).astype(int), ends, ends + 1]))
 
 
-def polygon_summary(found: Followed) -> dict[str, Any]:
+def polygon_summary(found: Followed) -> Summary:
     """Summary of the study, without its provenance; `states` are A and end."""
     path, options = found.path, found.options
     critical = thresholds(options)  # type: ignore[arg-type]
@@ -433,7 +433,7 @@ def polygon_summary(found: Followed) -> dict[str, Any]:
     }
 
 
-def event_lines(summary: dict[str, Any]) -> list[str]:
+def event_lines(summary: Summary) -> list[str]:
     """One line for the events of a kind at one state; beyond `MOST_LINES` one for each kind.
 
     The loss of stability names its subspace; contacts, or pairs of grains that touch, are counted.

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from studies.output import UNITS
+from studies.output import UNITS, Summary
 from studies.paths.comparison import compare_orders
 from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamond
 from studies.paths.figures import comparison_figures, diamond_figures, polygon_figures
@@ -20,7 +20,7 @@ class _Answer(NamedTuple):
     """Tables and summary of a study, and what draws its figures from the summary."""
 
     tables: dict[str, Any]
-    summary: dict[str, Any]
+    summary: Summary
     figures: Callable[[dict[str, Any]], Any]
 
 
@@ -41,7 +41,7 @@ def _run(
 
 def run_diamond(
     options: DiamondOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
+) -> Summary:
     """Follow a diamond and write `summary.json`, tables and figures; return the summary.
 
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
@@ -61,13 +61,13 @@ def run_diamond(
 
 def run_polygon(
     options: PolygonOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
+) -> Summary:
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
 
     def answer() -> _Answer:
         found = follow_polygon(options)
 
-        def figures(summary: dict[str, Any]) -> Any:
+        def figures(summary: Summary) -> Any:
             critical = summary["critical_strain"]["diagonal"]
             return polygon_figures(found, polygon_diagrams(found, critical))
 
@@ -78,7 +78,7 @@ def run_polygon(
 
 def run_comparison(
     options: ComparisonOptions, out: Path, *, force: bool = False, csv: bool = False
-) -> dict[str, Any]:
+) -> Summary:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
 
     def answer() -> _Answer:

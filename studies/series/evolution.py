@@ -34,7 +34,7 @@ from patterns import Snapshot
 from patterns.snapshots.walls import box_sides
 from stability import COMPONENTS
 from stability.packing.probe import probe_edge
-from studies.output import Columns
+from studies.output import Columns, Row
 from studies.snapshot.in_packing import sample_edge
 from studies.snapshot.stress import stress
 from studies.snapshot.summary import judges, verdict_shares
@@ -174,7 +174,7 @@ def _product(stress: Floats, strain: Floats) -> tuple[Floats, Floats]:
     return work, np.divide(work, scale, out=np.zeros_like(work), where=scale > 0)
 
 
-def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
+def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> Row:
     """Sum up one snapshot of a series; unknown values are None.
 
     Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
@@ -185,7 +185,7 @@ def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> dict[str, Any]:
     graph, faces = state.graph, state.faces
     order, loop_area = np.asarray(table["order"]), np.asarray(table["area"])
     euler, area = euler_check(graph, faces), outline_area(graph, faces)
-    row: dict[str, Any] = {
+    row: Row = {
         "step": state.step,
         "grains": graph.grain_count,
         "contacts": graph.contact_count,
@@ -218,11 +218,9 @@ def verdict_row(judge: str, smallest: Floats) -> dict[str, float | None]:
     return {f"{judge}_{name}": None if np.isnan(share) else share for name, share in shares}
 
 
-def probe_row(
-    state: Snapshot, directions: int, yield_band: float
-) -> tuple[dict[str, Any], list[str]]:
+def probe_row(state: Snapshot, directions: int, yield_band: float) -> tuple[Row, list[str]]:
     """Columns of the probes of one snapshot (None if unknown) and notes."""
-    row: dict[str, Any] = dict.fromkeys(PROBE)
+    row: Row = dict.fromkeys(PROBE)
     try:
         edge = sample_edge(state, yield_band)
     except InputError as error:
@@ -241,16 +239,14 @@ def probe_row(
 
 def interval_row(
     before: Snapshot, after: Snapshot, fates: LoopFates, table: Mapping[str, Any]
-) -> dict[str, Any]:
+) -> Row:
     """Sum up one interval: strain, opened and closed contacts, number of loops by fate.
 
     With forces also the number of survived loops of negative corotated work and, for every
     prediction, numbers of loops by the sign of the actual and of the predicted work.
     """
     H, source = sample_strain(before, after)
-    row: dict[str, Any] = dict(
-        zip((f"dH{ij}" for ij in COMPONENTS), H.ravel().tolist(), strict=True)
-    )
+    row: Row = dict(zip((f"dH{ij}" for ij in COMPONENTS), H.ravel().tolist(), strict=True))
     row |= {"strain_from": source, "opened": fates.contacts.opened, "closed": fates.contacts.closed}
     for fate in Fate:
         loops = fates.after if fate == Fate.BORN else fates.before

@@ -42,7 +42,7 @@ from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.yielding import forces_of_motion
 from stability.path import Past
-from studies.output import Columns
+from studies.output import Columns, Row
 from studies.series.evolution import sample_strain
 from studies.series.loading import Loading, StrainTable, loading_between, stress_of
 from studies.snapshot.in_packing import (
@@ -264,7 +264,7 @@ def _by_events(
     """Predictions of the packing's path and of its replay, columns, notes on failures."""
     graph = before.graph
     ends, notes = dict[str, PackingState](), list[str]()
-    row: dict[str, Any] = {"replay_inertial_number": None, "replay_rate_from": None}
+    row: Row = {"replay_inertial_number": None, "replay_rate_from": None}
     row |= {"path_status": "refused", "path_instabilities": 0}
     row |= {"path_released": None, "path_from_replay": None, "replay_stress_error": None}
     try:

@@ -24,7 +24,7 @@ from stability.packing.increment import CANDIDATES
 from stability.packing.response import SOLVED
 from stability.packing.yielding import checked_band
 from stability.path import Past
-from studies.output import SERIES, UNITS, definitions
+from studies.output import SERIES, UNITS, Row, Summary, definitions
 from studies.reading import plan_series, reading
 from studies.series.evolution import verdict_row
 from studies.series.loading import WAYS, read_strains
@@ -49,8 +49,6 @@ from studies.series.tasks import (
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import PLACE
 from studies.study import Results, one_of, study
-
-Row = Mapping[str, Any]
 
 
 def run_series(
@@ -78,7 +76,7 @@ def run_series(
     probe: int | None = None,
     indicators: bool = False,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Find the loops of every snapshot of a series and their fates; return the summary.
 
     `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. With
@@ -222,7 +220,7 @@ def series_tables(
     mapped = mapped_interval(evolution)
     notes = [note for one in about.values() for kept in one for note in kept.get("notes", ())]
     tables = {"evolution": evolution, "exchange": exchange_table(series, about["increments"])}
-    summary: dict[str, Any] = {
+    summary: Summary = {
         "snapshots": len(states),
         "intervals": len(intervals),
         "loops": int(evolution["loops"].sum()),
@@ -360,7 +358,7 @@ def kinetics(
     return {name: pd.DataFrame(table) for name, table in tables.items()}, summary
 
 
-def solved_summary(intervals: Sequence[Row], candidates: float) -> dict[str, Any]:
+def solved_summary(intervals: Sequence[Row], candidates: float) -> Summary:
     """Number of intervals whose rate problem is solved, largest residual, boundary."""
     status = [row["packing_status"] for row in intervals]
     solved = sum(one in SOLVED for one in status)
@@ -389,7 +387,7 @@ def solved_summary(intervals: Sequence[Row], candidates: float) -> dict[str, Any
 
 def followed_summary(
     intervals: Sequence[Row], numbers: Sequence[int], following: Following
-) -> dict[str, Any]:
+) -> Summary:
     """Summary of paths and replays: statuses, instabilities, distances, rates.
 
     `numbers` are those of the snapshots.

@@ -23,7 +23,7 @@ from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate
 from stability import RTOL
 from stability.packing.loop_quantities import EXPECTED
-from studies.output import Columns, as_json, described_table
+from studies.output import Columns, Row, Summary, as_json, described_table
 from studies.series.tasks import KEY
 from studies.snapshot.summary import judges, spread
 from studies.snapshot.table import LAST_ORDER
@@ -103,8 +103,8 @@ def skill_tables(
     The second table has a row for each order as well; it is empty unless the packing predicts. Both
     are empty without forces.
     """
-    rows: list[dict[str, Any]] = []
-    by_order: list[dict[str, Any]] = []
+    rows: list[Row] = []
+    by_order: list[Row] = []
     for own, state, earlier in interval_columns(loops, increments, packing):
         order = np.minimum(state["order"], ORDERS[-1])
         for target, predictor, score, value, signed in targets(own, state, earlier):
@@ -279,7 +279,7 @@ def mean_skill(table: pd.DataFrame, target: str = TARGET) -> dict[str, Any]:
     found: dict[str, dict[str, Any]] = {}
     for name, every in table[table["target"] == target].groupby("predictor", sort=False):
         rows = every[every["loops"] > 0]
-        row: dict[str, Any] = {"loops": int(rows["loops"].sum())}
+        row: Row = {"loops": int(rows["loops"].sum())}
         for key in MEASURES:
             known = rows[rows[key].notna()]
             mean = np.average(known[key], weights=known["loops"]) if len(known) else None
@@ -290,9 +290,9 @@ def mean_skill(table: pd.DataFrame, target: str = TARGET) -> dict[str, Any]:
     return found
 
 
-def skill_summary(table: pd.DataFrame, by_order: pd.DataFrame) -> dict[str, Any]:
+def skill_summary(table: pd.DataFrame, by_order: pd.DataFrame) -> Summary:
     """Skill for the summary: means over the intervals by target, and by order."""
-    summary: dict[str, Any] = {"skill": mean_skill(table)}
+    summary: Summary = {"skill": mean_skill(table)}
     if len(by_order):
         summary["skill_of_targets"] = {target: mean_skill(table, target) for target in OTHERS}
         means = {n: mean_skill(by_order[by_order["order"] == n]) for n in ORDERS}
@@ -309,7 +309,7 @@ def write_fates(
 
     Each interval is a row group, and only one is in memory at a time.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     writer = None
     for part, earlier in zip(parts, loops, strict=False):
         read = pyarrow.parquet.read_table(part)
@@ -339,7 +339,7 @@ def verdict_codes(earlier: Path, loop: Any) -> dict[str, Any]:
     return codes
 
 
-def survival_rows(columns: Mapping[str, Any], codes: Mapping[str, Any]) -> list[dict[str, Any]]:
+def survival_rows(columns: Mapping[str, Any], codes: Mapping[str, Any]) -> list[Row]:
     """Rows of one interval: by judge, verdict and order, the number of loops of each fate."""
     earlier = columns["loop_before"].to_numpy() >= 0
     ends = columns["fate"].filter(pa.array(earlier))
@@ -384,7 +384,7 @@ def pooled(table: pd.DataFrame, judge: str, verdict: str, order: int) -> dict[st
     return survival(counts) | {"over_intervals": spread(rows["share"])}
 
 
-def survival_summary(table: pd.DataFrame) -> dict[str, Any]:
+def survival_summary(table: pd.DataFrame) -> Summary:
     """Survival by judge and verdict, of all orders and intervals."""
     summary = {}
     for judge in table["judge"].unique():

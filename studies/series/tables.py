@@ -16,7 +16,7 @@ from loops import InputError
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
-from studies.output import UNITS, provenance
+from studies.output import UNITS, Row, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
 from studies.series.packing import facts, nonaffinity
@@ -129,7 +129,7 @@ def skill(
     >>> table[["target", "predictor"]].drop_duplicates().groupby("target").size().to_dict()
     {'W2_negative': 3, 'contact_lost': 3, 'nonaffine': 3, 'topology': 3}
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for place, (one, two) in enumerate(pairs):
         before, after = planar(one), planar(two)
         before.mechanics()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from loops import force_chains
-from studies.output import UNITS, readable
+from studies.output import UNITS, Summary, readable
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
@@ -30,7 +30,7 @@ def run_snapshot(
     in_packing: Method | None = None,
     quadrons: bool = False,
     **how: Any,
-) -> dict[str, Any]:
+) -> Summary:
     """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
     `how` are options of `read_planar`; `in_packing` is auto, whole or blocks; `quadrons` adds their

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from loops import ForceChains, branch_vectors
 from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
-from studies.output import Columns
+from studies.output import Columns, Summary
 from studies.snapshot.in_packing import PLACE
 from studies.snapshot.summary import (
     FINE,
@@ -257,7 +257,7 @@ def snapshot_figures(
     snapshot: Snapshot,
     table: Columns,
     fabric: Columns,
-    summary: dict[str, Any],
+    summary: Summary,
     links: Floats | None = None,
 ) -> Iterator[tuple[str, Figure]]:
     """Every figure of a snapshot by name; `links (L, 2, 2)` are those of force chains."""
@@ -277,7 +277,7 @@ def snapshot_figures(
 
 
 @styled()
-def order_bars(summary: dict[str, Any], ax: Axes | None = None) -> Axes:
+def order_bars(summary: Summary, ax: Axes | None = None) -> Axes:
     """Share of the loops by order: in number, in area, and of unstable and unjudged ones."""
     ax = axes_or_new(ax)
     if summary["loops"] == 0:
@@ -418,7 +418,7 @@ def _joined(segments: Floats) -> list[Floats]:
 
 
 @styled()
-def fabric_rose(fabric_density: Columns, summary: dict[str, Any]) -> Figure:
+def fabric_rose(fabric_density: Columns, summary: Summary) -> Figure:
     """Density of the contact directions, and its Fourier series of second order."""
     figure = new_figure(ONE_COLUMN, 3.6)
     ax = figure.add_subplot(projection="polar")
@@ -439,7 +439,7 @@ def rose_judges(judged: dict[str, Flags]) -> tuple[str, ...]:
 
 
 @styled()
-def unstable_rose(table: Columns, judged: dict[str, Flags], summary: dict[str, Any]) -> Figure:
+def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) -> Figure:
     """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
     unstable = {judge: judged[judge] for judge in rose_judges(judged) if judged[judge].any()}

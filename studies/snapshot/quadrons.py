@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +9,7 @@ from matplotlib.figure import Figure
 from loops import quadrons
 from loops.arrays import Floats, Integers
 from patterns import Snapshot
-from studies.output import Columns
+from studies.output import Columns, Summary
 from studies.style import BLACK, GREY, ORDER_COLOURS, new_panels, styled
 
 # Orders that have a curve of their own, all larger ones share the last.
@@ -36,7 +34,7 @@ def quadron_columns(snapshot: Snapshot) -> Columns:
     }
 
 
-def quadron_summary(table: Columns) -> dict[str, Any]:
+def quadron_summary(table: Columns) -> Summary:
     """Return number, mean and spread of the quadrons, and both by the order of their loops."""
     area, order = table["area"], table["order"]
     if not len(area):

@@ -29,7 +29,7 @@ from loops.fabric import (
 )
 from patterns import Snapshot
 from stability import RTOL
-from studies.output import Columns, definitions
+from studies.output import Columns, Summary, definitions
 from studies.snapshot.in_packing import PLACE
 from studies.snapshot.stress import stress
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER
@@ -75,7 +75,7 @@ def snapshot_summary(
     table: Columns,
     in_packing: dict[str, Any] | None = None,
     chains: ForceChains | None = None,
-) -> dict[str, Any]:
+) -> Summary:
     """Summary of a snapshot and the table of its loops.
 
     `in_packing` is the method that `add_in_packing` returns, if loops were judged in place.
@@ -248,7 +248,7 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
     return found
 
 
-def order_columns(summary: dict[str, Any], table: Columns) -> Columns:
+def order_columns(summary: Summary, table: Columns) -> Columns:
     """One row per order: number and area of its loops, and the share of unstable ones."""
     orders = [int(n) for n in summary["orders"]]
     columns = {
@@ -262,7 +262,7 @@ def order_columns(summary: dict[str, Any], table: Columns) -> Columns:
     return columns | (share_by_order(table, orders) if "in_packing" in summary else {})
 
 
-def chains_summary(chains: ForceChains, table: Columns) -> dict[str, Any]:
+def chains_summary(chains: ForceChains, table: Columns) -> Summary:
     """Number and length of the force chains, and the share of loops beside one."""
     lengths = np.bincount(chains.chain[chains.chain >= 0])
     return {
@@ -299,7 +299,7 @@ def chains_table(table: Columns) -> dict[str, list[Any]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def wall_summary(snapshot: Snapshot) -> dict[str, Any]:
+def wall_summary(snapshot: Snapshot) -> Summary:
     """Stress carried by the contacts with walls, and its share of the whole stress."""
     walls = snapshot.walls
     if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
@@ -333,7 +333,7 @@ def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]
     return {f"surroundings_{key}": np.array([one[key] for one in found]) for key in names}
 
 
-def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> dict[str, Any]:
+def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> Summary:
     """Keys of the summary for loops in place."""
     smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
     known = ~np.isnan(smallest)
@@ -432,7 +432,7 @@ def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
     }
 
 
-def fabric_table(graph: GrainGraph, summary: dict[str, Any]) -> Columns:
+def fabric_table(graph: GrainGraph, summary: Summary) -> Columns:
     """Density of the contact directions, one row per bin, and its series of second order."""
     d = branch_vectors(graph)
     columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE)

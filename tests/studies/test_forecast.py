@@ -13,7 +13,7 @@ from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from studies.calibration import KINDS, NEVER, PARTS, Calibration, calibration, cells_of, parts_of
 from studies.evolve import Evolution, evolve
-from studies.forecast import next_of, places, reach_of, since, spread_of
+from studies.forecast import next_of, opening_places, places, reach_of, since, spread_of
 from studies.reading import cells_by_number
 from studies.series.skill import score_skill
 from tests.packings import LAW, jammed
@@ -51,6 +51,20 @@ def test_a_flag_counts_that_lasts_to_the_end():
     assert since(flags).tolist() == [2, 3, 1, 0, 3]
 
 
+def test_the_first_contact_of_a_loop_to_open_for_good():
+    """Four contacts around a loop: two open, one opens and closes again, one stays closed."""
+    x = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    ring = gl.GrainGraph(x=x, radii=[0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
+    overlaps = np.array([[1, 2, 2, 1], [1, 2, -2, 1], [1, -4, -3, -1], [-1, -4, -3, 1.0]])
+    law = SimpleNamespace(touching=np.full(4, 9.0))
+    states = [SimpleNamespace(closed=row > 0, law=law, length=9.0 - row) for row in overlaps]
+    place, contact = opening_places(SimpleNamespace(states=states), find_faces(ring), 4)
+    assert contact.tolist() == [2] and place == pytest.approx([0.5 / 3])
+    states[0].closed[2] = False
+    place, contact = opening_places(SimpleNamespace(states=states), find_faces(ring), 4)
+    assert contact.tolist() == [1] and place == pytest.approx([(1 + 1 / 3) / 3])
+
+
 def test_a_contact_opens_where_the_path_has_its_event(found):
     way, scene = found.evolution.ways["events"], found.evolution.scene
     at = places(found.evolution, "events")
@@ -63,18 +77,16 @@ def test_a_contact_opens_where_the_path_has_its_event(found):
         for row, face in enumerate(faces.loops)
         if contact in faces.contacts[slice(*faces.offsets[face : face + 2])]
     ]
-    assert np.flatnonzero(np.isfinite(at["opens"])).tolist() == beside == [11, 13]
-    assert (
-        set(at["contact"][beside]) == {contact} and (np.delete(at["contact"], beside) == -1).all()
-    )
+    assert np.flatnonzero(np.isfinite(at.opens)).tolist() == beside == [11, 13]
+    assert set(at.contact[beside]) == {contact} and (np.delete(at.contact, beside) == -1).all()
     # To a row: once it is open its grains move apart faster.
     row = 1 / (len(way.states) - 1)
-    np.testing.assert_allclose(at["opens"][beside], event.parameter / 3e-3, atol=0.5 * row)
+    np.testing.assert_allclose(at.opens[beside], event.parameter / 3e-3, atol=0.5 * row)
     # The next one closes before: one loop is lost there.
     closing = way.of_kind("closing")[0].parameter / 3e-3
     half = 0.5 / (len(way.states) - 1)
-    assert at["lost"][13] == pytest.approx(closing, abs=half) and closing < at["opens"][13]
-    assert at["lost"][11] == pytest.approx(at["opens"][11], abs=half)
+    assert at.lost[13] == pytest.approx(closing, abs=half) and closing < at.opens[13]
+    assert at.lost[11] == pytest.approx(at.opens[11], abs=half)
 
 
 def test_what_is_lost_at_the_end_is_what_tracking_says(found):
@@ -358,8 +370,7 @@ def test_loops_that_yade_lost_are_told_from_the_earlier_snapshot():
         )
         for number in (10, 13)
     )  # fmt: skip
-    to = 1 - two.graph.cell[1, 1] / one.graph.cell[1, 1]
-    found = gl.forecast(one, "biaxial", to=to, axis=2, spread=False)
+    found = gl.forecast(one, "biaxial", to=6e-5, axis=2, spread=False)
     match = match_contacts(one.graph, one.ids, two.graph, two.ids)
     lost = loop_fates(match, one.faces, two.faces).before != Fate.SURVIVED
     p = found.loops["lost_probability"].to_numpy()

@@ -115,7 +115,7 @@ def measured(data: Path, series: Series, pair: tuple[int, int]) -> pd.DataFrame:
     for name, way in WAYS.items():
         told = places(found, way)
         for kind in KINDS:
-            table[f"{name}_{kind}"] = told[kind]
+            table[f"{name}_{kind}"] = getattr(told, kind)
     lost, past = (np.full(len(table), np.nan) for _ in range(2))
     if (data / series.folder / series.files.format(2 * pair[0] - pair[1])).is_file():
         earlier = read(data, series, 2 * pair[0] - pair[1])
