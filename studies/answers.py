@@ -202,7 +202,7 @@ for kind, place in (
     (Sustained, "studies.sustain.loading_table"),
 ):
     table_of.register(kind, partial(_ask, place))
-for kind, place in (
+for result, place in (
     (Evolution, "studies.plots.plot_evolved"),
     (Forecast, "studies.plots.plot_forecast"),
     (LoopDomain, "studies.plots.plot_domain"),
@@ -212,4 +212,4 @@ for kind, place in (
     (Snapshot, "studies.plots.plot_map"),
     (SnapshotLoop, "studies.plots.plot_loop"),
 ):
-    plot_of.register(kind, partial(_ask, place))
+    plot_of.register(result, partial(_ask, place))

@@ -114,9 +114,11 @@ class Calibration(NamedTuple):
         known = (self.table[[*WAYS]] >= 0).all(axis=1)
         own = self.table[(self.table["kind"] == kind) & known]
         for (series, _), some in own.groupby(["series", "level"]):
-            ways = (np.where(some[way] < NEVER, (some[way] + 0.5) / PARTS, np.inf) for way in WAYS)
+            path, again = (
+                np.where(some[way] < NEVER, (some[way] + 0.5) / PARTS, np.inf) for way in WAYS
+            )
             reach = float(some["reach"].mean())
-            said, _ = self.without(str(series)).probability(kind, *ways, reach)
+            said, _ = self.without(str(series)).probability(kind, path, again, reach)
             rows.append(np.column_stack([said, some["loops"], some["true"]]))
         found = np.concatenate(rows)
         return found[np.isfinite(found[:, 0])]

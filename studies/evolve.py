@@ -234,7 +234,7 @@ def followed(
         )  # fmt: skip
     if asked.by != "events":
         assert rate is not None
-        how = {"rows": asked.rows, "damping": asked.damping}
+        how: dict[str, Any] = {"rows": asked.rows, "damping": asked.damping}
         done = replay(scene, asked.stage, **how, **rate.options)
         said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
         ways["replay"] = replace(done, message=said)
@@ -326,8 +326,9 @@ def evolution_summary(
     told |= {"driven": found.driven, "replay": None}
     if rate is not None:
         contacts = found.scene.graph.contact_count
-        ends = [found.ways, tables, found.driven, contacts] if len(found.ways) > 1 else None
-        beside = replay_summary(*ends) if ends else {}
+        beside = {}
+        if len(found.ways) > 1:
+            beside = replay_summary(found.ways, tables, found.driven, contacts)
         rates = {"inertial_number": rate.inertial_number, "source": rate.source}
         told["replay"] = rates | beside
     return told

@@ -98,7 +98,8 @@ def places(found: Evolution, name: str) -> Places:
     way, count = found.ways.get(name), len(faces.loops)
     if way is None or way.status != "finished":
         unknown = np.full(count, np.nan)
-        return Places(*[unknown] * 3, np.full(count, -1), np.full(count, "unknown"))
+        none, fate = np.full(count, -1), np.full(count, "unknown")
+        return Places(unknown, unknown, unknown, none, fate)
     graph, rows = scene.graph, len(way.states) - 1
     opens, contact = opening_places(way, faces, graph.contact_count)
     fates, negative = np.empty((rows, count), dtype=int), np.empty((rows, count), dtype=bool)

@@ -9,6 +9,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from loops.arrays import Floats
+from patterns import planar
 from stability import COMPONENTS
 from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
@@ -51,7 +52,7 @@ def probability_map(found: Forecast, ax: Axes, kind: str = "lost") -> Axes:
     """Draw the loops of the sample by the probability that they are lost."""
     values = found.loops[f"{kind}_probability"].to_numpy()
     scale = Normalize(0.0, 1.0)
-    drawn = loop_drawer(found.evolution.scene)(ax, values, mpl.colormaps[SEQUENTIAL], scale)
+    drawn = loop_drawer(planar(found.evolution.scene))(ax, values, mpl.colormaps[SEQUENTIAL], scale)
     driven, to = found.evolution.driven, found.evolution.to
     name = f"{driven[0]}_{{{driven[1:]}}}"
     label = f"probability that the loop is lost up to $\\Delta {name}$ = {to:g}"
@@ -90,7 +91,8 @@ def left_out(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floa
         for weights in (rows[:, 1], rows[:, 0] * rows[:, 1], rows[:, 2])
     )
     some = loops >= FEW
-    return told[some] / loops[some], true[some] / loops[some], loops[some]
+    count = loops[some].astype(float)
+    return told[some] / count, true[some] / count, count
 
 
 @styled()
@@ -98,9 +100,10 @@ def next_events(found: Forecast, ax: Axes) -> Axes:
     """Draw the driven stress on the way, instabilities, and the spread of the next drop."""
     draw_driven_stress(found.evolution, ax)
     rows, drop = found.next, spread_of(found.next, "drop")
-    if drop["found"]:
+    low, high = drop["low"], drop["high"]
+    if low is not None and high is not None:
         label = f"next drop, {drop['found']} of {drop['ways']} ways"
-        ax.axvspan(drop["low"], drop["high"], color=ORANGE, alpha=0.35, linewidth=0)
+        ax.axvspan(low, high, color=ORANGE, alpha=0.35, linewidth=0)
         ax.plot(rows["drop"], np.full(len(rows), 0.05), "v", color=ORANGE, label=label,
                 transform=ax.get_xaxis_transform())  # fmt: skip
     else:
