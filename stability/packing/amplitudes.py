@@ -15,7 +15,7 @@ from loops.errors import number
 from loops.laws.movable import require_movable
 from loops.scene import Scene
 from stability.destabilising import no_control
-from stability.packing.controls import HeldAndDriven
+from stability.packing.controls import direction_control
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes
@@ -140,10 +140,9 @@ def probe_by_increment(
     """
     number("amplitude", amplitude, 0.0, open_low=True)
     increments = PackingIncrements(yielding)
-    asked = found.subspace, found.control, amplitude
     answers = [
-        increments.solved(control_along_direction(direction, *asked))
-        for direction in found.directions
+        increments.solved(direction_control(one, found.subspace, found.control))
+        for one in amplitude * found.directions
     ]
     done = np.array([answer.status != "not converged" for answer in answers])
     strain, stress = (
@@ -193,19 +192,6 @@ def _over_amplitude(
         destabilising=no_control("undetermined", m),
         **rest,
     )
-
-
-def control_along_direction(
-    direction: Floats, subspace: Subspace, control: Driven, amplitude: float
-) -> HeldAndDriven:
-    """Return the control that drives a direction by the amplitude, strain in the subspace alone."""
-    basis = subspace_basis(subspace)
-    rest = np.linalg.svd(basis)[2][len(basis) :]
-    size, none = amplitude * direction, np.zeros(len(rest))
-    if control == "stress":
-        return HeldAndDriven(rest, none, basis, size)
-    held = np.vstack([basis, rest])
-    return HeldAndDriven(held, np.append(size, none), np.empty((0, 4)), np.empty(0))
 
 
 def _of_finished(done: Flags, rows: list[Floats]) -> Floats:

@@ -11,6 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.errors import InputError
 from stability.packing.yielding import LinearAnswer, YieldResponse, complementary_rates
 from stability.programmes import Programme
+from stability.spectra import subspace_basis
 
 # Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
 ROUNDED = 1e-13
@@ -76,6 +77,20 @@ def component_control(strain: ArrayLike, stress: ArrayLike | None) -> HeldAndDri
         raise InputError("stress_rate", f"{P.tolist()}", expected, remedy)
     rows = np.eye(4)
     return HeldAndDriven(rows[~driven.ravel()], H[~driven], rows[driven.ravel()], P[driven])
+
+
+def direction_control(direction: Floats, subspace: str, driven: str) -> HeldAndDriven:
+    """Return the control that drives strain or stress along a direction of a subspace.
+
+    Strain outside of it is zero.
+    """
+    basis = subspace_basis(subspace)
+    rest = np.linalg.svd(basis)[2][len(basis) :]
+    none = np.zeros(len(rest))
+    if driven == "stress":
+        return HeldAndDriven(rest, none, basis, direction)
+    held = np.vstack([basis, rest])
+    return HeldAndDriven(held, np.append(direction, none), np.empty((0, 4)), np.empty(0))
 
 
 def control_of(programme: Programme, stress: Floats) -> Control:

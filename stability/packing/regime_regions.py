@@ -16,7 +16,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.directional.branches import plane_directions, works
-from stability.packing.controls import HeldAndDriven, controlled_strain
+from stability.packing.controls import HeldAndDriven, controlled_strain, direction_control
 from stability.packing.response import (
     CRITICAL,
     SCALED,
@@ -89,8 +89,7 @@ class RegimeRegions:
         self, rates: PackingRates, control: Driven, subspace: Subspace, starts: int
     ) -> None:
         self.rates, self.driven, self.starts = rates, control, starts
-        self.basis = subspace_basis(subspace)
-        self.rest = np.linalg.svd(self.basis)[2][len(self.basis) :]
+        self.subspace, self.basis = subspace, subspace_basis(subspace)
         self.number: dict[bytes, int] = {}
         self.tangents: list[Floats] = []
         self.arcs: list[Floats] = []
@@ -184,15 +183,7 @@ class RegimeRegions:
 
     def control(self, direction: Floats) -> HeldAndDriven:
         """Return the control along a direction; strain outside of the subspace is zero."""
-        none = np.zeros(len(self.rest))
-        if self.driven == "stress":
-            return HeldAndDriven(self.rest, none, self.basis, direction)
-        return HeldAndDriven(
-            np.vstack([self.basis, self.rest]),
-            np.append(direction, none),
-            np.empty((0, 4)),
-            np.empty(0),
-        )
+        return direction_control(direction, self.subspace, self.driven)
 
     def at(self, direction: Floats, starts: int | None = None) -> DirectionAnswer:
         """Return the response along a direction; with zero starts from the known branches alone."""

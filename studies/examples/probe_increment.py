@@ -22,7 +22,8 @@ from loops import love_weber_stress
 from loops.arrays import Floats
 from stability import follow
 from stability.packing import PackingIncrements, PackingRates
-from stability.packing.amplitudes import control_along_direction, stage_along
+from stability.packing.amplitudes import stage_along
+from stability.packing.controls import direction_control
 from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
 from studies.examples.probing import STRESS, convected, state
@@ -49,7 +50,7 @@ def answers(
         for amplitude in amplitudes:
             began = process_time()
             controls = [
-                control_along_direction(each, "diagonal", "strain", amplitude) for each in wanted
+                direction_control(amplitude * each, "diagonal", "strain") for each in wanted
             ]
             solved = [one.solved(control) for control in controls]
             spent = ready + process_time() - began
