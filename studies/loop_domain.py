@@ -36,7 +36,6 @@ from studies.style import (
     BLACK,
     LINE_COLOURS,
     key_columns,
-    new_figure,
     new_panels,
     styled,
 )
@@ -321,8 +320,8 @@ def _pieces(points: Floats, kept: Any) -> tuple[Floats, Floats]:
 def share_figure(loops: pd.DataFrame) -> Figure:
     """Share of the strain plane that is unstable over order, a panel for each kind of contacts."""
     kinds = list(loops.contacts.unique())
-    figure = new_figure(2.9 * len(kinds) + 0.6, 2.9)
-    for ax, contacts in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds, strict=True):
+    figure, (axes,) = new_panels(1, len(kinds), 2.9, 2.9 * len(kinds) + 0.6)
+    for ax, contacts in zip(axes, kinds, strict=True):
         own = loops[loops.contacts == contacts]
         for (kappa, colour), closure in product(
             zip(own.kappa.unique(), LINE_COLOURS, strict=False), own.closure.unique()

@@ -303,8 +303,9 @@ def domain_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
     """Domains of one loop by its start or kind of contacts, a panel each."""
     figure, (axes,) = new_panels(1, len(found), 4.4, ONE_COLUMN * len(found))
     for ax, (name, domain) in zip(axes, found.items(), strict=True):
-        draw_domain(domain, ax, plane)
-        ax.text(0.98, 0.02, name, transform=ax.transAxes, ha="right", va="bottom")
+        key = draw_domain(domain, ax, plane).get_legend()
+        assert key is not None
+        key.set_title(name)
     return figure
 
 

@@ -187,5 +187,5 @@ def test_the_figure_of_a_loop_without_load_has_its_fan_and_an_open_boundary(squa
         lines = [path.vertices for drawn in boundary for path in drawn.get_paths()]
         assert sum(len(line) - 1 for line in lines) == len(found.rows) - 1
         words = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert words[-1] == "no load" and ax.texts[0].get_text() == contacts
+        assert words[-1] == "no load" and ax.get_legend().get_title().get_text() == contacts
     figure.draw_without_rendering()
