@@ -135,9 +135,10 @@ class Next(NamedTuple):
     """What one way of following the packing says: its next instability and drop, nan for none.
 
     Values are those of the driven component. A drop is where the driven stress falls by more than
-    `DROP` of what it was at the start, `drop_size` how far it does over that. `residual` is the
-    largest drift of a grain's resultant along a path, the unbalanced force at the end of a replay,
-    over the mean force.
+    `DROP` of what it was at the start, `drop_size` how far it does over that; none is looked for in
+    the start of a replay. `limit` and its spread are those of a path that ends at a limit of the
+    control. `residual` is the largest drift of a grain's resultant along a path, the unbalanced
+    force at the end of a replay, over the mean force.
     """
 
     way: str
@@ -147,6 +148,8 @@ class Next(NamedTuple):
     instability: float
     drop: float
     drop_size: float
+    limit: float
+    limit_spread: float
     residual: float
 
 
@@ -168,7 +171,9 @@ def next_of(name: str, way: FollowedPath, driven: str, sense: float) -> Next:
             size = float(fall[top == top[falls[0]]].max() / abs(stress[0]))
     residual = way.imbalance.max() if len(way.imbalance) else way.states[-1].unbalanced
     first = lost[0] if lost else np.nan
-    return Next(name, way.status, way.message, float(at[-1]), first, drop, size, float(residual))
+    limit = sense * way.limit, way.limit_spread
+    told = name, way.status, way.message, float(at[-1])
+    return Next(*told, first, drop, size, *limit, float(residual))
 
 
 def next_rows(found: Evolution, asked: Evolving, *, spread: bool) -> pd.DataFrame:
@@ -183,6 +188,10 @@ def next_rows(found: Evolution, asked: Evolving, *, spread: bool) -> pd.DataFram
         ways["path, grains renumbered"] = follow(other, asked.stage, interval=same, **how)
     driven = found.driven, found.sense
     return pd.DataFrame(next_of(name, way, *driven) for name, way in ways.items())
+
+
+# What is looked for ahead: columns of `Next`.
+NEXT = ("drop", "instability", "limit")
 
 
 class Spread(TypedDict):
@@ -253,7 +262,7 @@ class Forecast(Shown):
         for kind in KINDS:
             likely = int((self.loops[f"{kind}_probability"] > 0.5).sum())
             told[kind] = f"{likely} of {len(self.loops)} loops at p > 0.5"
-        for what in ("drop", "instability"):
+        for what in NEXT:
             one = spread_of(self.next, what)
             none = f"none in {one['ways'] - one['found']} of {one['ways']} ways"
             said = f"{one['low']:.3g} to {one['high']:.3g}" if one["found"] else none

@@ -11,7 +11,7 @@ import pandas as pd
 
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
 from studies.evolve import Evolving
-from studies.forecast import DEFAULTS, Forecast, forecast_of, spread_of
+from studies.forecast import DEFAULTS, NEXT, Forecast, forecast_of, spread_of
 from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE
@@ -81,7 +81,12 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
             "expected": _sum(found.loops[f"{kind}_probability"]),
             "likely": int((found.loops[f"{kind}_probability"] > 0.5).sum()),
             "base": None if np.isnan(found.base[kind]) else found.base[kind],
-            **{name: int(found.loops[f"{name}_{kind}_at"].notna().sum()) for name in WAYS},
+            **{
+                name: int(found.loops[f"{name}_{kind}_at"].notna().sum())
+                if ends.get(name, {}).get("status") == "finished"
+                else None
+                for name in WAYS
+            },
         }
         for kind in KINDS
     }
@@ -96,7 +101,7 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
         "answered": found.answered,
         "loops": len(found.loops),
         "kinds": told,
-        "next": {what: spread_of(found.next, what) for what in ("drop", "instability")},
+        "next": {what: spread_of(found.next, what) for what in NEXT},
         "ways": ends,
         "calibration": known.provenance,
         "spread": spread,

@@ -229,10 +229,9 @@ def _forecast_lines(summary: Summary) -> list[str]:
                 f"{row['expected']:.1f} expected, {row['likely']} likely (p > 0.5); base rate "
                 f"{100 * row['base']:.2g} %"
             )
-        lines.append(
-            f"of {summary['loops']} loops {KIND_WORDS[kind]}: {told}; by the path {row['path']}, "
-            f"by the replay {row['replay']}"
-        )
+        ways = ("no answer" if row[way] is None else row[way] for way in ("path", "replay"))
+        said = "{}; by the path {}, by the replay {}".format(told, *ways)
+        lines.append(f"of {summary['loops']} loops {KIND_WORDS[kind]}: {said}")
     for what, one in summary["next"].items():
         told = f"next {what}: found by {one['found']} of {one['ways']} ways"
         if one["found"]:

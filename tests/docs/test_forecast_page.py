@@ -13,7 +13,7 @@ SCORES = pd.read_csv(DOCS / "figures/forecast.csv")
 
 
 def test_the_how_to_is_short():
-    assert words(page("forecast")) < 650
+    assert words(page("forecast")) < 600
     for name in re.findall(r"\(figures/(.*?)\)", page("forecast")):
         assert (DOCS / "figures" / name).is_file()
 

@@ -257,7 +257,8 @@ def way_of(stress, lost=(), **more):
     return SimpleNamespace(
         P=P, parameter=np.arange(len(stress), dtype=float), status="finished", message="",
         of_kind=lambda kind: events if kind == "instability" else [],
-        imbalance=np.array([0.0, 1e-5]), **{"steps": 0} | more,
+        imbalance=np.array([0.0, 1e-5]),
+        **{"steps": 0, "limit": np.nan, "limit_spread": np.nan} | more,
     )  # fmt: skip
 
 
@@ -312,10 +313,14 @@ def test_a_lost_path_says_so_and_gives_no_numbers(sample, grains, tmp_path, monk
     asked = ["--to", "1e-3", "--interval", "2e-5", "--no-spread", "--no-figures", "--rows", "4"]
     asked += ["--inertial-number", "1e-4", "--out"]
     assert run(monkeypatch, "forecast", grains, *asked, tmp_path / "out") == 0
-    assert "note: path lost at 3.93e-05: 2 intervals were not enough" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "note: path lost at 3.93e-05: 2 intervals were not enough" in said
+    assert "by the path no answer, by the replay " in said
     loops = pd.read_parquet(tmp_path / "out/loops.parquet")
     assert loops.filter(regex="path_.*_at").isna().all(axis=None)
     assert set(loops["path_fate"]) == {"unknown"}
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["kinds"]["lost"]["path"] is None and summary["kinds"]["lost"]["replay"] >= 0
     # The replay alone: its own frequencies.
     known, reach = calibration(), reach_of(sample.scene, 1e-3, "H11")
     place = np.where(loops["replay_lost_at"].notna(), loops["replay_lost_at"] / 1e-3, np.inf)
@@ -323,6 +328,12 @@ def test_a_lost_path_says_so_and_gives_no_numbers(sample, grains, tmp_path, monk
     np.testing.assert_allclose(loops["lost_probability"], expected)
     only = gl.forecast(sample, to=1e-3, interval=2e-5, by="events", spread=False, rows=4)
     assert not only.answered and only.loops["lost_probability"].isna().all()
+
+
+def test_a_limit_of_the_control_is_told_with_its_spread():
+    way = way_of([100, 101], limit=0.8, limit_spread=0.004)
+    told = next_of("path", way, "P11", -1.0)
+    assert (told.limit, told.limit_spread) == (-0.8, 0.004) and np.isnan(told.drop)
 
 
 def test_farther_than_was_counted_there_are_no_probabilities(sample):
