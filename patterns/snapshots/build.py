@@ -18,8 +18,8 @@ from loops import (
 )
 from loops.arrays import Floats, Integers, Regimes, median
 from loops.compiled import load_ahead, use_compiled
-from loops.laws.frictional import ShearIncrement
-from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, ShearHistory
+from loops.laws.frictional import ShearHistory, ShearIncrement
+from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND
 from loops.validation import repeated_contacts
 from patterns.snapshots.checked import Checked, goes_with_root, touching_lengths
 from patterns.snapshots.checks import SLIDING_SHARE, check_state, same_force

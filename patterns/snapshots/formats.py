@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from loops import HertzMindlin, InputError
 from loops.errors import check_choice, number
-from loops.laws.frictional import checked_increment, friction_of
-from loops.laws.hertz_mindlin import ShearHistory
+from loops.laws.frictional import ShearHistory, checked_increment, friction_of
 from patterns.snapshots.build import COHESIVE, LawName, Parameters, build_snapshot
 from patterns.snapshots.files import head_of, require_file
 from patterns.snapshots.frame import (

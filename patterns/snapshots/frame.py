@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Floats
 from loops.errors import check_choice
-from loops.laws.frictional import ShearIncrement, checked_increment
-from loops.laws.hertz_mindlin import ShearHistory
+from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
 from patterns.snapshots.files import Text, beside, require_file, whole_file
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.geometry import WALL
