@@ -4,7 +4,7 @@ import re
 
 import pandas as pd
 
-from studies.calibration import calibration
+from studies.calibration import PARTS, calibration
 from tests.docs.pages import DOCS, page, tables
 from tests.docs.test_how_to import words
 from tests.tools.forecasting import DRAWN, figure_of
@@ -33,6 +33,14 @@ def test_rows_of_the_tables_are_the_scores():
             assert float(row["Brier skill"]) == round(score.brier_skill, 3)
             assert float(row["base rate"]) == round(score.base, 4)
             assert int(row["loops"]) == score.loops
+
+
+def test_counts_of_all_series_are_those_that_are_stored():
+    counts = calibration().shares("lost", "both").groupby("cell")[["true", "loops"]].sum()
+    both, one, none = counts[:PARTS], counts[PARTS : 2 * PARTS].sum(), counts.iloc[-1]
+    told = [f"{row.true} of {row.loops}" for row in (*both.itertuples(), one, none)]
+    (line,) = (one for one in page("evidence/forecast").splitlines() if "fourth quarter" in one)
+    assert re.findall(r"\d+ of \d+", line) == told
 
 
 def test_every_predictor_is_in_the_figure():
