@@ -180,10 +180,7 @@ def polygon_command(
     """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
     writing, reading = writing or Writing(), reading or OneReading()
     kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
-    given = [name for name, value in kinds.items() if value is not None]
-    if len(given) != 1:
-        received = " and ".join(given) or "none"
-        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    _which_loop(kinds, needed=True)
     own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
            "rolling": rolling}  # fmt: skip
     asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
@@ -223,6 +220,15 @@ def polygon_command(
         lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
     lines += [f"note: {note}" for note in summary["notes"]]
     return answer(writing.json, out, lines)
+
+
+def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:
+    """Return the option that says which loop; `InputError` for several, and for none if needed."""
+    given = [name for name, value in kinds.items() if value is not None]
+    if len(given) > 1 or (needed and not given):
+        received = " and ".join(given) or "none"
+        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    return given[0] if given else ""
 
 
 def _refuse_reading(loop: int | None, reading: OneReading) -> str:
@@ -331,10 +337,7 @@ def domain_command(
     """
     writing, reading = writing or Writing(), reading or OneReading()
     kinds = {"--order": order, "--compare": compare, "--radii": radii, "--snapshot": snapshot}
-    given = [name for name, value in kinds.items() if value is not None]
-    if len(given) > 1:
-        received = " and ".join(given)
-        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+    given = _which_loop(kinds, needed=False)
     out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
     ratios = numbers("--kappa", kappa)
     with clock("grainloops domain"):
@@ -359,16 +362,12 @@ def domain_command(
         from studies.paths.options import PolygonOptions, orders_of
 
         if alpha0 is not None:
-            raise InputError(
-                "--alpha0", f"given with {given[0]}", "diamonds alone", "Leave it out."
-            )
+            raise InputError("--alpha0", f"given with {given}", "diamonds alone", "Leave it out.")
         words: Any = {"spins": spins}
         closures: tuple[Any, ...] = (closure or "affine",)
         if snapshot is not None:
-            own = [
-                name for name, value in (("kappa", kappa), ("phi_deg", phi)) if value is not None
-            ]
-            own += ["rolling"] if rolling else []
+            asked = {"kappa": kappa, "phi_deg": phi, "rolling": rolling or None}
+            own = [name for name, value in asked.items() if value is not None]
             words |= {"closure": closures[0]}
             loops = [_of_snapshot(snapshot, loop, own, words, reading.how_of(snapshot))]
         else:
@@ -377,7 +376,7 @@ def domain_command(
             if compare is not None:
                 closures = (closure,) if closure else ("affine", "traction")
             orders = orders_of(compare) if compare else (order or len(sizes or ()),)
-            _require_orders(orders, "number of --radii" if sizes else given[0], each=bool(compare))
+            _require_orders(orders, "number of --radii" if sizes else given, each=bool(compare))
             angle: Any = {} if phi is None else {"phi_deg": phi}
             words |= {"radii": sizes, "contact_law": law, "rolling": rolling, **angle}
             loops = [
