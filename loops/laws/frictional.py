@@ -199,9 +199,9 @@ class FrictionalLaw(Shown):
     of_moduli: bool = False
     shear_history: ShearHistory = "force"
     cohesive: bool = False
-    adhesion: ArrayLike = 0.0
-    attraction: ArrayLike = 0.0
-    cohesion: ArrayLike = 0.0
+    adhesion: Floats | float = 0.0
+    attraction: Floats | float = 0.0
+    cohesion: Floats | float = 0.0
 
     def __init__(self, **parameters: ArrayLike) -> None:
         vars(self).update(parameters)

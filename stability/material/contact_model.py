@@ -119,12 +119,12 @@ class ContactSteps:
 def steps_of(law: ContactLaw, touching: Touching) -> ContactSteps:
     """Return the contacts of a law, compiled where its springs are a power of the overlap."""
     radii = np.stack([touching.radii_i, touching.radii_j])
-    springs = law.power_springs(radii) if isinstance(law, FrictionalLaw) else None
-    if springs is None:
+    if not isinstance(law, FrictionalLaw) or (springs := law.power_springs(radii)) is None:
         return ContactSteps(law, touching, None)
-    numbers = [np.zeros(len(radii[0])) + one for one in (touching.length, *springs[1:], law.mu)]
-    parameters = np.ascontiguousarray(np.stack(numbers, axis=-1))
-    kind = KERNELS[springs[0], law.shear_history]
+    power, *numbers = springs
+    columns = [np.asarray(one, dtype=float) for one in (touching.length, *numbers, law.mu)]
+    parameters = np.ascontiguousarray(np.stack(np.broadcast_arrays(*columns), axis=-1))
+    kind = KERNELS[power, law.shear_history]
     known = CompiledLaw(kind, law.shear_increment == "radii", parameters)
     return ContactSteps(law, touching, known)
 
