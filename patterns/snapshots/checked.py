@@ -103,12 +103,14 @@ class Checked:
     def strength(self) -> Floats:
         """(C,) array: shear force at which contacts slide, `mu N` and the cohesion."""
         assert self.law is not None
-        return self.mu * self.normal + self.law.cohesion
+        return self.mu * self.normal + np.asarray(self.law.cohesion, dtype=float)
 
     @cached_property
     def pressed(self) -> Floats:
         """(C,) array: force of the springs, `N` and the adhesion of contacts that attract."""
-        return self.normal if self.law is None else self.normal + self.law.attraction
+        if self.law is None:
+            return self.normal
+        return self.normal + np.asarray(self.law.attraction, dtype=float)
 
     @property
     def cohesive(self) -> bool:
