@@ -19,7 +19,7 @@ def test_the_how_to_is_short():
 
 
 def test_rows_of_the_tables_are_the_scores():
-    head, *kinds = tables(page("evidence/forecast"))
+    head, *kinds, _ = tables(page("evidence/forecast"))
     assert len(kinds) == SCORES["kind"].nunique()
     assert sum(int(row["intervals"]) for row in head) == sum(
         calibration().provenance["series"].values()
