@@ -71,7 +71,7 @@ def test_pictures_of_first_steps_are_what_its_blocks_draw(tmp_path):
     draw_pictures(blocks, tmp_path)
     drawn = sorted(path.name for path in tmp_path.iterdir())
     assert drawn == sorted(path.name for path in (DOCS / "figures").glob("first-steps-*.png"))
-    assert len(drawn) == page("first-steps").count("](figures/first-steps-") == 5
+    assert len(drawn) == page("first-steps").count("](figures/first-steps-") == 6
     for name in drawn:
         # Edges of letters may differ between builds of the fonts' library: 1 % of a colour's 255.
         assert compare_images(DOCS / "figures" / name, tmp_path / name, tol=2.55) is None

@@ -48,7 +48,7 @@ def test_compare(monkeypatch, capsys, tmp_path, undrawn):
         (["--order", "6", "--confine", "1"], "--confine"),
         (["--order", "6", "--closure", "rigid"], "affine or traction"),
         (["--order", "6", "--spins", "up"], "blocked, affine or free"),
-        (["--order", "6", "--programme", "biaxial"], "--programme"),
+        (["--order", "6", "--programme", "triaxial"], "--programme"),
         (["--order", "6", "--orientation", "corner"], "vertex or edge"),
         (["--order", "six"], "--order"),
         (["--order", "5", "--radii", "1,2,3"], "one of them"),
