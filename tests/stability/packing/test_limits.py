@@ -9,13 +9,22 @@ import sys
 import numpy as np
 import pytest
 
-from loops import Scene, find_faces
-from loops.contacts import start_state
-from stability import Programme, Stage
-from stability.packing import rattlers, regime_factor, strain_increment, sustain
+from loops import GrainGraph, Scene, find_faces
+from loops.contacts import contacts_of, start_state
+from loops.laws.movable import require_movable
+from stability import Programme, Stage, follow
+from stability.packing import rattlers, regime_factor, replay, strain_increment, sustain
 from stability.packing.amplitudes import stage_along
 from stability.packing.path_solver import PackingPathSolver
-from stability.packing.sustain import LARGE, MANY, ConstantLoad, Loading, load_path, renumbered
+from stability.packing.sustain import (
+    INERTIA,
+    LARGE,
+    MANY,
+    ConstantLoad,
+    Loading,
+    load_path,
+    renumbered,
+)
 from stability.path import Event
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import bracket, yade_rest
@@ -132,6 +141,35 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         loaded(degrees).H[loaded(degrees).parameter <= motion.lost], axis=1
     ).max()
     assert strains[0] < 1.1 * before and strains[1] > before + LARGE
+
+
+def test_without_grains_that_carry_nothing_a_slow_replay_comes_to_the_path():
+    """Ten times as slow, a tenth of the distance; with such grains it does not fall below .03."""
+    graph, law, _ = yade_rest("dense")
+    start = contacts_of(start_state(graph), require_movable(graph, law))
+    keep = ~rattlers.carrying_nothing(start, rattlers.LOADED_SHARE)
+    rows = keep[graph.contacts].all(axis=1)
+    graph = GrainGraph(
+        x=graph.x[keep],
+        radii=graph.radii[keep],
+        contacts=(np.cumsum(keep) - 1)[graph.contacts[rows]],
+        images=graph.images[rows],
+        cell=graph.cell,
+        normal_force=graph.normal_force[rows],
+        shear_force=graph.shear_force[rows],
+    )
+    count = graph.contact_count
+    stage = stage_along(towards(180.0), "diagonal", "stress", 1.6)
+    path = follow(Scene(graph, law), stage, closure="packing")
+    first, last = (state.forces[:count] for state in path.states)
+    mass = np.full(graph.grain_count, np.mean(np.pi * graph.radii**2))
+    inertia = INERTIA * mass * graph.radii**2
+    apart = []
+    for seconds in (0.08, 0.8):
+        how = {"duration": seconds, "mass": mass, "inertia": inertia, "damping": 0.2}
+        forces = replay(Scene(graph, law), stage, **how).state.forces[:count]
+        apart.append(np.linalg.norm(forces - last) / np.linalg.norm(last - first))
+    assert apart[1] < 5e-3 and apart[1] < 0.2 * apart[0]
 
 
 # Error of the stress across, over the limit: the geometry is kept over an interval.
