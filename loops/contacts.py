@@ -170,7 +170,7 @@ class PackingState(Shown):
         out[self.count :] = 0.0
         return out
 
-    @property
+    @cached_property
     def mean_force(self) -> float:
         """Mean force of the closed contacts between grains; nan if there are none."""
         carried = np.linalg.norm(self.forces[self.closed & ~self.at_wall], axis=1)

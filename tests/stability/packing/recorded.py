@@ -111,10 +111,10 @@ def plain(value):
 
 
 def named(value):
-    """Fields of an answer by name."""
+    """Fields of an answer by name, without what it keeps for itself."""
     # Without cohesion what is closed follows from the forces; the law is that of the case.
     left_out = LEFT_OUT | ({"closed", "law"} if isinstance(value, PackingState) else set())
-    names = [field.name for field in fields(value) if field.name not in left_out]
+    names = [one.name for one in fields(value) if one.name not in left_out and one.name[0] != "_"]
     return {name: plain(getattr(value, name)) for name in names}
 
 
