@@ -234,7 +234,8 @@ def followed(
         )  # fmt: skip
     if asked.by != "events":
         assert rate is not None
-        how: dict[str, Any] = {"rows": asked.rows, "damping": asked.damping}
+        # Without rows in between the end is kept, as by a path.
+        how: dict[str, Any] = {"rows": max(1, asked.rows), "damping": asked.damping}
         done = replay(scene, asked.stage, **how, **rate.options)
         said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
         ways["replay"] = replace(done, message=said)

@@ -94,7 +94,7 @@ def replay(
     balanced : bool
         Balance the resultants of the start by a constant load.
     rows : int
-        Number of states that are kept after the start.
+        Number of states that are kept after the start, 1 or more.
 
     Returns
     -------
@@ -125,6 +125,7 @@ def replay(
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
     start = contacts_of(start_state(graph, boundary), checked, boundary)
+    whole_number("rows", rows, 1)
     dt = time_step or step_of(masses, inertias, start)
     servo, ends = _steering(start, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])

@@ -386,6 +386,7 @@ def test_pairs_are_those_of_brute_force(gap):
         ({"mass": [1.0]}, "mass"),
         ({"damping": -1}, "damping"),
         ({"inertial_number": 0}, "inertial_number"),
+        ({"rows": 0}, "rows"),
         ({"strain": Stage(isotropic_stress(), "P11", 1.0)}, "P11 at the end, expected 'parameter'"),
         ({"strain": Stage(drained_biaxial(1), "H22", 1.0)}, "H22 at the end, expected 'parameter'"),
         ({"strain": Stage(drained_biaxial(1), "H11", -1e-4)}, "a target that lies ahead"),

@@ -260,6 +260,12 @@ def test_both_ways_from_one_snapshot_have_their_numbers(small, tmp_path):
     assert other["end"] != two["end"] and other["damping"] == 0.1
 
 
+def test_without_rows_the_end_of_both_ways_is_kept(small, tmp_path):
+    how = {"to": 1e-4, "by": "both", "inertial_number": 1e-5, "figures": False}
+    none, one = (run_evolve([small[0]], tmp_path / str(k), rows=k, **how) for k in (0, 1))
+    assert none["end"] == one["end"] and none["replay"]["end"] == one["replay"]["end"]
+
+
 NUMBERS = {"proportional-strain": {"strain_ratio": -0.5}, "fluid": {"fluid_bulk_modulus": 0.3}}
 
 
