@@ -1,4 +1,4 @@
-"""How often forecasts of loops came true (`tests.tools.forecasting`), and what follows from it."""
+"""Frequencies with which forecasts of loops came true, and what is likely by them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def cells_of(path: Integers, replayed: Integers) -> Integers:
 
 
 class Calibration(NamedTuple):
-    """How often a loop was lost of which a forecast said so: a row a series, reach, kind and cell.
+    """Loops that a forecast called lost, and those that were: a row a series, reach, kind and cell.
 
     `table` has `series, level, reach, kind, path, replay, loops, true`; parts of the way by `path`
     and `replay`, `true` of the `loops` were really lost.

@@ -79,7 +79,7 @@ def overlaps(state: Contacts) -> Floats:
 
 
 class Places(NamedTuple):
-    """Where a way loses each loop (L,): shares of the way by kind, infinite for never.
+    """Places at which a way loses each loop (L,): shares of the way by kind, infinite for never.
 
     `contact` is the one that opens first, -1 for none, `fate` what became of the loop at the end.
     Not numbers, and unknown, of a way that does not reach its end.
@@ -132,7 +132,7 @@ def reach_of(scene: Scene, to: float, driven: str) -> float:
 
 
 class Next(NamedTuple):
-    """What one way of following the packing says: its next instability and drop, nan for none.
+    """Next instability and next drop by one way of following the packing, nan for none.
 
     Values are those of the driven component. A drop is where the driven stress falls by more than
     `DROP` of what it was at the start, `drop_size` how far it does over that; none is looked for in
@@ -222,7 +222,7 @@ def spread_of(rows: pd.DataFrame, what: str) -> Spread:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast(Shown):
-    """What a packing will do under a programme, by its path and its replay.
+    """Forecast of a packing under a programme, by its path and its replay.
 
     Attributes
     ----------

@@ -122,7 +122,7 @@ class Drawing(Writing):
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Sharing:
-    """Who does the work, by the names of the studies."""
+    """Workers of a study, by the names of its options."""
 
     workers: Annotated[
         Whole | None, Parameter(help="Number of processes. Default: one a core.")
