@@ -179,6 +179,7 @@ class _Cages:
         self.ratio, self.touching = (kt / kn)[self.rows], touching[self.rows]
         self.sticks = np.ones(len(self.rows), dtype=bool)
         self.place(state.x, np.zeros(len(state.x)))
+        self.weigh()
 
     def place(self, x: Floats, turned: Floats) -> None:
         """Set the centres (B, 2), and the turns times the radii (B,)."""
@@ -186,6 +187,16 @@ class _Cages:
         d = replace(self.listed, x=x).branches
         length = np.linalg.norm(d, axis=1)
         self.overlap, self.n = self.touching - length, d / length[:, None]
+
+    def weigh(self) -> None:
+        """Weigh pairs by their secant stiffness, which balances the forces of springs that vary."""
+        if self.state.law.linear:
+            return
+        every = np.zeros(len(self.T))
+        every[self.rows] = np.maximum(self.overlap, SMALL_OVERLAP * self.touching)
+        load = (self.state.law.normal_force(every) - self.state.law.at_touch)[self.rows]
+        weight = np.sqrt(load / every[self.rows])
+        self.weight = weight / weight.max(initial=0.0)
 
     @property
     def stuck(self) -> Flags:
@@ -255,6 +266,10 @@ def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, 
         if not (cages.overlap > 0).any():
             break
         moved = cages.step(rounding)
+        for _ in range(0 if state.law.linear else MOST_ROUNDS):
+            cages.weigh()
+            if not ((cages.overlap > 0).any() and cages.step(rounding)):
+                break
         if not cages.slip() and not moved:
             break
     return cages.x, cages.T

@@ -138,9 +138,9 @@ def test_a_lattice_replayed_under_isotropic_strain_in_closed_form(strain):
 def test_the_energy_closes_through_instabilities(history):
     """Between rough walls; with the force kept the path moves on through an instability."""
     graph, planes, force = jammed_in_box(*ROUGH)
-    how = {"boundary": between(planes, force), "past": "dynamic", "interval": 4e-5}
+    scene = Scene(graph, hertz_of(graph, history), between(planes, force))
     stage = Stage(programmes.drained_biaxial(), "H11", 6e-3)
-    path = follow(Scene(graph, hertz_of(graph, history)), stage, closure="packing", **how)
+    path = follow(scene, stage, closure="packing", past="dynamic", interval=4e-5)
     assert path.status == "finished"
     work, *spent = path.work[-1]
     assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
