@@ -84,7 +84,9 @@ def show_completion() -> None:
 @app.meta.default
 def launch(
     *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-    version: Annotated[bool, Parameter(group=FURTHER, help="Show the version.")] = False,
+    version: Annotated[
+        bool, Parameter(group=FURTHER, help="Print the version of grainloops, and exit.")
+    ] = False,
     quiet: Annotated[
         bool, Parameter(group=FURTHER, help="Print only errors, and the summary with --json.")
     ] = False,
@@ -93,7 +95,7 @@ def launch(
         Parameter(
             group=FURTHER,
             metavar="COLUMNS",
-            help="Of figures: single or double (86, 178 mm).",
+            help="Figure width: single (86 mm), double (178 mm).",
         ),
     ] = None,
 ) -> Answer | None:

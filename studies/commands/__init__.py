@@ -48,36 +48,40 @@ def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
-Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after the input, here.")]
+Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after the input.")]
 Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
 Csv = Annotated[bool, Parameter(group=FURTHER, help="Write each table as CSV too.")]
 Json = Annotated[bool, Parameter(group=FURTHER, help="Print the summary as JSON.")]
 YieldBand = Annotated[
     float,
-    Parameter(group=FURTHER, help="Contacts with |T| of this share of mu N at least may slide."),
+    Parameter(
+        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a tangent or a probe."
+    ),
 ]
 Candidates = Annotated[
     float,
-    Parameter(group=FURTHER, help="Share of mu N for that over an interval, or to an amplitude."),
+    Parameter(
+        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a finite increment."
+    ),
 ]
 FluidBulkModulus = Annotated[
     float | None,
     Parameter(
         group=FURTHER,
-        help="Of undrained: that of the fluid by the sample's area (stress; of polygon over kn). "
-        "Default: infinite.",
+        help="Bulk modulus of the fluid over the porosity, for undrained (stress; for a regular "
+        "loop over kn). Default: infinite.",
     ),
 ]
 StrainRatio = Annotated[
     float | None,
-    Parameter(group=FURTHER, help="Of proportional-strain: strain across over the driven one."),
+    Parameter(group=FURTHER, help="Strain across over the driven strain, for proportional-strain."),
 ]
 PastOption = Annotated[
     str,
     Parameter(
         group=FURTHER,
         metavar="NAME",
-        help="Where a contact is unstable: viscous, dynamic (slow limit) or stop.",
+        help="Past an unstable contact: viscous or dynamic (inertial) motion, or stop.",
     ),
 ]
 Contacts = Annotated[
@@ -86,7 +90,7 @@ Contacts = Annotated[
 ]
 Cells = Annotated[
     Path | None,
-    Parameter(help="Table of the periodic cells: snap, h_xx, h_xy, h_yx, h_yy."),
+    Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
 ]
 
 
@@ -125,11 +129,13 @@ class Sharing:
     """Workers of a study, by the names of its options."""
 
     workers: Annotated[
-        Whole | None, Parameter(help="Number of processes. Default: one a core.")
+        Whole | None, Parameter(help="Number of processes. Default: one per core.")
     ] = None
     scheduler: Annotated[
         str | None,
-        Parameter(metavar="tcp://HOST:PORT", help="Dask scheduler that shares work."),
+        Parameter(
+            metavar="tcp://HOST:PORT", help="Address of a Dask scheduler that shares the work."
+        ),
     ] = None
 
 
@@ -153,13 +159,18 @@ class Replaying:
 
     inertial_number: Annotated[
         float | None,
-        Parameter(help="Of the replays. Default: by times and masses of the files, else 2e-6."),
+        Parameter(
+            help="Inertial number of the replays. Default: by the files' times and masses, or 2e-6."
+        ),
     ] = None
     times: Annotated[
-        Path | None, Parameter(help="Table of times: snap, time. Default: of --cells, else files.")
+        Path | None,
+        Parameter(
+            help="Table of times, columns snap and time. Default: times of --cells, or the files."
+        ),
     ] = None
     time_step: Annotated[
-        float | None, Parameter(help="Time of a step, where snapshots are numbered by steps.")
+        float | None, Parameter(help="Duration of a time step, if snapshots are numbered by steps.")
     ] = None
     mean_mass: Annotated[
         float | None, Parameter(help="Mean mass of a grain, if the files have none.")
@@ -190,15 +201,15 @@ class Reading:
         str | None,
         Parameter(
             metavar="branch|radii",
-            help="Lever of the code's shear increment; Yade: radii.",
+            help="Arm of the branch's rotation in the shear increment: branch, or radii (Yade).",
         ),
     ] = None
     law: Annotated[
         str | None,
         Parameter(
             metavar="NAME",
-            help="Law of the contacts: linear, hertz, cohesive (attract while they touch), bonded "
-            "(hold until their pull). Default: as the input tells.",
+            help="Contact law: linear, hertz, cohesive (attraction while grains touch), bonded "
+            "(until a bond breaks). Default: the input's.",
         ),
     ] = None
     young: Annotated[float | None, Parameter(help="Young's modulus, for --law hertz.")] = None
@@ -207,20 +218,26 @@ class Reading:
         str | None,
         Parameter(
             metavar="force|displacement",
-            help="Kept by hertz while overlaps change: T (default) or T/kt.",
+            help="Shear quantity that --law hertz keeps as N changes: T (default) or T/kt.",
         ),
     ] = None
     adhesion: Annotated[
-        float | None, Parameter(help="Largest pull (force), for --law cohesive or bonded.")
+        float | None,
+        Parameter(help="Largest tensile force of a contact, for --law cohesive or bonded."),
     ] = None
     cohesion: Annotated[
         float | None,
-        Parameter(help="Shear strength beside mu N, for the same. Default: mu --adhesion."),
+        Parameter(
+            help="Shear strength at N = 0, for --law cohesive or bonded. Default: mu times "
+            "--adhesion."
+        ),
     ] = None
-    format: Annotated[str, Parameter(help=f"Format: auto, {', '.join(FORMAT_NAMES)}.")] = "auto"
+    format: Annotated[
+        str, Parameter(help=f"Format of the input: auto, {', '.join(FORMAT_NAMES)}.")
+    ] = "auto"
     columns: Annotated[
         str | None,
-        Parameter(metavar="NAME=COLUMN,...", help="Columns with other names: radius=size."),
+        Parameter(metavar="NAME=COLUMN,...", help="Columns with other names, such as radius=size."),
     ] = None
 
     def how(self) -> dict[str, Any]:
@@ -247,7 +264,7 @@ class OneReading(PlaneReading):
     contacts: Contacts = None
     frame: Annotated[
         Whole | None,
-        Parameter(help="Snapshot of a file with several: 0 the first, -1 the last."),
+        Parameter(help="Number of the snapshot in a file with several: 0 the first, -1 the last."),
     ] = None
     cells: Cells = None
 

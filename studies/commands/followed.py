@@ -98,6 +98,11 @@ def _values(row: dict[str, float]) -> str:
     return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
 
 
+Instabilities = Annotated[
+    Whole, Parameter(group=FURTHER, help="Number of unstable contacts at which the path stops.")
+]
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Driving:
@@ -111,36 +116,25 @@ class Driving:
         str,
         Parameter(
             metavar="NAME",
-            help="drained (nominal stress across it constant), cauchy-drained or biaxial (Cauchy "
-            "stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain, "
-            "simple-shear.",
+            help="drained (nominal stress across the driven axis constant), cauchy-drained or "
+            "biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
+            "proportional-strain, simple-shear.",
         ),
     ] = "drained"
     fluid_bulk_modulus: FluidBulkModulus = None
     strain_ratio: StrainRatio = None
     axis: Annotated[
         Whole,
-        Parameter(help="Driven axis: 1 or 2; of simple-shear the axis along which it slides."),
+        Parameter(help="Driven axis, 1 or 2; for simple-shear the direction of sliding."),
     ] = 1
     interval: Annotated[
         float,
         Parameter(
             group=FURTHER,
-            help="Strain over which the geometry is kept; the error is proportional to it.",
+            help="Strain over which the geometry is kept constant; errors are proportional to it.",
         ),
     ] = 5e-6
-    instabilities: Annotated[
-        Whole | None,
-        Parameter(
-            group=FURTHER,
-            help="Stop after this many unstable contacts. Default: 20; of forecast 1000.",
-        ),
-    ] = None
     past: PastOption = "viscous"
-
-    def asked(self) -> dict[str, Any]:
-        """Return the options that a study takes; it has a default of its own for what is None."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def evolve_command(
@@ -153,21 +147,24 @@ def evolve_command(
     ],
     driving: Driving,
     writing: Drawing | None = None,
-    rows: Annotated[Whole, Parameter(group=FURTHER, help="Rows of the path, evenly spaced.")] = 20,
+    rows: Annotated[
+        Whole, Parameter(group=FURTHER, help="Rows of the path's table, evenly spaced.")
+    ] = 20,
+    instabilities: Instabilities = 20,
     pathologies: Annotated[
         bool,
         Parameter(
             group=FURTHER,
-            help="Tell at every row whether the contacts' matrix is symmetric, definite, a "
-            "P-matrix, and how many solutions there are.",
+            help="Tell in every row whether the matrix of the contacts at yield is symmetric, "
+            "definite, a P-matrix; count the solutions.",
         ),
     ] = False,
     by: Annotated[
         str,
         Parameter(
             metavar="events|replay|both",
-            help="From event to event, by the equations of motion, or both (tables of the first, "
-            "and the replay's own).",
+            help="Method: events (quasistatic, from event to event), replay (equations of motion), "
+            "or both.",
         ),
     ] = "events",
     spread: Annotated[
@@ -175,19 +172,19 @@ def evolve_command(
         Parameter(
             group=FURTHER,
             negative="",
-            help="Follow it again past an instability by other means, and say how far the stresses "
-            "part.",
+            help="Follow the path again with other damping past instabilities, to tell how far "
+            "stresses differ.",
         ),
     ] = False,
     replaying: Replaying | None = None,
     holding: Holding | None = None,
     cells: Cells = None,
     animation: Annotated[
-        bool, Parameter(group=FURTHER, help="Draw the work of the loops row by row, as GIF.")
+        bool, Parameter(group=FURTHER, help="Animate the loops' second-order work, as GIF.")
     ] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
-    """Follow a DEM snapshot by events or by a replay: stresses, events, W2 of the loops."""
+    """Follow a DEM snapshot through a loading programme: stresses, events, loops."""
     writing, reading = writing or Drawing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
     words: Any = {"by": by}
@@ -197,8 +194,9 @@ def evolve_command(
         summary = run_evolve(
             paths,
             out,
-            **driving.asked(),
+            **asdict(driving),
             **words,
+            instabilities=instabilities,
             rows=rows,
             spread=spread,
             pathologies=pathologies,
@@ -247,14 +245,19 @@ def forecast_command(
     driving: Driving,
     writing: Drawing | None = None,
     rows: Annotated[
-        Whole, Parameter(group=FURTHER, help="Places along the way that are told apart.")
+        Whole,
+        Parameter(
+            group=FURTHER,
+            help="Number of equal steps of the path after which the loops are looked at.",
+        ),
     ] = 40,
+    instabilities: Instabilities = 1000,
     no_spread: Annotated[
         bool,
         Parameter(
             group=FURTHER,
             negative="",
-            help="Don't follow the path again with half the interval and another numbering.",
+            help="Don't repeat the path (half the interval, other numbers) that tells the spread.",
         ),
     ] = False,
     inertial_number: Annotated[
@@ -278,7 +281,8 @@ def forecast_command(
         summary = run_forecast(
             path,
             out,
-            **driving.asked(),
+            **asdict(driving),
+            instabilities=instabilities,
             rows=rows,
             spread=not no_spread,
             inertial_number=inertial_number,

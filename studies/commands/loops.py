@@ -56,7 +56,7 @@ def diamond_command(
     contact_on_touch: Annotated[
         str,
         Parameter(
-            group=FURTHER, help="If opposite grains touch: ignore it, stop, or add a contact."
+            group=FURTHER, help="When opposite grains touch: ignore it, stop, or add a contact."
         ),
     ] = "ignore",
     model: Annotated[
@@ -134,7 +134,11 @@ def polygon_command(
     ] = None,
     loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     orientation: Annotated[
-        str | None, Parameter(group=FURTHER, help="On axis 1: vertex or edge. Default: vertex.")
+        str | None,
+        Parameter(
+            group=FURTHER,
+            help="What points along axis 1: vertex (a grain) or edge. Default: vertex.",
+        ),
     ] = None,
     kappa: Annotated[
         float | None,
@@ -158,8 +162,9 @@ def polygon_command(
     programme: Annotated[
         str,
         Parameter(
-            help="drained (nominal stress across it constant), cauchy-drained or biaxial (Cauchy "
-            "stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain."
+            help="drained (nominal stress across the driven axis constant), cauchy-drained or "
+            "biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
+            "proportional-strain."
         ),
     ] = "drained",
     fluid_bulk_modulus: FluidBulkModulus = None,
@@ -301,7 +306,11 @@ def domain_command(
     ] = None,
     loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
     closure: Annotated[
-        str | None, Parameter(help="affine or traction. Default: affine; with --compare both.")
+        str | None,
+        Parameter(
+            help="Loading of the loop by its surroundings: affine or traction. Default: affine; "
+            "with --compare both."
+        ),
     ] = None,
     spins: Annotated[
         str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
@@ -310,7 +319,10 @@ def domain_command(
         float, Parameter(group=FURTHER, help="Rolling stiffness over kn l0^2, with --spins free.")
     ] = 0.0,
     programmes: Annotated[
-        str, Parameter(group=FURTHER, help="Straight programmes of strain or of stress.")
+        str,
+        Parameter(
+            group=FURTHER, help="What grows in proportion along a programme: strain or stress."
+        ),
     ] = "strain",
     alpha0: Annotated[
         str | None,
@@ -324,8 +336,8 @@ def domain_command(
         Whole | None,
         Parameter(
             group=FURTHER,
-            help="Number of programmes, odd. Default: 361; 61 with other spins than blocked or "
-            "under Hertz's law; without --order, --compare, --radii and --snapshot 1441.",
+            help="Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law "
+            "is hertz; 1441 without --order, --compare, --radii or --snapshot.",
         ),
     ] = None,
     writing: Writing | None = None,

@@ -34,7 +34,7 @@ def material_command(
     ] = None,
     alpha0: Annotated[
         float | None,
-        Parameter(group=FURTHER, help="Of a hexagon: angle of its inclined branches (degrees)."),
+        Parameter(group=FURTHER, help="Angle of a hexagon's inclined branches (degrees)."),
     ] = None,
     orientations: Annotated[
         Whole | None,
@@ -57,17 +57,19 @@ def material_command(
         Parameter(
             group=FURTHER,
             metavar="N1,N2,...",
-            help="Of a snapshot: orders of the loops. Default: all.",
+            help="Orders of the snapshot's loops to average. Default: all.",
         ),
     ] = None,
     count: Annotated[
         Whole | None,
-        Parameter(group=FURTHER, help="Of a snapshot: at most so many loops, evenly spaced."),
+        Parameter(
+            group=FURTHER, help="Largest number of the snapshot's loops, taken at even spacing."
+        ),
     ] = None,
     closure: Annotated[
         str,
         Parameter(
-            help="How the strain drives a loop: affine, traction, or cell, the H-model's own."
+            help="How the mean strain drives a loop: affine, traction, or cell (the H-model's)."
         ),
     ] = "traction",
     programme: Annotated[
@@ -83,18 +85,20 @@ def material_command(
         Whole | None,
         Parameter(
             group=FURTHER,
-            help="Number of the loop beside the mean, see loops.parquet. Default: of the median "
-            "order, the one whose stress is nearest to the mean at the start.",
+            help="Number in loops.parquet of the loop that is also followed alone. Default: of the "
+            "median order, the one with the stress nearest to the mean at the start.",
         ),
     ] = None,
     end: Annotated[
         float | None,
         Parameter(
-            help="Strain E1 (of isotropic-stress: stress) of the programme. Default: 0.1; of a "
-            "snapshot 1e-3."
+            help="Strain E1 at the end (isotropic-stress: stress). Default: 0.1; for a snapshot "
+            "1e-3."
         ),
     ] = None,
-    steps: Annotated[Whole, Parameter(group=FURTHER, help="Steps of the programme.")] = 200,
+    steps: Annotated[
+        Whole, Parameter(group=FURTHER, help="Number of steps of the programme.")
+    ] = 200,
     writing: Drawing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:

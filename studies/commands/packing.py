@@ -145,20 +145,20 @@ def probe_command(
         Parameter(
             group=FURTHER,
             metavar="diagonal|symmetric",
-            help="Directions (11, 22) on a circle, or with shear on a sphere.",
+            help="Components that change: 11 and 22 (directions on a circle), or 12 too (sphere).",
         ),
     ] = "diagonal",
     yield_band: YieldBand = 0.99,
     amplitude: Annotated[
         float | None,
-        Parameter(help="Finite probe to this strain. Default: infinitesimal."),
+        Parameter(help="Size (strain) of finite probes. Default: infinitesimal probes."),
     ] = None,
     by: Annotated[
         str,
         Parameter(
             group=FURTHER,
             metavar="events|increment",
-            help="Way to the amplitude: from event to event, or in one solve.",
+            help="How --amplitude is reached: from event to event, or in one solve.",
         ),
     ] = "events",
     candidates: Candidates = 0.7,
@@ -240,7 +240,7 @@ def sustain_command(
         Parameter(
             group=FURTHER,
             metavar="diagonal|symmetric",
-            help="Stress components that change: 11 and 22, or also the shear stress.",
+            help="Stress components that change: 11 and 22, or 12 too.",
         ),
     ] = "diagonal",
     largest: Annotated[
@@ -251,16 +251,16 @@ def sustain_command(
         ),
     ] = None,
     interval: Annotated[
-        float, Parameter(group=FURTHER, help="Strain over which the geometry is kept.")
+        float, Parameter(group=FURTHER, help="Strain over which the geometry is kept constant.")
     ] = 5e-6,
     large: Annotated[
-        float, Parameter(group=FURTHER, help="Strain from which on a motion is large.")
+        float, Parameter(group=FURTHER, help="Least strain of a motion that is called large.")
     ] = 3e-4,
     most_snaps: Annotated[
         Whole,
         Parameter(
             group=FURTHER,
-            help="Largest number of smaller motions; a direction with more is unfinished.",
+            help="Largest number of motions below --large; a direction with more is unfinished.",
         ),
     ] = 30,
     no_spread: Annotated[
@@ -268,7 +268,7 @@ def sustain_command(
         Parameter(
             group=FURTHER,
             negative="",
-            help="Don't load again with other numberings and less damping to tell the spread.",
+            help="Don't repeat the loading (other numbering, less damping) that tells the spread.",
         ),
     ] = False,
     hold_stress: Annotated[

@@ -456,8 +456,8 @@ def series_command(
             group=FURTHER,
             metavar="WORD|TABLE",
             help="How paths and replays reach the later strain: straight, 1-first, 2-first (that "
-            "axis, then the rest), mixed-1, mixed-2 (that strain, the stress across it), or a "
-            "table of time and h_xx, h_xy, h_yx, h_yy, or time, H11, H22 (H12, H21).",
+            "axis, then the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a "
+            "table of time and h_xx, h_xy, h_yx, h_yy, or of time, H11, H22 (H12, H21).",
         ),
     ] = "straight",
     probe: Annotated[
@@ -468,7 +468,7 @@ def series_command(
         bool,
         Parameter(
             group=FURTHER,
-            help="Predict by structural indicators too: coordination, vibrality, D2min, ...",
+            help="Predict also by structural indicators: coordination, vibrality, D2min, ...",
         ),
     ] = False,
     skip_bad: Annotated[
@@ -483,7 +483,9 @@ def series_command(
             show_default=False,
         ),
     ] = True,
-    animation: Annotated[bool, Parameter(group=FURTHER, help="Write an animation as GIF.")] = False,
+    animation: Annotated[
+        bool, Parameter(group=FURTHER, help="Animate the series, as GIF.")
+    ] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
     """Follow the loops through a series of snapshots; after a stop the same command continues."""
