@@ -67,7 +67,7 @@ def dem_table(snapshot: Snapshot, names: Sequence[str], later: Sequence[Snapshot
     )
 
 
-def forecast_table(
+def dem_comparison(
     ways: Mapping[str, FollowedPath], dem: pd.DataFrame, driven: str, sense: float
 ) -> pd.DataFrame:
     """One row per snapshot of the DEM: its driven stress and volume, and those of each way there.
@@ -97,7 +97,7 @@ def forecast_table(
     return table
 
 
-def forecast_summary(table: pd.DataFrame, ways: Sequence[str]) -> Summary:
+def dem_comparison_summary(table: pd.DataFrame, ways: Sequence[str]) -> Summary:
     """Errors of each way and of persistence, drops of stress predicted and missed, and how far.
 
     `holds_to` is the driven strain up to which the error, over all snapshots until there, is less

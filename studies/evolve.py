@@ -17,13 +17,13 @@ from loops import Faces, InputError
 from loops.arrays import Floats, Integers
 from loops.scene import Scene, Subject
 from loops.shown import Shown
-from patterns import Snapshot, planar
+from patterns import planar
 from stability import Path as FollowedPath
 from stability import Stage, follow, programmes
 from stability.packing import LoopRates, loop_changes, replay
 from stability.packing.pathologies import columns
 from stability.path import Past, describe
-from studies.beside_dem import dem_table, forecast_summary, forecast_table, replay_rate
+from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.output import UNITS, Summary, definitions, readable
 from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
@@ -31,7 +31,7 @@ from studies.series.evolution import components
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons
-from studies.study import Results, one_of, study
+from studies.study import one_of, study
 
 By = Literal["events", "replay", "both"]
 Options = TypeVar("Options")
@@ -290,8 +290,8 @@ def run_evolve(
         told |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None}
         if after and found.driven[0] == "H":
             compared = found.ways, tables["dem"], found.driven, found.sense
-            tables["forecast"] = forecast_table(*compared)
-            told["forecast"] = forecast_summary(tables["forecast"], [*found.ways])
+            tables["forecast"] = dem_comparison(*compared)
+            told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
         summary = results.write_results(tables, asked.described() | told)
         if animation:
             from studies.packing_figures import animate_path
@@ -300,7 +300,12 @@ def run_evolve(
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
         if figures:
-            _draw(results, snapshot, f"Path of {readable(planned[0].name)}", tables, summary)
+            from studies.packing_figures import path_figures
+            from studies.snapshot.table import loops_for_map
+
+            pictures = results.save_figures(path_figures(snapshot, tables, summary))
+            title = f"Path of {readable(planned[0].name)}"
+            results.write_report(title, summary, pictures, loops_for_map(snapshot, tables["loops"]))
     return summary
 
 
@@ -333,22 +338,6 @@ def evolution_summary(
         rates = {"inertial_number": rate.inertial_number, "source": rate.source}
         told["replay"] = rates | beside
     return told
-
-
-def _draw(
-    results: Results,
-    snapshot: Snapshot,
-    title: str,
-    tables: dict[str, Any],
-    summary: Summary,
-) -> None:
-    """Draw the figures and the report."""
-    from studies.packing_figures import path_figures
-    from studies.snapshot.table import loops_for_map
-
-    pictures = results.save_figures(path_figures(snapshot, tables, summary))
-    maps = loops_for_map(snapshot, tables["loops"])
-    results.write_report(title, summary, pictures, maps)
 
 
 def require_reach(programme: str, to: float, interval: float) -> None:

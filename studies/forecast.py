@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
-from loops.contacts import Contacts, contacts_of, start_state
+from loops.contacts import contacts_of, start_state
 from loops.errors import number, whole_number
 from loops.laws.movable import require_movable
 from loops.scene import Scene, Subject
@@ -58,7 +58,7 @@ def opening_places(way: FollowedPath, faces: Faces, contacts: int) -> tuple[Floa
     closed = np.array([state.closed[:contacts] for state in way.states])
     row = since(~closed)
     opens = np.flatnonzero((row > 0) & (row < len(closed)))
-    overlap = np.array([overlaps(state)[opens] for state in way.states])
+    overlap = np.array([(state.law.touching - state.length)[opens] for state in way.states])
     one, k = np.arange(len(opens)), row[opens]
     before, after = overlap[k - 1, one], overlap[k, one]
     part = np.clip(before / np.where(before > after, before - after, 1.0), 0.0, 1.0)
@@ -71,11 +71,6 @@ def opening_places(way: FollowedPath, faces: Faces, contacts: int) -> tuple[Floa
     late = late[np.isfinite(values[late])]
     first[face[late]], which[face[late]] = values[late], faces.contacts[late]
     return first[faces.loops], which[faces.loops]
-
-
-def overlaps(state: Contacts) -> Floats:
-    """Return overlaps of the contacts, negative where they are apart."""
-    return np.asarray(state.law.touching - state.length)
 
 
 class Places(NamedTuple):
@@ -120,7 +115,7 @@ def places(found: Evolution, name: str) -> Places:
 # ---- how far
 
 
-def reach_of(scene: Scene, to: float, driven: str) -> float:
+def forecast_reach(scene: Scene, to: float, driven: str) -> float:
     """Return the driven strain over p/kn: how far a packing goes in units of its mean overlaps."""
     state = start_state(scene.graph, scene.boundary)
     table = contacts_of(state, require_movable(scene.graph, scene.law), scene.boundary)
@@ -353,7 +348,7 @@ def forecast_of(
     graph = scene.graph
     told = {name: places(found, way) for name, way in WAYS.items()}
     loops = found.loops()[["loop", "order", "area", "grains"]]
-    reach, base = reach_of(scene, asked.to, asked.driven), {}
+    reach, base = forecast_reach(scene, asked.to, asked.driven), {}
     for kind in KINDS:
         both = getattr(told["path"], kind), getattr(told["replay"], kind)
         for name, place in zip(WAYS, both, strict=True):

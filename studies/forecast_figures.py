@@ -67,7 +67,7 @@ def reliability(known: Calibration, ax: Axes) -> Axes:
     """Draw what was said of each series by all others against what happened in it."""
     ax.plot([0, 1], [0, 1], color=LIGHT_GREY, linewidth=0.8, zorder=0)
     for kind, (mark, colour) in KIND_LOOKS.items():
-        said, true, loops = left_out(known, kind)
+        said, true, loops = reliability_bins(known, kind)
         # Of the share with one loop more of either kind: none or all of a few have an error too.
         share = (true * loops + 1) / (loops + 2)
         error = np.sqrt(share * (1 - share) / (loops + 3))
@@ -79,7 +79,7 @@ def reliability(known: Calibration, ax: Axes) -> Axes:
     return ax
 
 
-def left_out(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floats, Floats]:
+def reliability_bins(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floats, Floats]:
     """Return mean probability told, share that came true and loops, in bins of probability.
 
     Each series is told by all others; bins of fewer than `FEW` loops are left out.

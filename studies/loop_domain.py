@@ -26,8 +26,8 @@ from studies.output import UNITS, Summary, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
 from studies.present_domain import (
     LoopDomain,
-    domain_figure,
     domain_of,
+    loop_domain_figure,
     present_fan,
     virgin_domain,
 )
@@ -224,7 +224,7 @@ def run_loop_domains(
             tables["boundary"] = alone[PRESENT].rows
         summary = results.write_results(tables, found)
         if alone:
-            figures = [(name, domain_figure(alone, plane)) for name, plane in PLANES]
+            figures = [(name, loop_domain_figure(alone, plane)) for name, plane in PLANES]
         else:
             figures = loop_figures(table, loops, parameters)
         results.save_figures(figures)

@@ -190,7 +190,7 @@ def path_figures(
     """Every figure of a path by name."""
     yield "stress_strain", stress_and_volume(tables, summary["driven"])
     if summary["forecast"] is not None:
-        yield "forecast", forecast_figure(tables, summary["driven"])
+        yield "forecast", dem_comparison_figure(tables, summary["driven"])
     yield "map", work_maps(snapshot, tables["loops"], summary)
 
 
@@ -229,7 +229,7 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
 
 
 @styled()
-def forecast_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
+def dem_comparison_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     """Changes of the driven stress and the area: predicted at the snapshots of the DEM, its own."""
     table = tables["forecast"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)

@@ -47,7 +47,7 @@ from studies.paths.figures import (
     forces_key,
 )
 from studies.paths.polygon import operator_diagram
-from studies.present_domain import LoopDomain, draw_domain, loop_domain
+from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.snapshot.fabric import axes_rose, axis_errors, strong_contacts
 from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
 from studies.snapshot.table import loop_columns
@@ -497,7 +497,7 @@ def plot_domain(
     """
     check_choice("plane", plane, ("strain", "stress"))
     found = loop if isinstance(loop, LoopDomain) else loop_domain(loop, closure, **how)
-    return draw_domain(found, axes_or_new(ax), plane)
+    return draw_loop_domain(found, axes_or_new(ax), plane)
 
 
 def _shown(column: str) -> str:

@@ -299,17 +299,17 @@ def virgin_domain(fan: Fan, limits: FanLimits) -> LoopDomain:
 
 
 @styled()
-def domain_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
+def loop_domain_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
     """Domains of one loop by its start or kind of contacts, a panel each."""
     figure, (axes,) = new_panels(1, len(found), 4.4, ONE_COLUMN * len(found))
     for ax, (name, domain) in zip(axes, found.items(), strict=True):
-        key = draw_domain(domain, ax, plane).get_legend()
+        key = draw_loop_domain(domain, ax, plane).get_legend()
         assert key is not None
         key.set_title(name)
     return figure
 
 
-def draw_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
+def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
     """Boundary of a domain in the plane of strains or of stresses, its line by what ended it.
 
     Of a loop that is unstable in its present state: the strains of the range, or the stresses that

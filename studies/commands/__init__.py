@@ -38,7 +38,7 @@ CLEAR = "\r\x1b[K"
 FURTHER, EVERYDAY = Group("Further options", sort_key=1), "Parameters"
 
 
-def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
+def parse_whole_number(kind: Any, tokens: Sequence[Token]) -> int:
     """Return the whole number of an option; the library's own converter rounds 6.5 to 6."""
     with suppress(ValueError):
         number = float(tokens[0].value)
@@ -47,7 +47,7 @@ def whole_number(kind: Any, tokens: Sequence[Token]) -> int:
     raise ValueError(f"got {tokens[0].value}, expected a whole number")
 
 
-Whole = Annotated[int, Parameter(converter=whole_number)]
+Whole = Annotated[int, Parameter(converter=parse_whole_number)]
 Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after the input.")]
 Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
 Csv = Annotated[bool, Parameter(group=FURTHER, help="Write each table as CSV too.")]
@@ -388,7 +388,7 @@ def shown(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def within(spread: float | None, converged: bool = True) -> str:
+def spread_words(spread: float | None, converged: bool = True) -> str:
     """A spread in words."""
     if not converged:
         return " (not converged)"

@@ -24,7 +24,7 @@ from studies.commands import (
     answer,
     clock,
     out_or,
-    within,
+    spread_words,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _evolve_lines(summary: Summary) -> list[str]:
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
     ]
     if summary["limit"] is not None:
-        told = within(summary["limit_spread"], summary["limit_spread"] is not None)
+        told = spread_words(summary["limit_spread"], summary["limit_spread"] is not None)
         lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
     if summary["unstable_contacts"]:
         ways = ", ".join(
@@ -211,7 +211,7 @@ def evolve_command(
     return answer(writing.json, out, _evolve_lines(summary))
 
 
-KIND_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
+COUNTED_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
 
 
 def _forecast_lines(summary: Summary) -> list[str]:
@@ -229,7 +229,7 @@ def _forecast_lines(summary: Summary) -> list[str]:
             )
         ways = ("no answer" if row[way] is None else row[way] for way in ("path", "replay"))
         said = "{}; by the path {}, by the replay {}".format(told, *ways)
-        lines.append(f"of {summary['loops']} loops {KIND_WORDS[kind]}: {said}")
+        lines.append(f"of {summary['loops']} loops {COUNTED_WORDS[kind]}: {said}")
     for what, one in summary["next"].items():
         told = f"next {what}: found by {one['found']} of {one['ways']} ways"
         if one["found"]:

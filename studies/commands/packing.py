@@ -23,7 +23,7 @@ from studies.commands import (
     clock,
     out_or,
     shown,
-    within,
+    spread_words,
 )
 
 if TYPE_CHECKING:
@@ -212,17 +212,17 @@ def _sustain_lines(summary: Summary) -> list[str]:
         lines.append(
             f"first large motion: under {weakest['first_large_load']:.4g}, by a strain of "
             f"{weakest['first_large_strain']:.2g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{within(weakest['first_large_spread'])}"
+            f"{spread_words(weakest['first_large_spread'])}"
         )
         lines.append(
             f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"
-            f"{within(weakest['limit_spread'], weakest['limit_converged'])}"
+            f"{spread_words(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     else:
         lines.append(
             "no large motion; the smallest load at which the equilibrium was lost: "
             f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{within(weakest['limit_spread'], weakest['limit_converged'])}"
+            f"{spread_words(weakest['limit_spread'], weakest['limit_converged'])}"
         )
     own, more = (summary[key] / summary["directions"] for key in ("seconds", "spread_seconds"))
     lines.append(f"processor time a direction: {own:.2g} s, {more:.2g} s more for its spreads")

@@ -13,7 +13,7 @@ from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from studies.calibration import KINDS, NEVER, PARTS, Calibration, calibration, cells_of, parts_of
 from studies.evolve import Evolution, evolve
-from studies.forecast import next_of, opening_places, places, reach_of, since, spread_of
+from studies.forecast import forecast_reach, next_of, opening_places, places, since, spread_of
 from studies.reading import cells_by_number
 from studies.series.skill import score_skill
 from tests.packings import LAW, jammed
@@ -156,14 +156,14 @@ def test_a_scene_counts_its_grains_from_zero(sample):
 
 def test_units_change_no_probability(sample, found):
     """Lengths in other units, forces in others: the reach is the same."""
-    reach = reach_of(sample.scene, 3e-3, "H22")
+    reach = forecast_reach(sample.scene, 3e-3, "H22")
     assert found.reach == reach
     large = sample.graph.replace(
         x=7 * sample.graph.x, radii=7 * sample.graph.radii, cell=7 * sample.graph.cell,
         normal_force=14 * sample.graph.normal_force, shear_force=14 * sample.graph.shear_force,
     )  # fmt: skip
     law = gl.LinearFrictional(2.0, 1.0, 0.5, "radii")
-    assert reach_of(gl.Scene(large, law), 3e-3, "H22") == pytest.approx(reach, rel=1e-12)
+    assert forecast_reach(gl.Scene(large, law), 3e-3, "H22") == pytest.approx(reach, rel=1e-12)
 
 
 # ---- probabilities
@@ -322,7 +322,7 @@ def test_a_lost_path_says_so_and_gives_no_numbers(sample, grains, tmp_path, monk
     summary = json.loads((tmp_path / "out/summary.json").read_text())
     assert summary["kinds"]["lost"]["path"] is None and summary["kinds"]["lost"]["replay"] >= 0
     # The replay alone: its own frequencies.
-    known, reach = calibration(), reach_of(sample.scene, 1e-3, "H11")
+    known, reach = calibration(), forecast_reach(sample.scene, 1e-3, "H11")
     place = np.where(loops["replay_lost_at"].notna(), loops["replay_lost_at"] / 1e-3, np.inf)
     expected, _ = known.probability("lost", np.full(len(place), np.nan), place, reach)
     np.testing.assert_allclose(loops["lost_probability"], expected)

@@ -36,7 +36,7 @@ from studies.calibration import (
     parts_of,
 )
 from studies.evolve import Evolving, followed
-from studies.forecast import DEFAULTS, places, reach_of
+from studies.forecast import DEFAULTS, forecast_reach, places
 from studies.forecast_figures import KIND_WORDS, reliability
 from studies.reading import cell_reader
 from studies.series.evolution import loop_increments, sample_strain, track_loops
@@ -128,7 +128,7 @@ def measured(data: Path, series: Series, pair: tuple[int, int]) -> pd.DataFrame:
     table["smallest_N"] = -state["smallest_N"]
     table["order"] = table["order"].astype(float)
     ends = {f"{name}_status": found.ways[way].status for name, way in WAYS.items()}
-    reach = reach_of(before.scene, asked.to, asked.driven)
+    reach = forecast_reach(before.scene, asked.to, asked.driven)
     return table.assign(
         series=series.folder, before=pair[0], after=pair[1], strain=asked.to, reach=reach, **ends
     )

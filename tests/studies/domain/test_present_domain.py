@@ -10,7 +10,7 @@ import pytest
 import grainloops as gl
 from studies.loop_domain import LoopDomainParameters, loop_domains
 from studies.paths.options import PolygonOptions
-from studies.present_domain import ENDS, domain_figure
+from studies.present_domain import ENDS, loop_domain_figure
 from tests.studies.snapshot.test_run import run
 
 KAPPA, START = 0.2, 0.3
@@ -180,7 +180,7 @@ def test_programmes_of_a_loop_without_load_end_once_each(square):
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 def test_the_figure_of_a_loop_without_load_has_its_fan_and_an_open_boundary(square, plane):
-    figure = domain_figure(square, plane)
+    figure = loop_domain_figure(square, plane)
     for ax, (contacts, found) in zip(figure.axes, square.items(), strict=True):
         fan, *boundary = ax.collections
         assert all(np.array_equal(path.vertices[0], [0.0, 0.0]) for path in fan.get_paths())

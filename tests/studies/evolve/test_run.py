@@ -14,7 +14,7 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
-from studies.beside_dem import forecast_summary
+from studies.beside_dem import dem_comparison_summary
 from studies.evolve import run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
 from tests.packings import BRANCH, LAW, jammed
@@ -431,7 +431,7 @@ def test_drops_and_reach_of_a_forecast():
             "drop": [False, True, False, True],
         }
     )
-    told = forecast_summary(table, ["events"])["events"]
+    told = dem_comparison_summary(table, ["events"])["events"]
     assert (told["drops"], told["drops_predicted"], told["drops_missed"]) == (2, 1, 1)
     assert told["drops_false"] == 1 and told["lead"] == 2.0 and told["holds_to"] == 2.0
     assert told["error"] == pytest.approx(np.sqrt((4.0**2 + 30.0**2) / 4))
