@@ -18,7 +18,7 @@ from studies.series.evolution import components, sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 
-# A drop: the driven stress falls between two snapshots by more than this share of itself.
+# Share of itself by which the driven stress falls in a drop: a definition (docs/knobs.md).
 DROP = 1e-4
 # Snapshots beyond the end of a path by less than this share of it are at its end: strains over the
 # first cell of a compression differ by that from those over the first cell of the forecast.

@@ -15,12 +15,12 @@ from loops.arrays import Floats, Integers
 # What may happen to a loop, and the target of `series.skill` that it is.
 KINDS = {"opens": "contact_lost", "lost": "topology", "unstable": "W2_negative"}
 WAYS = {"path": "events", "replay": "replay"}
-# A place belongs to one of so many equal parts of the way, or to none.
+# Parts of the way that places are told by; 1 to 8 forecast losses alike (docs/knobs.md).
 PARTS = 4
 NEVER = PARTS
-# Ends of the classes of reach: the driven strain over p/kn, the strain of a mean overlap.
+# Ends of the classes of reach (driven strain over p/kn), each about one step of the series.
 REACHES = (0.02, 0.1, 0.6, 4.0)
-# A forecast has probabilities as far beyond the mean reach of the outer classes as this factor.
+# Factor beyond the outer mean reaches up to which there are probabilities; 5 kept the skill.
 BEYOND = 2.0
 CALIBRATION = Path(__file__).with_name("forecast.json")
 

@@ -100,9 +100,10 @@ class Evolution(Shown):
     driven : str
         Component that the programme drives: 'H11' a strain, 'P11' a stress (force/length).
     to : float
-        Change of it that was asked for, negative in extension.
+        Change of it that was asked for, positive in compression.
     ways : dict of Path
-        'events': from event to event; 'replay': by the equations of motion.
+        'events': from event to event; 'replay': by the equations of motion. Each has R rows with
+        the nominal strain `H` and stress `P`, (R, 4), and the packing there (`states`).
     """
 
     scene: Scene
@@ -166,9 +167,9 @@ def evolve(
         (Cauchy stress), 'isotropic', 'isotropic-stress', 'oedometric', 'undrained',
         'proportional-strain', 'simple-shear'.
     to : float
-        Change of the driven strain, or stress (force/length); negative in extension.
+        Change of the driven strain, or stress (force/length); positive in compression.
     inertial_number : float
-        Rate of the replay.
+        Rate of the replay, `|H'| sqrt(mean mass / p)`; above 0.
     progress : callable, optional
         Called with the strain or stress that the path has reached.
     **options
@@ -179,13 +180,16 @@ def evolve(
     Returns
     -------
     Evolution
-        `.ways` are the paths, `.table()` has a row a loop with the ids of its grains.
+        `.ways` are the paths; `.table()` has a row a loop with the ids of its grains, the changes
+        of its strain `H*` and stress `P*` (force/length), its second-order work `W2`
+        (force/length; `w2` over the sizes of its factors) and the driven value from which it is
+        negative.
 
     Raises
     ------
     InputError
-        If an option is unknown or out of its range, the packing has no forces or no end, or it
-        flows.
+        If an option is unknown or out of its range, the packing has no forces, neither cell nor
+        walls, or it flows (unbalanced force above 0.1 of the mean contact force).
 
     Examples
     --------

@@ -33,11 +33,11 @@ from studies.evolve import INTERVALS, Evolution, Evolving, followed, options_of
 from studies.series.packing import DEFAULT_RATE, Rate
 from studies.snapshot.in_packing import balance_notes
 
-# Options of the ways where they are left out. Places are known to a row; no path of the samples met
-# so many instabilities.
+# Options of the ways where they are left out. Places are known to a row, and 20 or 80 give the same
+# likely losses (docs/knobs.md); no path of the samples met so many instabilities.
 DEFAULTS: dict[str, Any] = {"by": "both", "rows": 40, "instabilities": 1000}
 # Steps of a replay, by the number of grains across the sample, that are its start from rest: a wave
-# crosses the sample some six times in them.
+# crosses it some six times in them. With 7 the start itself is told as a drop (docs/knobs.md).
 START = 20.0
 
 
@@ -224,16 +224,18 @@ class Forecast(Shown):
     evolution : Evolution
         Path and replay.
     reach : float
-        Driven strain over p/kn, the strain of a mean overlap.
+        Driven strain over p/kn, the strain of a mean overlap; driven stress over p.
     loops : DataFrame
-        A row a loop: where each way says that a contact opens, that the loop is lost (it doesn't
-        survive: contacts open, or close across it), that its second-order work turns negative, and
-        lasts so to the end; the probability of each.
+        A row a loop, in the order of `loop_table`: `path_*_at` and `replay_*_at`, the driven strain
+        or stress (force/length) from which a contact is open ('opens'), the loop lost ('lost': it
+        doesn't survive, contacts open, or close across it) or its second-order work negative
+        ('unstable') to the end; `*_probability` of each, in [0, 1], nan where there is none.
     base : dict of float
         Share of all loops of which each came true in the samples that the forecast is calibrated
         on, at this reach: 'opens', 'lost', 'unstable'.
     next : DataFrame
-        A row a way: the next instability and drop of the driven stress.
+        A row a way: driven strain or stress at the next instability, drop of the driven stress and
+        limit of the control, nan for none; `residual` over the mean force.
     """
 
     evolution: Evolution
@@ -289,27 +291,31 @@ def forecast(
     programme : str
         As in `evolve`. Probabilities were counted under biaxial compression.
     to : float
-        Change of the driven strain, or stress (force/length); negative in extension.
+        Change of the driven strain, or stress (force/length); positive in compression.
     spread : bool
         Whether the path is followed again with half the interval and with another numbering of the
         grains, which tells the spread of the next drop and instability; three times the cost.
     inertial_number : float
-        Rate of the replay.
+        Rate of the replay, `|H'| sqrt(mean mass / p)`; above 0.
     progress : callable, optional
         Called with the strain or stress that the first path has reached.
     **options
-        As in `evolve`; `rows` (40) is how finely places along the way are told, `instabilities`
-        is 1000.
+        As in `evolve`; `rows` (40, 1 or more) is how finely places along the way are told,
+        `instabilities` is 1000.
 
     Returns
     -------
     Forecast
-        `.table()` has a row a loop with the ids of its grains, `.next` a row a way.
+        `.table()` has a row a loop with the ids of its grains, `.next` a row a way. Places `*_at`
+        are values of the driven component, with the sign of `to`; nan for never, and where a way
+        does not reach its end. Where of n loops of which path and replay said the same k were lost,
+        `*_probability` is `(k + b) / (n + 1)`, b the base rate of all.
 
     Raises
     ------
     InputError
-        As `evolve`.
+        If an option is unknown or out of its range, the packing has no forces, neither cell nor
+        walls, or it flows (unbalanced force above 0.1 of the mean contact force).
 
     Examples
     --------

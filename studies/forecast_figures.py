@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from loops.arrays import Floats
 from patterns import planar
 from stability import COMPONENTS
+from studies.beside_dem import DROP
 from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
 from studies.forecast import Forecast, spread_of
@@ -73,14 +74,13 @@ def reliability(known: Calibration, ax: Axes) -> Axes:
         error = np.sqrt(share * (1 - share) / (loops + 3))
         ax.errorbar(said, true, error, fmt=mark, color=colour, markersize=3.5, linewidth=0.8,
                     label=KIND_WORDS[kind], clip_on=False)  # fmt: skip
-    ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="probability that was told",
-           ylabel="share that came true")  # fmt: skip
+    ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability", ylabel="observed share")
     ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
     return ax
 
 
 def reliability_bins(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floats, Floats]:
-    """Return mean probability told, share that came true and loops, in bins of probability.
+    """Return mean forecast probability, observed share and loops, in bins of probability.
 
     Each series is told by all others; bins of fewer than `FEW` loops are left out.
     """
@@ -107,7 +107,7 @@ def next_events(found: Forecast, ax: Axes) -> Axes:
         ax.plot(rows["drop"], np.full(len(rows), 0.05), "v", color=ORANGE, label=label,
                 transform=ax.get_xaxis_transform())  # fmt: skip
     else:
-        ax.set_title("no drop of the driven stress up to here")
+        ax.set_title(f"no drop of the driven stress above {DROP:g} of it")
     ax.legend()
     return ax
 
@@ -126,7 +126,8 @@ def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
                 transform=ax.get_xaxis_transform(), clip_on=False)  # fmt: skip
     name = f"{driven[0]}_{{{driven[1:]}}}"
     stress = f"change of $P_{{{driven[1:]}}}$\n(force/length)"
-    ax.set(xlabel=rf"$\Delta {name}$", ylabel=stress)
+    unit = "–" if driven[0] == "H" else "force/length"
+    ax.set(xlabel=rf"$\Delta {name}$ ({unit})", ylabel=stress)
     ax.ticklabel_format(axis="x", scilimits=(-3, 3))
     ax.legend()
     return ax

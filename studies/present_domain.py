@@ -71,15 +71,15 @@ class LoopDomain(Shown):
     yields : pandas.DataFrame
         The same of the first contact that yields on the programmes where one does.
     start : (2,) array
-        Stress of the present state.
+        Stress of the present state, in `stress_unit`.
     status : str
         Verdict on the present state in (11, 22).
     control, stress_unit : str
         Whether programmes are straight in strain or in stress, and what stresses are over.
     tangent : (2, 2) array
-        Tangent of the present state in (11, 22).
+        Tangent of the present state in (11, 22), in `stress_unit`.
     reach : float
-        Strain at which programmes end.
+        Strain at which programmes end, five mean overlaps.
     all_around : bool
         Whether programmes leave in all directions, so that the boundary is closed.
     """
@@ -227,18 +227,22 @@ def loop_domain(
     control : {'strain', 'stress'}
         Whether programmes are straight in (H11, H22) or in (P11, P22).
     directions : int
-        Number of programmes in all directions; they end at a strain of five mean overlaps. If left
-        out 361 that are followed together, or 61 one by one (spins that turn, other laws).
+        Number of programmes in all directions, 3 or more; they end at a strain of five mean
+        overlaps. If left out 361 that are followed together, or 61 one by one (spins that turn,
+        other laws).
 
     Returns
     -------
     LoopDomain
-        `.table()` has a row a programme, `.plot()` the boundary.
+        `.table()` has a row a programme: what ended it (`det Ks = 0`, `det K = 0`, no continuation,
+        an opening, the end of the range), the changes `E1`, `E2` of strain and the stresses `s1`,
+        `s2` (force/length) there, positive in compression. `.plot()` draws them.
 
     Raises
     ------
     InputError
-        Without a closure, for other words, or if the forces do not fit the law.
+        Without a closure, for other words, for a packing in place of a loop, or if the forces do
+        not fit the law.
 
     Examples
     --------
@@ -322,7 +326,7 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
         _draw_ends(found, ax, origin, ["E1", "E2"] if plane == "strain" else ["s1", "s2"])
     label = f"present state, {found.status}" if found.all_around else "no load"
     ax.plot(*origin, "P", color=BLACK, markersize=5, label=label)
-    unit = "" if plane == "strain" else f" ({found.stress_unit})"
+    unit = " (–)" if plane == "strain" else f" ({found.stress_unit})"
     symbol = "E" if plane == "strain" else "P"
     changes = "change of strain " if found.all_around else "strain "
     change = changes if plane == "strain" else "stress "

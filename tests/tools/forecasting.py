@@ -317,7 +317,7 @@ def figure_of(told: pd.DataFrame, known: Calibration) -> Figure:
                 own["level"].map(reach), own["auc"], "o-", color=colour, label=name, markersize=3
             )
         ax.axhline(0.5, color=LIGHT_GREY, linewidth=0.8, zorder=0)
-        ax.set(title=KIND_WORDS[kind], xlabel="reach: strain over $p/k_n$", ylim=(0.4, 1.02))
+        ax.set(title=KIND_WORDS[kind], xlabel="strain over $p/k_n$ (–)", ylim=(0.4, 1.02))
     panels[1].set_ylabel("AUC (0.5: chance)")
     handles = panels[1].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3)
