@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
-    from loops.assembly import assemble_sparse_tangent as assemble_sparse_tangent
     from loops.assembly import assemble_tangent as assemble_tangent
     from loops.assembly import contact_tangent as contact_tangent
     from loops.assembly import translational_blocks as translational_blocks

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state, require_plane
+from loops.graph import ContactState, GrainGraph, contact_state, require_plane
 from loops.laws.frictional import ContactLaw
 from loops.validation import checked_regimes
 
@@ -297,10 +297,6 @@ def assemble_tangent(
     (..., 2 G, 2 G) or (..., 3 G, 3 G) array
         The tangent (force per length; moments per angle in the last block).
 
-    See Also
-    --------
-    assemble_sparse_tangent : the same as a sparse matrix, for packings.
-
     Examples
     --------
     >>> from loops import GrainGraph, LinearFrictional, assemble_tangent
@@ -309,43 +305,6 @@ def assemble_tangent(
     [1.0, 0.0, -1.0, 0.0]
     """
     return assembled(*_contacts(graph, law, spins, regime))
-
-
-def assemble_sparse_tangent(
-    graph: GrainGraph, law: ContactLaw, *, spins: bool = False, regime: ArrayLike | None = None
-) -> sparse.csr_array:
-    """Grain-level tangent of a packing as a sparse matrix; see `assemble_tangent`.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        Grains and contacts of one state (no batch axes).
-    law : ContactLaw
-        Contact law.
-    spins : bool
-        Whether the spins are freedoms; otherwise they are blocked.
-    regime : (C,) array of Regime, optional
-        Regime of each contact; read from the state by the law if left out.
-
-    Returns
-    -------
-    scipy.sparse.csr_array
-        (2 G, 2 G) or (3 G, 3 G) tangent.
-
-    Raises
-    ------
-    InputError
-        If the graph carries batch axes.
-
-    Examples
-    --------
-    >>> from loops import GrainGraph, LinearFrictional, assemble_sparse_tangent
-    >>> pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
-    >>> assemble_sparse_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).shape
-    (4, 4)
-    """
-    require_one_state(graph)
-    return assembled_sparse(*_contacts(graph, law, spins, regime)).tocsr()
 
 
 def grain_ends(contacts: Integers, grains: int, spins: bool = True) -> tuple[Integers, int]:

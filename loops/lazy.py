@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -86,19 +86,7 @@ def lazy_face(
     face.__class__ = LazyFace
 
 
-def warn_of_old_name(old: str, new: str, stacklevel: int = 3) -> None:
+def warn_of_old_name(old: str, new: str) -> None:
     """Warn that a public name works for this release alone, and say which one replaces it."""
     said = f"{old} is gone with the next release: use {new}"
-    warnings.warn(said, DeprecationWarning, stacklevel=stacklevel)
-
-
-def old_names(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package with old names: each with 'module.name' of today."""
-
-    def old_name(name: str) -> Any:
-        if name not in names:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        warn_of_old_name(f"{package}.{name}", names[name])
-        return named(names[name])
-
-    return old_name
+    warnings.warn(said, DeprecationWarning, stacklevel=3)

@@ -6,7 +6,6 @@ from loops.lazy import lazy_face
 
 if TYPE_CHECKING:
     from patterns.diamond import diamond as diamond
-    from patterns.polygons import equilateral_polygon as equilateral_polygon
     from patterns.polygons import hexagon as hexagon
     from patterns.polygons import opposite_gap as opposite_gap
     from patterns.polygons import polydisperse_polygon as polydisperse_polygon

@@ -1,4 +1,4 @@
-"""Loops of grains in contact: regular, equilateral, polydisperse, random, and the hexagon."""
+"""Loops of grains in contact: regular, polydisperse, random, and the hexagon."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import GrainGraph, InputError, polygon_area, polygon_centroid
+from loops import GrainGraph, InputError, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
 from loops.validation import acute_angle, finite, nonnegative, positive, whole
 from loops.validation import strain as compressive
 from patterns.diamond import overlap_ratio
-
-# A centre closer to a branch than this share of the longest branch lies on it.
-ON_BRANCH = 1e-12
 
 
 def ring_contacts(order: int) -> Integers:
@@ -75,30 +72,7 @@ def opposite_gap(graph: GrainGraph) -> Floats:
     return np.asarray(np.min(gap, axis=-1, initial=np.inf))
 
 
-def is_simple(x: Floats) -> Flags:
-    """Whether polygons (..., n, 2) neither cross nor touch themselves.
-
-    No two sides cross, and no corner lies on a side that it doesn't end.
-    """
-    n = x.shape[-2]
-    edge = np.roll(x, -1, axis=-2) - x
-    length = np.hypot(edge[..., 0], edge[..., 1])
-    # side[..., e, v]: on which side of side e the corner v lies; along: where on it.
-    to = x[..., None, :, :] - x[..., :, None, :]
-    side = edge[..., :, None, 0] * to[..., 1] - edge[..., :, None, 1] * to[..., 0]
-    along = np.einsum("...ek,...evk->...ev", edge, to) / length[..., :, None] ** 2
-    beyond = (along - np.clip(along, 0.0, 1.0)) * length[..., :, None]
-    distance = np.hypot(side / length[..., :, None], beyond)
-    ends = np.eye(n, dtype=bool) | np.roll(np.eye(n, dtype=bool), 1, axis=1)
-    touches = ~ends & (distance <= ON_BRANCH * length.max(axis=-1)[..., None, None])
-    astride = side * np.roll(side, -1, axis=-1) < 0
-    crosses = astride & np.swapaxes(astride, -1, -2)
-    return ~(touches | crosses).any(axis=(-2, -1))
-
-
 Orientation = Literal["vertex", "edge"]
-# Below this gap, in branches, the direction of the two closing branches is undetermined.
-OPEN_DIRECTION = 1e-9
 # Newton at least halves its distance, and ends quadratically: far more steps than needed.
 HALF_ANGLE_STEPS = 200
 # As alpha grows, branches (0, 1) and (3, 4) turn clockwise, (2, 3) and (5, 0) counter-clockwise;
@@ -162,80 +136,6 @@ def regular_polygon(
     radius = float(positive("radius", radius))
     x0 = radius / np.sin(half) * np.column_stack([np.cos(angles), np.sin(angles)])
     return compressed_ring(x0, np.full(order, radius), strain, kn)
-
-
-def equilateral_polygon(
-    angles: ArrayLike, *, strain: ArrayLike = 0.0, radius: float = 0.5, kn: ArrayLike = 1.0
-) -> GrainGraph:
-    """Equilateral loop of equal grains with given branch directions.
-
-    Of the n branch directions n - 2 are free, those of contacts 0 to n - 3. Contacts n - 2 and
-    n - 1 follow: they bridge the gap that the others leave, turned by the same angle to either
-    side of it, and meet in a corner that turns left (every polygon has such corners: number the
-    grains so that grain n - 1 is at one). The reference barely touches; overlaps of opposite
-    grains are not checked, see `opposite_gap`.
-
-    Parameters
-    ----------
-    angles : (..., n - 2) array
-        Directions of the first branches, from grain c to grain c + 1, to axis 1 (radians,
-        counter-clockwise positive). From turning angles: their cumulative sum.
-    strain : (...) array
-        Isotropic strain `E1 = E2`, compression positive, below 1.
-    radius : float
-        Radius of the grains (length); the branches are `2 r` long.
-    kn : (...) array
-        Normal stiffness (force per length).
-
-    Returns
-    -------
-    GrainGraph
-        Grains counter-clockwise, contacts (c, c+1), centroid at the origin, `T = 0`.
-
-    Raises
-    ------
-    InputError
-        If the closing two branches are too short for the gap, or there is no gap and their
-        direction is open; if the polygon crosses or touches itself, or runs clockwise.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from patterns import equilateral_polygon
-    >>> house = equilateral_polygon(np.radians([0, 90, 150]))
-    >>> np.degrees(np.arctan2(*np.diff(house.x, axis=0).T[::-1])).round(9).tolist()
-    [0.0, 90.0, 150.0, -136.254244388]
-    """
-    given, radius = finite("angles", angles), float(positive("radius", radius))
-    if given.ndim == 0 or given.shape[-1] < 1:
-        expected = "n - 2 finite branch directions, n >= 3"
-        raise InputError("angles", str(angles), expected, "Give the directions.")
-    # Two more branches lead back to the start; they may be one straight line, up to rounding.
-    gap = -np.stack([np.cos(given).sum(axis=-1), np.sin(given).sum(axis=-1)], axis=-1)
-    size = np.hypot(gap[..., 0], gap[..., 1])
-    if not (size <= 2.0 * (1.0 + 4.0 * np.finfo(float).eps)).all():
-        received = f"branches that leave a gap of {float(size.max()):.6g} branches"
-        expected = "a gap that the two closing branches can bridge, at most 2"
-        raise InputError("angles", received, expected, "Turn the branches more.")
-    if not (size > OPEN_DIRECTION).all():
-        received = "branches that close by themselves"
-        remedy = "Give the directions of all branches but the last two."
-        raise InputError("angles", received, "a gap for the two closing branches", remedy)
-    half = np.arctan2(np.sqrt(np.maximum((2.0 - size) * (2.0 + size), 0.0)), size)
-    middle = np.arctan2(gap[..., 1], gap[..., 0])
-    closing = np.stack([middle - half, middle + half], axis=-1)
-    directions = np.concatenate([given, closing], axis=-1)
-    units = np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    corners = 2.0 * radius * (np.cumsum(units, axis=-2) - units)
-    for ok, received in (
-        (is_simple(corners), "a polygon that crosses or touches itself"),
-        (polygon_area(corners) > 0, "a clockwise polygon"),
-    ):
-        if not ok.all():
-            expected = "a counter-clockwise outline"
-            raise InputError("angles", received, expected, "Correct the directions.")
-    x0 = corners - polygon_centroid(corners)[..., None, :]
-    return compressed_ring(x0, np.full(directions.shape[-1], radius), strain, kn)
 
 
 def polydisperse_polygon(

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from stability.destabilising import destabilising_control as destabilising_control
     from stability.destabilising import softening_control as softening_control
     from stability.destabilising import strain_driven as strain_driven
-    from stability.destabilising import stress_driven as stress_driven
     from stability.directional import BranchFraction as BranchFraction
     from stability.directional import DirectionalWork as DirectionalWork
     from stability.directional import branch_fraction as branch_fraction

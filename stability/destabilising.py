@@ -79,7 +79,7 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
     Returns
     -------
     LinearControl
-        With `direction` isotropic: `control_matrix` and `constrained_tangent` are singular.
+        With `direction` isotropic: `constrained_tangent` is singular.
 
     Raises
     ------
@@ -183,15 +183,6 @@ def constrained_tangent(K: ArrayLike, control: LinearControl) -> Floats:
     return np.asarray(Q @ _one_operator(K) @ Q.T)
 
 
-def control_matrix(K: ArrayLike, control: LinearControl) -> Floats:
-    """The matrix M of the mixed control driven by stress, `M e' = (0, 0, rate)`.
-
-    Its rows are `held`, `free @ K` and `direction @ K`: strain held, stresses held, stress driven.
-    """
-    operator = _one_operator(K)
-    return np.vstack([control.held, control.free @ operator, control.direction @ operator])
-
-
 def control_along(operator: Floats, y: Floats, rtol: float = RTOL) -> LinearControl:
     """Control whose response is the unit vector y."""
     stress = operator @ y
@@ -268,40 +259,6 @@ def strain_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> P
     strain = np.vstack([drive, held, np.zeros_like(free)])
     stress = np.vstack([np.zeros_like(drive), np.zeros_like(held), free])
     return combination(stress, strain, [rate, 0.0, 0.0, 0.0], "destabilising, strain-driven")
-
-
-def stress_driven(control: LinearControl, subspace: str, rate: float = 1.0) -> Programme:
-    """The control as a loading programme driven by `direction . s' = rate`.
-
-    Where the control loses its strength no such load can be added: `control_matrix` is singular.
-
-    Parameters
-    ----------
-    control : LinearControl
-        Found on that subspace.
-    subspace : {'diagonal', 'symmetric', 'full'}
-    rate : float
-        Stress rate, not zero.
-
-    Returns
-    -------
-    Programme
-
-    Raises
-    ------
-    InputError
-        As `strain_driven`.
-
-    Examples
-    --------
-    >>> control = destabilising_control([[2.0, 0.0], [0.0, -0.5]])
-    >>> (stress_driven(control, "diagonal").stress[0, [0, 3]] * 5**0.5).round(12).tolist()
-    [1.0, 2.0]
-    """
-    held, free, drive = _control_rows(control, subspace)
-    strain = np.vstack([np.zeros_like(drive), held, np.zeros_like(free)])
-    stress = np.vstack([drive, np.zeros_like(held), free])
-    return combination(stress, strain, [rate, 0.0, 0.0, 0.0], "destabilising, stress-driven")
 
 
 def _control_rows(control: LinearControl, subspace: str) -> tuple[Floats, Floats, Floats]:

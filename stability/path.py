@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 from stability.programmes import Stage
 from stability.regimes import SEARCH_LIMIT
@@ -203,12 +202,6 @@ class Event(Shown):
     sign_changes: bool | None = None
     passed: How = ""
     released: float = math.nan
-
-    @property
-    def detail(self) -> str:
-        """Old name of `describe(event)`, for one release."""
-        warn_of_old_name("Event.detail", "stability.path.describe(event)")
-        return describe(self)
 
 
 def describe(event: Event) -> str:

@@ -1,7 +1,6 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
 from loops.contacts import PackingState as PackingState
-from loops.lazy import old_names
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
 from stability.packing.increment import PackingIncrements as PackingIncrements
@@ -16,9 +15,5 @@ from stability.packing.probe import probe as probe
 from stability.packing.replay import replay as replay
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
-from stability.packing.response import packing_response as packing_response
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain
-
-OLD = dict.fromkeys(("LoadPath", "PackingPath", "Replay"), "stability.path.Path")
-__getattr__ = old_names(__name__, OLD)

@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.boundary import Boundary, former_boundary
-from loops.graph import GrainGraph, branch_vectors
-from loops.laws.frictional import ContactLaw, Regime
-from loops.lazy import warn_of_old_name
+from loops.graph import branch_vectors
+from loops.laws.frictional import Regime
 from loops.scene import Scene
 from loops.shown import Shown
 from loops.stress_strain import cauchy_rate
@@ -457,27 +455,6 @@ def packing_rates(
     if regime is None:
         return rates.solved(control, starts).response
     return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
-
-
-def packing_response(
-    graph: GrainGraph,
-    law: ContactLaw,
-    strain_rate: ArrayLike,
-    *,
-    stress_rate: ArrayLike | None = None,
-    regime: ArrayLike | None = None,
-    boundary: Boundary | None = None,
-    yield_band: float = YIELD_BAND,
-    starts: int = STARTS,
-    **former: Any,
-) -> PackingResponse:
-    """Old form of `stability.rates_at(scene, H=strain_rate, P=stress_rate)`, for one release."""
-    warn_of_old_name("packing_response", "rates_at(Scene(graph, law, boundary), H=, P=)")
-    around = former_boundary(graph, former) if boundary is None else boundary
-    given = graph if regime is None else graph.replace(regime=regime)
-    control = component_control(strain_rate, stress_rate)
-    scene = Scene(given, law) if around is None else Scene(given, law, around)
-    return packing_rates(scene, control, yield_band=yield_band, starts=starts, **former)
 
 
 def _status(found: Found[Flags], proof: str, residual: float) -> ResponseStatus:

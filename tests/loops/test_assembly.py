@@ -3,9 +3,7 @@ import pytest
 
 from loops import (
     GrainGraph,
-    InputError,
     LinearFrictional,
-    assemble_sparse_tangent,
     assemble_tangent,
     contact_forces,
     contact_state,
@@ -54,18 +52,6 @@ def test_blocked_tangent_is_the_translational_part():
     blocked = assemble_tangent(graph, law, regime=regime)
     full = assemble_tangent(graph, law, spins=True, regime=regime)
     np.testing.assert_array_equal(full[..., :14, :14], blocked)
-
-
-def test_sparse_equals_dense():
-    rng = np.random.default_rng(7)
-    graph = with_chord(random_rings(rng, 1, 6))
-    law = LinearFrictional(kn=KN, kt=KT, mu=MU)
-    for spins in (False, True):
-        dense = assemble_tangent(graph, law, spins=spins)
-        sparse = assemble_sparse_tangent(graph, law, spins=spins).toarray()
-        np.testing.assert_allclose(sparse, dense, rtol=0, atol=1e-15)
-    with pytest.raises(InputError, match="batch axes"):
-        assemble_sparse_tangent(random_rings(rng, 2, 5), law)
 
 
 @pytest.mark.parametrize("rule", ["branch", "radii"])
@@ -144,7 +130,6 @@ def test_periodic_contact_with_own_image_loads_no_grain():
     )
     law = LinearFrictional(kn=1.0, kt=0.5)
     assert not assemble_tangent(graph, law).any()
-    assert not assemble_sparse_tangent(graph, law).toarray().any()
 
 
 def test_arms_share_the_overlap_equally():

@@ -9,7 +9,7 @@ import grainloops as gl
 from loops import Boundary, GrainGraph, Scene, boundary_of
 from loops.boundary import PlaneContacts, plane_contacts
 from stability import rates_at
-from stability.packing import packing_response, replay
+from stability.packing import replay
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
@@ -84,8 +84,8 @@ def test_former_arguments_warn_and_give_the_same():
     with pytest.warns(DeprecationWarning, match=r"boundary.walls.force"):
         assert held.plane_force is held.boundary.walls.force
     periodic, some = jammed(12, 1), np.arange(12) < 2
-    with pytest.warns(DeprecationWarning, match="use rates_at"):
-        answer = packing_response(periodic, LAW, H, held=some)
+    with pytest.warns(DeprecationWarning, match=r"use rates_at\(Scene"):
+        answer = rates_at(periodic, LAW, H=H, closure="packing", held=some)
     other = rates_at(Scene(periodic, LAW, boundary_of(periodic, held=some)), H=H)
     np.testing.assert_array_equal(answer.motion, other.motion)
 

@@ -6,7 +6,6 @@ import pytest
 from loops import InputError
 from patterns import (
     diamond,
-    equilateral_polygon,
     hexagon,
     polydisperse_polygon,
     random_loop,
@@ -33,8 +32,6 @@ BAD = {
     "regular_polygon radius": (lambda: regular_polygon(4, radius=-1.0), "radius: got -1"),
     "regular_polygon kn": (lambda: regular_polygon(4, kn=0.0), "kn: got 0"),
     "regular_polygon strain": (lambda: regular_polygon(4, strain=-INF), "strain: got -inf"),
-    "equilateral angles": (lambda: equilateral_polygon([0.0, NAN]), "angles.*got nan"),
-    "equilateral radius": (lambda: equilateral_polygon([0.0, 1.0], radius=INF), "radius: got inf"),
     "polydisperse radii": (lambda: polydisperse_polygon([1.0, -1.0, 1.0]), "radii.*got -1"),
     "polydisperse count": (lambda: polydisperse_polygon([1.0, 1.0]), "at least three"),
     "hexagon T": (lambda: hexagon(1.0, T=NAN), "T: got nan"),

@@ -2,11 +2,9 @@
 
 import math
 from dataclasses import fields
-from importlib import import_module
 
 import pytest
 
-from stability import Path, follow
 from stability.path import CAUSES, Event, describe
 
 MODE = {"taking_part": 7.4, "sign_changes": True}
@@ -67,26 +65,3 @@ def test_an_event_without_facts_has_none():
     assert math.isnan(values.pop("released")) and math.isnan(values.pop("taking_part"))
     told = {name: value for name, value in values.items() if value}
     assert told == {"kind": "yield", "parameter": 0.5, "spring": "shear"}
-
-
-def test_the_old_name_of_the_words_warns():
-    event = Event("programme_change", 0.0, programme="mixed")
-    with pytest.warns(DeprecationWarning, match="describe"):
-        assert event.detail == "to mixed"
-
-
-@pytest.mark.parametrize(
-    ("package", "old", "today"),
-    [
-        ("stability.packing", "PackingPath", Path),
-        ("stability.packing", "Replay", Path),
-        ("stability.paths", "Path", Path),
-        ("stability.paths", "Event", Event),
-        ("stability.paths", "follow", follow),
-    ],
-)
-def test_old_names_work_and_warn(package, old, today):
-    with pytest.warns(DeprecationWarning, match=old):
-        assert getattr(import_module(package), old) is today
-    with pytest.raises(AttributeError, match="nothing"):
-        _ = import_module(package).nothing

@@ -8,7 +8,6 @@ import pytest
 import grainloops as gl
 from loops import InputError, RollingResistance, Scene, boundary_of
 from loops.boundary import plane_contacts
-from stability.packing import packing_response
 from stability.programmes import combination
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
@@ -81,19 +80,6 @@ CONTROLS = [
     ([[1.0, 0.0], [0.0, NAN]], None),
     ([[NAN, 0.0], [0.0, 0.5]], [[0.02, NAN], [NAN, NAN]]),
 ]
-
-
-@pytest.mark.parametrize("name", PACKINGS)
-@pytest.mark.parametrize(("H", "P"), CONTROLS)
-def test_a_packing_has_the_numbers_of_the_old_form_bit_by_bit(name, H, P):
-    scene = PACKINGS[name]
-    found = gl.rates_at(scene, H=H, P=P)
-    graph, law, stress = scene.graph, scene.law, None if P is None else np.nan_to_num(P)
-    with pytest.warns(DeprecationWarning, match="use rates_at"):
-        old = packing_response(graph, law, H, stress_rate=stress, boundary=scene.boundary)
-    assert (found.status, found.proof, found.sliding) == (old.status, old.proof, old.sliding)
-    for one in ("strain_rate", "stress_rate", "motion", "spin", "force_rate", "regime"):
-        np.testing.assert_array_equal(getattr(found, one), getattr(old, one))
 
 
 @pytest.mark.parametrize("name", ["cell", "box", "rough box", "rolling"])
