@@ -8,13 +8,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.geometry import boundary_vectors, polygon_area, reference_volume, require_loop
-from loops.graph import (
-    GrainGraph,
-    HasGraph,
-    contact_frame,
-    graph_of,
-    reference_branch_vectors,
-)
+from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of, reference_branch_vectors
 
 
 def contact_forces(graph: GrainGraph) -> Floats:

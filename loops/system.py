@@ -27,13 +27,7 @@ from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import PlaneContacts, plane_stiffness
 from loops.compiled import WIDTH
 from loops.errors import InputError
-from loops.graph import (
-    ContactState,
-    GrainGraph,
-    branch_vectors,
-    contact_state,
-    require_one_state,
-)
+from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene

@@ -32,13 +32,7 @@ from studies.present_domain import (
     virgin_domain,
 )
 from studies.study import one_of, study
-from studies.style import (
-    BLACK,
-    LINE_COLOURS,
-    key_columns,
-    new_panels,
-    styled,
-)
+from studies.style import BLACK, LINE_COLOURS, key_columns, new_panels, styled
 
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95

@@ -293,11 +293,7 @@ def write_table(
     table = described_table(f"{command}/{name}", arrays, about)
     # Measured values hardly repeat: a dictionary of them only costs time.
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
-    pyarrow.parquet.write_table(
-        table,
-        folder / f"{name}.parquet",
-        use_dictionary=repeating,
-    )
+    pyarrow.parquet.write_table(table, folder / f"{name}.parquet", use_dictionary=repeating)
     if csv:
         flat_frame(table).to_csv(folder / f"{name}.csv", index=False)
 

@@ -40,12 +40,7 @@ from studies.forecast_figures import draw_driven_stress, probability_map
 from studies.frames import events_of_rows
 from studies.packing_figures import response_envelope
 from studies.paths.curves import cubics, symbol, with_unit
-from studies.paths.figures import (
-    MOST_WITH_ARROWS,
-    draw_grains,
-    draw_polar,
-    forces_key,
-)
+from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.polygon import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.snapshot.fabric import axes_rose, axis_errors, strong_contacts

@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws.frictional import (
-    FrictionalLaw,
-    ShearIncrement,
-    friction_and_increment,
-    parameter,
-)
+from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
 
 # Share by which a shear cohesion may lie below `mu adhesion`: rounding of a product.
 ROUNDING = 1e-12

@@ -19,14 +19,7 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
 from loops.arrays import Floats
-from loops.validation import (
-    acute_angle,
-    finite,
-    nonnegative,
-    positive,
-    sliding_sign,
-    strain,
-)
+from loops.validation import acute_angle, finite, nonnegative, positive, sliding_sign, strain
 
 DIAMOND_SIDES = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 # Opposite grains on axis 1 and on axis 2.
@@ -168,10 +161,7 @@ def opposite_gaps(E1: ArrayLike, E2: ArrayLike, alpha0: ArrayLike) -> tuple[Floa
     """
     E1, E2 = strain("E1", E1), strain("E2", E2)
     alpha0 = acute_angle("alpha0", alpha0)
-    return (
-        2.0 * (1.0 - E1) * np.cos(alpha0) - 1.0,
-        2.0 * (1.0 - E2) * np.sin(alpha0) - 1.0,
-    )
+    return (2.0 * (1.0 - E1) * np.cos(alpha0) - 1.0, 2.0 * (1.0 - E2) * np.sin(alpha0) - 1.0)
 
 
 def opposite_contact_strain(alpha0: ArrayLike) -> Floats:

@@ -28,13 +28,7 @@ from loops import LinearFrictional
 from loops.arrays import Flags, Floats, Regimes
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.validation import (
-    acute_angle,
-    confining_strain,
-    drained_kappa,
-    finite,
-    friction_angle,
-)
+from loops.validation import acute_angle, confining_strain, drained_kappa, finite, friction_angle
 from patterns.diamond.states import DiamondParameters
 
 Rows = NDArray[np.intp]

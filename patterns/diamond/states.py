@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import GrainGraph, Regime
 from loops.arrays import Flags, Floats
-from loops.validation import (
-    acute_angle,
-    confining_strain,
-    drained_kappa,
-    friction_angle,
-)
+from loops.validation import acute_angle, confining_strain, drained_kappa, friction_angle
 from patterns.diamond.closed_form import (
     CURVE_STRAINS,
     OPPOSITE,

@@ -268,10 +268,7 @@ def add_work(
     count = len(released)
     force = np.empty((2, len(u)))
     times = step * GAUSS, step * (1.0 - GAUSS)
-    turns = (
-        _velocity_gradient(strain, h, times[0]),
-        _velocity_gradient(strain, h, times[1]),
-    )
+    turns = (_velocity_gradient(strain, h, times[0]), _velocity_gradient(strain, h, times[1]))
     for k in range(len(u)):
         force[:, k] = -load[k]
     cell, shear, pressed, half_unit = 0.0, 0.0, 0.0, 0.5 / unit

@@ -140,9 +140,7 @@ def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
     return LoopSet(offsets, x, radii, normal, shear, np.ones(len(orders)), contacts)
 
 
-def _rows_of(
-    graph: GrainGraph,
-) -> tuple[Integers, Floats, Floats, Floats, Floats, Integers]:
+def _rows_of(graph: GrainGraph) -> tuple[Integers, Floats, Floats, Floats, Floats, Integers]:
     """Return orders, centres, radii, forces and contacts of the loops of a graph, row by row."""
     n = graph.grain_count
     if not graph.contact_count:

@@ -67,12 +67,7 @@ class Snap(NamedTuple):
     work: Floats
 
 
-def snap_through(
-    state: Contacts,
-    load: Floats,
-    control: MixedControl,
-    damping: float,
-) -> Snap:
+def snap_through(state: Contacts, load: Floats, control: MixedControl, damping: float) -> Snap:
     """Strain slowly by the whole of a control under a load (B, 3), then hold until at rest.
 
     Masses are those of discs of unit density, `damping` is Cundall's. `ArithmeticError` where
@@ -143,12 +138,7 @@ def masses_of(
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
 
 
-def step_of(
-    masses: Floats,
-    inertias: Floats,
-    state: Contacts,
-    stride: float = 1.0,
-) -> float:
+def step_of(masses: Floats, inertias: Floats, state: Contacts, stride: float = 1.0) -> float:
     """Length of a step; `stride` times that of a replay where this is stable."""
     stiffest = state.law.typical_stiffness(state.overlap).max()
     # Springs against rolling of pairs that touch later are in no frequency of the start.

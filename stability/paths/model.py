@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
-from loops import (
-    ContactLaw,
-    GrainGraph,
-    InputError,
-    Regime,
-    boundary_vectors,
-    polygon_area,
-)
+from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.arrays import Flags, Floats, Integers
 from loops.assembly import motions
 from loops.closures import Closure, Spins

@@ -10,15 +10,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
-from stability.path import (
-    CHANGES,
-    Event,
-    EventKind,
-    ModelChoice,
-    ModelOption,
-    Path,
-    PathStatus,
-)
+from stability.path import CHANGES, Event, EventKind, ModelChoice, ModelOption, Path, PathStatus
 from stability.paths.model import Kind, PathModel
 from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial

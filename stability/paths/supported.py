@@ -15,13 +15,7 @@ from loops.graph import ContactState, require_one_state
 from loops.laws.frictional import edge_of, edge_rates, with_sides
 from loops.shown import Shown
 from stability.paths.state_rates import is_trusted
-from stability.regimes import (
-    ENUMERATION_LIMIT,
-    Choice,
-    EdgeRates,
-    agreeing,
-    edge_options,
-)
+from stability.regimes import ENUMERATION_LIMIT, Choice, EdgeRates, agreeing, edge_options
 from stability.regimes import Regimes as AgreeingRegimes
 
 

@@ -18,13 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from loops import (
-    GrainGraph,
-    HertzMindlin,
-    LinearFrictional,
-    RollingResistance,
-    traction_tangent,
-)
+from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, traction_tangent
 from loops.arrays import Floats
 from patterns import regular_polygon
 from studies.examples import run_example, save

@@ -19,12 +19,7 @@ from matplotlib.patheffects import withStroke
 from loops import Regime
 from loops.arrays import Flags, Floats, Integers, Regimes
 from patterns.diamond.states import isotropic_tangents
-from stability import (
-    PolarDiagram,
-    alpha_e,
-    spectrum,
-    symmetric_spectrum,
-)
+from stability import PolarDiagram, alpha_e, spectrum, symmetric_spectrum
 from studies.paths.comparison import Compared
 from studies.paths.diamond import FollowedDiamond
 from studies.paths.polygon import RADIUS, Followed, operator_diagram

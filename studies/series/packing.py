@@ -45,12 +45,7 @@ from stability.path import Past
 from studies.output import Columns, Row
 from studies.series.evolution import sample_strain
 from studies.series.loading import Loading, StrainTable, loading_between, stress_of
-from studies.snapshot.in_packing import (
-    balance_notes,
-    fixed_point,
-    place_columns,
-    sample_edge,
-)
+from studies.snapshot.in_packing import balance_notes, fixed_point, place_columns, sample_edge
 
 # Field of `LoopRates` of each column of predictions.
 PREDICTED = {

@@ -35,14 +35,7 @@ from studies.snapshot.summary import (
     surroundings_share,
     unstable_loops,
 )
-from studies.snapshot.table import (
-    CLOSURES,
-    EIGENVALUES,
-    FREE,
-    GROUPS,
-    LAST_ORDER,
-    loop_polygons,
-)
+from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER, loop_polygons
 from studies.style import (
     BLACK,
     BLUE,
