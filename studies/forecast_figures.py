@@ -107,7 +107,7 @@ def next_events(found: Forecast, ax: Axes) -> Axes:
         ax.plot(rows["drop"], np.full(len(rows), 0.05), "v", color=ORANGE, label=label,
                 transform=ax.get_xaxis_transform())  # fmt: skip
     else:
-        ax.set_title(f"no drop of the driven stress above {DROP:g} of it")
+        ax.set_title(f"no drop by {DROP:g} of the driven stress")
     ax.legend()
     return ax
 
