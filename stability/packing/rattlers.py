@@ -174,8 +174,6 @@ class _Cages:
         self.ends, self.listed = state.contacts[self.rows], _at(state, self.rows)
         touching, self.T = state.law.touching, np.zeros(len(free))
         kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
-        weight = np.sqrt(np.where(state.law.kn > 0, state.law.kn, 1.0))[self.rows]
-        self.weight = weight / weight.max(initial=0.0)
         self.ratio, self.touching = (kt / kn)[self.rows], touching[self.rows]
         self.sticks = np.ones(len(self.rows), dtype=bool)
         self.place(state.x, np.zeros(len(state.x)))
@@ -189,13 +187,15 @@ class _Cages:
         self.overlap, self.n = self.touching - length, d / length[:, None]
 
     def weigh(self) -> None:
-        """Weigh pairs by their secant stiffness, which balances the forces of springs that vary."""
-        if self.state.law.linear:
-            return
-        every = np.zeros(len(self.T))
-        every[self.rows] = np.maximum(self.overlap, SMALL_OVERLAP * self.touching)
-        load = (self.state.law.normal_force(every) - self.state.law.at_touch)[self.rows]
-        weight = np.sqrt(load / every[self.rows])
+        """Weigh pairs by the secant stiffness, `N` over the overlap: least energy is balance."""
+        law = self.state.law
+        if law.linear:
+            secant = np.where(law.kn > 0, law.kn, 1.0)[self.rows]
+        else:
+            overlap = SMALL_OVERLAP * law.touching
+            overlap[self.rows[self.overlap > 0]] = self.overlap[self.overlap > 0]
+            secant = ((law.normal_force(overlap) - law.at_touch) / overlap)[self.rows]
+        weight = np.sqrt(secant)
         self.weight = weight / weight.max(initial=0.0)
 
     @property
@@ -240,6 +240,16 @@ class _Cages:
         self.place(*start)
         return False
 
+    def settle(self, rounding: float) -> bool:
+        """Take a step, and steps until weights of springs that vary settle; whether it moved."""
+        moved = self.step(rounding)
+        if not self.state.law.linear:
+            for _ in range(MOST_ROUNDS):
+                self.weigh()
+                if not ((self.overlap > 0).any() and self.step(rounding)):
+                    break
+        return moved
+
     def slip(self) -> bool:
         """Find the shear forces, and let contacts beyond their strength slip; whether any do."""
         rows, stuck, law = self.rows, self.stuck, self.state.law
@@ -265,11 +275,7 @@ def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, 
     for _ in range(MOST_ROUNDS):
         if not (cages.overlap > 0).any():
             break
-        moved = cages.step(rounding)
-        for _ in range(0 if state.law.linear else MOST_ROUNDS):
-            cages.weigh()
-            if not ((cages.overlap > 0).any() and cages.step(rounding)):
-                break
+        moved = cages.settle(rounding)
         if not cages.slip() and not moved:
             break
     return cages.x, cages.T

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Scene
+from loops import GrainGraph, HertzMindlin, LinearFrictional, Scene
 from loops.boundary import PlaneContacts
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
@@ -33,7 +33,7 @@ LATTICE = (
 )
 
 
-def caged(small, at, unit=1.0, force=1.0):
+def caged(small, at, unit=1.0, force=1.0, law=None):
     """A square lattice of four discs with small ones in the first square."""
     small, at = np.atleast_1d(small), np.atleast_2d(at)
     contacts, images = (list(part) for part in LATTICE)
@@ -48,7 +48,7 @@ def caged(small, at, unit=1.0, force=1.0):
         cell=2 * unit * np.eye(2),
         normal_force=force * np.append([FORCE] * 8, np.zeros(len(contacts) - 8)),
     )
-    law = LinearFrictional(force / unit, 0.5 * force / unit, 0.5)
+    law = LinearFrictional(force / unit, 0.5 * force / unit, 0.5) if law is None else law
     return contacts_of(start_state(graph), law)
 
 
@@ -95,6 +95,24 @@ def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
     assert np.abs(freed.state.resultants[4]).max() < 2e-3 * too_large
     # It has the energy of its overlaps from now on.
     assert freed.released == pytest.approx(-0.5 * np.sum(overlap**2), rel=1e-12)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5])
+@pytest.mark.parametrize("stiff", [(3.0, 2.0), (1.0, 0.2)])
+def test_springs_that_stiffen_balance_a_grain_without_room_too(power, stiff):
+    """Between two pairs of discs across, of which the first ones are stiffer: in closed form.
+
+    `k d^p` is the same on both sides of a pair, with `d` of them together twice the overlap.
+    """
+    k, overlap = np.array([*[1.0] * 8, *stiff, 1.0, 1.0]), 1e-4
+    law = LinearFrictional(k, 0.0, 0.0) if power == 1.0 else HertzMindlin(400.0 * k, 0.0, 0.0)
+    freed = free_rattlers(caged(ROOM + overlap, [0.5 + 2e-5, 0.5], law=law))
+    ratio = np.array(stiff) ** (1.0 / power)
+    ends = 2.0 * overlap / (1.0 + np.concatenate([ratio, 1.0 / ratio[::-1]]))
+    assert not freed.rattlers.any()
+    np.testing.assert_allclose(of_small(freed.state)[1], ends, rtol=1e-3)
+    N = freed.state.normal_force[8:]
+    assert np.abs(freed.state.resultants[4]).max() < 1e-6 * N.max()
 
 
 @pytest.mark.parametrize("aside", [(5e-4, 0.0), (3e-4, -6e-4)])
