@@ -13,8 +13,10 @@ from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import GrainGraph, branches_between
+from loops.laws.movable import require_movable
 from loops.laws.of_pairs import MovableLaw, PairLaw, WallSprings, law_of_pairs
 from loops.neighbours import new_pairs
+from loops.scene import Scene
 from loops.shown import Shown
 
 # A pair at one geometry, as the kernels take it; all lengths but `d` are over the mean radius.
@@ -234,6 +236,15 @@ class Contacts(PackingState):
         N = self.law.normal_force(self.overlap)
         return replace(self, normal_force=N, closed=self.overlap > 0)
 
+    def with_forces_of_geometry(self) -> Self:
+        """Return the contacts with these normal forces, and shear forces within the cone."""
+        state = self.with_normal_forces()
+        most, closed = state.strength, state.closed
+        T = np.clip(np.where(closed, state.shear_force, 0.0), -most, most)
+        most, springs = state.rolling_strength, closed & (state.law.k_r > 0)
+        M = np.clip(np.where(springs, state.rolling_moment, 0.0), -most, most)
+        return replace(state, shear_force=T, rolling_moment=M)
+
     def parted(self, opened: Flags) -> Self:
         """Return the contacts once some (C,) have opened: bonds among these are gone."""
         law = self.law.parted(opened)
@@ -357,6 +368,17 @@ def start_state(
         walls=normals,
         cell0=cell,
     )
+
+
+def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
+    """Return the contacts of a scene with its own forces, for paths and equations of motion.
+
+    Walls are those of `start_state`. `InputError` where the law is none of theirs, or the scene
+    carries nothing, or has neither cell nor walls.
+    """
+    law = require_movable(scene.graph, scene.law)
+    start = start_state(scene.graph, scene.boundary, still=still)
+    return contacts_of(start, law, scene.boundary)
 
 
 def contacts_of(start: PackingState, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:

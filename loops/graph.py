@@ -93,7 +93,9 @@ class GrainGraph(Shown):
     cell0: Floats | None
     regime: Regimes | None
     rolling_moment: Floats | None
-    _branches: Floats = field(init=False)  # current ones, kept since every question takes them
+    # Kept since every question takes them; the same array where the reference is the current state.
+    _branches: Floats = field(init=False)
+    _reference_branches: Floats = field(init=False)
 
     def __init__(
         self,
@@ -134,12 +136,17 @@ class GrainGraph(Shown):
         for name, value in values.items():
             object.__setattr__(self, name, value)
         check_graph(self)
-        branches = branches_between(self.x, self.contacts, self.images, self.cell)
-        branches.flags.writeable = False
+        branches = self._checked_branches("centres", self.x, self.cell)
         object.__setattr__(self, "_branches", branches)
-        check_branches("centres", self.contacts, branches)
         if self.x0 is not self.x or self.cell0 is not self.cell:
-            check_branches("reference centres", self.contacts, reference_branch_vectors(self))
+            branches = self._checked_branches("reference centres", self.x0, self.cell0)
+        object.__setattr__(self, "_reference_branches", branches)
+
+    def _checked_branches(self, centres: str, x: Floats, cell: Floats | None) -> Floats:
+        branches = branches_between(x, self.contacts, self.images, cell)
+        branches.flags.writeable = False
+        check_branches(centres, self.contacts, branches)
+        return branches
 
     @property
     def grain_count(self) -> int:
@@ -252,9 +259,7 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     (..., C, 2) array
         Reference branch vectors `d0` (length).
     """
-    if graph.x0 is graph.x and graph.cell0 is graph.cell:
-        return graph._branches
-    return branches_between(graph.x0, graph.contacts, graph.images, graph.cell0)
+    return graph._reference_branches
 
 
 def branches_between(
@@ -435,13 +440,14 @@ def contact_state(graph: GrainGraph | HasGraph) -> ContactState:
     >>> state.length.tolist(), state.arm_i.round(12).tolist(), state.touching_length.tolist()
     ([0.9], [0.45], [1.0])
     """
-    return state_of(graph_of(graph), slice(None))
+    graph = graph_of(graph)
+    return state_of(graph, slice(None))
 
 
 def state_of(graph: GrainGraph, part: slice) -> ContactState:
     """Contacts in a part of their list, as `contact_state` has all of them."""
-    length, n, t = _frame(branch_vectors(graph)[..., part, :])
-    i, j = graph.contacts[part].T
+    d, (i, j) = branch_vectors(graph)[..., part, :], graph.contacts[part].T
+    length, n, t = _frame(d)
     return ContactState(
         length=length,
         n=n,

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
-from loops.contacts import contacts_of, start_state
+from loops.contacts import contacts_at_start
 from loops.errors import number, whole_number
-from loops.laws.movable import require_movable
 from loops.scene import Scene, Subject
 from loops.shown import Shown
 from loops.tracking import Fate, loop_fates, match_contacts
@@ -117,9 +116,8 @@ def places(found: Evolution, name: str) -> Places:
 
 def forecast_reach(scene: Scene, to: float, driven: str) -> float:
     """Return the driven strain over p/kn: how far a packing goes in units of its mean overlaps."""
-    state = start_state(scene.graph, scene.boundary)
-    table = contacts_of(state, require_movable(scene.graph, scene.law), scene.boundary)
-    kn = float(table.law.stiffnesses(table.overlap)[0][table.closed].mean())
+    state = contacts_at_start(scene)
+    kn = float(state.law.stiffnesses(state.overlap)[0][state.closed].mean())
     return abs(to) / state.pressure * (kn if driven[0] == "H" else 1.0)
 
 

@@ -25,21 +25,18 @@ def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
     The normal force is one of the overlap; where the grains part it vanishes, or pulls.
     """
     require_one_state(graph)
+    state = contact_state(graph)
     if not graph.contact_count:
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
-    if isinstance(law, RollingResistance):
-        require_movable(graph, law.law)
-        if not isinstance(law.law, RollingResistance):
-            return law
-    if not isinstance(law, FrictionalLaw):
+    sheared = law.law if isinstance(law, RollingResistance) else law
+    if not isinstance(sheared, FrictionalLaw):
         expected = "a law derived from gl.FrictionalLaw, and at most one spring for rolling"
         remedy = "Give another, or compute tangents alone."
-        raise InputError("law", type(law).__name__, expected, remedy)
-    state = contact_state(graph)
-    require_linear_forces(law, state)
-    if not linear_springs(law) and type(law) is not HertzMindlin:
-        _require_formulae(law, state)
-    return law
+        raise InputError("law", type(sheared).__name__, expected, remedy)
+    require_linear_forces(sheared, state)
+    if not linear_springs(sheared) and type(sheared) is not HertzMindlin:
+        _require_formulae(sheared, state)
+    return law if isinstance(law, RollingResistance) else sheared
 
 
 def require_linear_forces(law: object, state: ContactState) -> None:

@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, median
 from loops.graph import ContactState
 from loops.laws.cohesive import CohesiveFrictional
 from loops.laws.compiled import Filling, answer_of, compiled
-from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime
+from loops.laws.frictional import ContactLaw, FrictionalLaw, LinearFrictional, Regime
 from loops.laws.hertz_mindlin import HERTZ, HertzMindlin
 from loops.laws.rolling_resistance import RollingResistance
 
@@ -569,7 +569,7 @@ def law_of_pairs(law: MovableLaw, radii: Floats, wall: Integers, walls: WallSpri
     return replace(free, k_r=k_r, mu_r=mu_r) if k_r.any() else free
 
 
-def law_of(law: MovableLaw, pairs: PairLaw, rows: Flags) -> MovableLaw:
+def law_of(law: ContactLaw, pairs: PairLaw, rows: Flags) -> MovableLaw:
     """Return the law of the picked pairs between grains, of the same kind as the one given."""
     if isinstance(law, RollingResistance):
         return RollingResistance(pairs.picked(rows), pairs.k_r[rows], pairs.mu_r[rows])

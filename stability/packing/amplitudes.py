@@ -10,9 +10,8 @@ import numpy as np
 
 from loops import Faces
 from loops.arrays import Flags, Floats
-from loops.contacts import start_state
+from loops.contacts import contacts_at_start
 from loops.errors import number
-from loops.laws.movable import require_movable
 from loops.scene import Scene
 from stability.destabilising import no_control
 from stability.packing.controls import direction_control
@@ -68,10 +67,8 @@ def probe_to(
     InputError
         If the amplitude isn't positive, or where `follow` refuses.
     """
-    graph, boundary = scene.graph, scene.boundary
-    require_movable(graph, scene.law)
+    graph, at_start = scene.graph, contacts_at_start(scene)
     number("amplitude", amplitude, 0.0, open_low=True)
-    at_start = start_state(graph, boundary)
     stages = [
         stage_along(direction, found.subspace, found.control, amplitude)
         for direction in found.directions

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.boundary import Boundary, PlaneContacts, boundary_of
-from loops.contacts import Contacts, PackingState, contacts_of, start_state
+from loops.contacts import Contacts, PackingState, contacts_at_start, start_state
 from loops.errors import InputError, check_choice, number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
-from loops.laws.movable import require_movable
 from loops.laws.of_pairs import MovableLaw, law_of
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
@@ -228,14 +227,13 @@ def hold(
     number("unbalanced", unbalanced, 0.0, open_low=True)
     if not all(0.0 < share < 1.0 for share in damping):
         raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
-    graph, around = scene.graph, scene.boundary
-    checked = require_movable(graph, scene.law)
+    around = scene.boundary
     if around.kind == "walls" and (control == "stress" or around.volume is None):
         received = "control='stress'" if control == "stress" else "no volume"
         expected = "control='strain' and a volume between walls"
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
-    masses, inertias = masses_of(graph.radii, mass, inertia)
-    start = contacts_of(start_state(graph, around, still=True), checked, around)
+    start = contacts_at_start(scene, still=True)
+    masses, inertias = masses_of(scene.graph.radii, mass, inertia)
     dt = step_of(masses, inertias, start)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
@@ -259,15 +257,14 @@ def hold(
     ways = [other, run(found.damping, SLOWER)] if control == "stress" else []
     strains = [way.end.strain - found.end.strain for way in ways]
     apart = max((float(np.linalg.norm(strain)) for strain in strains), default=0.0)
-    return _told(around, checked, control, start, found, other, apart)
+    return _told(scene, control, start, found, other, apart)
 
 
 def _told(
-    around: Boundary, law: MovableLaw, control: HoldControl, start: Contacts, found: _Run,
-    other: _Run, apart: float,
-) -> HeldPacking:  # fmt: skip
+    scene: Scene, control: HoldControl, start: Contacts, found: _Run, other: _Run, apart: float
+) -> HeldPacking:
     """Return what a run changed; strains of other runs end `apart` from its own."""
-    end, stress, walled = found.end, _stress(found.end), around.kind == "walls"
+    end, stress, walled = found.end, _stress(found.end), scene.boundary.kind == "walls"
     size, strain = float(np.linalg.norm(stress)), float(np.linalg.norm(end.strain))
     # Contacts between grains.
     first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
@@ -281,11 +278,11 @@ def _told(
     at_rest = end.graph()
     return HeldPacking(
         graph=at_rest,
-        law=law_of(law, end.law, last),
+        law=law_of(scene.law, end.law, last),
         boundary=boundary_of(
             at_rest,
             walls=walls if walled else None,
-            volume=around.volume if walled else None,
+            volume=scene.boundary.volume if walled else None,
         ),
         status=found.status,
         other_status=other.status,

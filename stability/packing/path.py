@@ -64,10 +64,7 @@ def follow_packing(
 ) -> Path:
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
-    packing = scene.graph, scene.law, stages
-    solver = PackingPathSolver(
-        *packing, o.interval, o.past, scene.boundary, o.load_kept, o.pathologies
-    )
+    solver = PackingPathSolver(scene, stages, o.interval, o.past, o.load_kept, o.pathologies)
     stop = follow_stages(
         lambda number, stage: solver.follow(
             number, stage, max(rows, 1), o.instabilities, max_steps, o.progress

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from loops.arrays import Flags, Floats
-from loops.boundary import Boundary
-from loops.contacts import AT_YIELD, Contacts, contacts_of, start_state
-from loops.graph import GrainGraph
-from loops.laws import ContactLaw
-from loops.laws.movable import require_movable
+from loops.contacts import AT_YIELD, Contacts, contacts_at_start
+from loops.scene import Scene
 from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
@@ -59,17 +56,14 @@ class PackingPathSolver:
 
     def __init__(
         self,
-        graph: GrainGraph,
-        law: ContactLaw,
+        scene: Scene,
         stages: Sequence[Stage],
         interval: float,
         past: Past | PassBy,
-        boundary: Boundary | None,
         load_kept: float = 1.0,
         pathologies: bool = False,
     ) -> None:
-        checked = require_movable(graph, law)
-        start = start_state(graph, boundary)
+        start = contacts_at_start(scene)
         for stage in stages:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
         self.stages, self.looks_at_pathologies = stages, pathologies
@@ -86,13 +80,11 @@ class PackingPathSolver:
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         # Memory and order of elimination of the increment before.
         self.packing: RegimeFactor | None = None
-        self.state = _with_forces_of_geometry(contacts_of(start, checked, boundary))
+        self.wandered, self.listed_gap = 0.0, MAY_CLOSE_GAP * 2.0 * start.mean_radius
+        self.state = start.with_forces_of_geometry().with_near(self.listed_gap)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.first_stress = float(np.linalg.norm(start.stress))
-        # Of the pairs, then of their springs against rolling.
-        self.regime, self.side = np.zeros(0, dtype=np.int8), np.zeros(0)
-        self._list_pairs()
         self.state, self.rattlers, _ = free_rattlers(self.state)
         self._find_regimes()
         self.first_resultants, self.unbalanced_share = self.state.resultants, 1.0
@@ -103,7 +95,7 @@ class PackingPathSolver:
     def _list_pairs(self) -> None:
         """Add the pairs that are close to the list, as open contacts."""
         self.wandered = 0.0
-        self.state = self.state.with_near(self._listed_gap())
+        self.state = self.state.with_near(self.listed_gap)
         springs = self.state.law.springs
         regime, side = self.regime.reshape(springs, -1), self.side.reshape(springs, -1)
         fresh = self.state.closed[regime.shape[1] :]
@@ -111,11 +103,11 @@ class PackingPathSolver:
         self.regime = np.hstack([regime, closed]).astype(np.int8).ravel()
         self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
 
-    def _listed_gap(self) -> float:
-        return MAY_CLOSE_GAP * 2.0 * self.state.mean_radius
-
     def _find_regimes(self) -> None:
-        """Mark closed contacts on the friction limit as sliding, on the side of their force."""
+        """Mark closed contacts on the friction limit as sliding, on the side of their force.
+
+        Regimes are of the pairs, then of their springs against rolling.
+        """
         law, state = self.state.law, self.state
         T = law.of_springs(state.shear_force, state.rolling_moment)
         most = law.of_springs(state.strength, state.rolling_strength)
@@ -347,7 +339,7 @@ class PackingPathSolver:
         # Neighbours come nearer with the cell as well, by twice this.
         affine = float(np.linalg.norm(increment.strain) * self.state.radii.max())
         self.wandered += float(np.abs(increment.u).max()) + affine
-        if not 2.0 * self.wandered < 0.5 * self._listed_gap():
+        if not 2.0 * self.wandered < 0.5 * self.listed_gap:
             self._list_pairs()
         return met, duration
 
@@ -499,13 +491,3 @@ class PackingPathSolver:
             intervals=self.intervals,
             pathologies=found if self.looks_at_pathologies else (),
         )
-
-
-def _with_forces_of_geometry(state: Contacts) -> Contacts:
-    """The state with normal forces of its overlaps, and shear forces within the cone."""
-    state = state.with_normal_forces()
-    most = state.strength
-    T = np.clip(np.where(state.closed, state.shear_force, 0.0), -most, most)
-    most, springs = state.rolling_strength, state.closed & (state.law.k_r > 0)
-    M = np.clip(np.where(springs, state.rolling_moment, 0.0), -most, most)
-    return replace(state, shear_force=T, rolling_moment=M)

@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm, logm
 
 from loops.arrays import Floats
-from loops.contacts import Contacts, contacts_of, start_state
+from loops.contacts import Contacts, contacts_at_start
 from loops.errors import InputError, number, whole_number
-from loops.laws.movable import require_movable
 from loops.scene import Scene, of_scene
 from stability.packing.equations_of_motion import (
     Moving,
@@ -119,12 +118,10 @@ def replay(
     >>> end.normal_force.round(6).tolist()
     [0.011, 0.011]
     """
-    graph, boundary = scene.graph, scene.boundary
-    checked = require_movable(graph, scene.law)
-    masses, inertias = masses_of(graph.radii, mass, inertia)
+    start = contacts_at_start(scene)
+    masses, inertias = masses_of(scene.graph.radii, mass, inertia)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
-    start = contacts_of(start_state(graph, boundary), checked, boundary)
     whole_number("rows", rows, 1)
     dt = time_step or step_of(masses, inertias, start)
     servo, ends = _steering(start, masses, strain)

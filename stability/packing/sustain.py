@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, one_blas_thread
-from loops.contacts import Contacts, start_state
+from loops.contacts import Contacts, contacts_at_start
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.faces import Faces
 from loops.graph import GrainGraph
-from loops.laws.movable import require_movable
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.amplitudes import stage_along
@@ -238,8 +237,7 @@ def sustain(
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['large motion, no rest', 'held'], [0.01, nan])
     """
-    graph, boundary = scene.graph, scene.boundary
-    checked = require_movable(graph, scene.law)
+    start = contacts_at_start(scene)
     check_choice("subspace", subspace, get_args(Subspace))
     number("interval", interval, 0.0, open_low=True)
     number("large", large, 0.0, open_low=True)
@@ -247,17 +245,13 @@ def sustain(
     if not 0.0 < damping < 1.0:
         raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
     unit = probe_directions(directions, subspace)
-    start = start_state(graph, boundary)
     if largest is None:
         largest = DEFAULT_LARGEST * start.pressure
     number("largest", largest, 0.0, open_low=True)
     loading = Loading(subspace, largest, interval, large, most_snaps, spread, damping)
     if follow is None:
         found = scene.faces if faces is None else faces
-        paths: Sequence[Path] = [
-            load_path(Scene(graph, checked, boundary), direction, loading, found)
-            for direction in unit
-        ]
+        paths: Sequence[Path] = [load_path(scene, one, loading, found) for one in unit]
     else:
         paths = follow(unit, loading)
     return Sustained(subspace, unit, largest, tuple(paths), start.stress)
@@ -313,9 +307,8 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     """Load one direction until its first large motion; modes of the loops of these faces."""
     begin, halving = thread_time(), 0.0
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    packing = scene.graph, scene.law, [stage]
     way = ConstantLoad(loading.damping)
-    solver = PackingPathSolver(*packing, loading.interval, "stop", scene.boundary)
+    solver = PackingPathSolver(scene, [stage], loading.interval, "stop")
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
     limit = spread = strain = math.nan

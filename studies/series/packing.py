@@ -19,10 +19,9 @@ import numpy as np
 
 from loops import InputError, loop_batches
 from loops.arrays import Floats
-from loops.contacts import PackingState, contacts_of, start_state
+from loops.contacts import PackingState, contacts_at_start
 from loops.graph import branch_vectors
 from loops.in_place import loops_in_place
-from loops.laws.movable import require_movable
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
@@ -134,9 +133,7 @@ def interval_rate(
         return Rate(DEFAULT_RATE, "no times", {"inertial_number": DEFAULT_RATE})
     if not end > start:
         return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
-    law = require_movable(before.graph, before.mechanics()[0])
-    boundary, _ = sample_boundary(before)
-    state = contacts_of(start_state(before.graph, boundary), law, boundary)
+    state = contacts_at_start(before.scene)
     step = step_of(*masses_of(before.graph.radii, masses), state)
     longest = MOST_STEPS * step
     duration = min(end - start, longest)

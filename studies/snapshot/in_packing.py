@@ -61,14 +61,10 @@ def sample_edge(
 
 def balance_notes(subject: Subject) -> list[str]:
     """Notes on the unbalanced force of a state to be followed; `InputError` if the sample flows."""
-    from loops.contacts import contacts_of, start_state
-    from loops.laws.movable import require_movable
+    from loops.contacts import contacts_at_start
 
-    scene = scene_of(subject)
-    boundary, law = scene.boundary, require_movable(scene.graph, scene.law)
-    state = contacts_of(start_state(scene.graph, boundary), law, boundary)
     # Paths begin with the normal forces of the overlaps.
-    share = state.with_normal_forces().unbalanced
+    share = contacts_at_start(scene_of(subject)).with_normal_forces().unbalanced
     told = f"an unbalanced force of {share:.2g} of the mean contact force"
     if share > FLOWS:
         expected = f"{FLOWS:g} at most: a state near rest"

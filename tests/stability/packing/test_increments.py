@@ -164,7 +164,7 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     monkeypatch.setattr(past_module, "snap_through", at_once)
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
     stage = Stage(programme, quantity, share * duration * unit)
-    solver = PackingPathSolver(graph, LAW, [stage], 1e-4, "dynamic", None)
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], 1e-4, "dynamic")
     solver.targets = deque([stage.target])
     met = InstabilityError(Event("instability", 0.4, contacts=(3,), cause="chatters"))
     assert solver._pass(met, duration, stage) is None
@@ -196,7 +196,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     monkeypatch.setattr(past_module, "snap_through", kept)
     rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
     stage = Stage(Programme("strain", np.zeros((4, 4)), np.eye(4), rate), "parameter", 1.0)
-    solver = PackingPathSolver(jammed(12, 1), LAW, [stage], 1e-4, "dynamic", None)
+    solver = PackingPathSolver(Scene(jammed(12, 1), LAW), [stage], 1e-4, "dynamic")
     # Ahead of the programme, and half an interval behind it.
     error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
     solver.F = np.eye(2) - error.reshape(2, 2)
@@ -210,7 +210,7 @@ def load_solver(graph, interval=1e-4):
     """A path of loads along (-1, 0), up to a tenth of the stress."""
     largest = 0.1 * start_state(graph).stress[0, 0]
     stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", largest)
-    solver = PackingPathSolver(graph, LAW, [stage], interval, "stop", None)
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], interval, "stop")
     solver.start_stage(0, stage, 1)
     return solver, stage
 

@@ -130,7 +130,7 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
     strains = []
     for load in (0.985 * motion.lost, 1.015 * motion.lost):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
-        solver = PackingPathSolver(graph, law, [stage], 5e-6, "stop", None)
+        solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
         solver.start_stage(0, stage, 1)
         moving = ConstantLoad(0.3)
         moving(solver.here(), Event("control_limit", 0.0), solver.control_to(stage, load))
@@ -189,7 +189,7 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     strain[1, 1] = strain[2, 2] = 1.0
     drive = Programme("strain along the mode", stress, strain, np.array([0.0, 0.0, 0.0, 1.0]))
     stages = [load, Stage(drive, "parameter", 5e-4)]
-    solver = PackingPathSolver(graph, law, stages, interval, "stop", None)
+    solver = PackingPathSolver(Scene(graph, law), stages, interval, "stop")
     assert solver.follow(0, load, 1, MANY, 20_000, None)[0] == "finished"
     rises = []
 

@@ -371,7 +371,7 @@ def test_an_interval_ends_where_a_grain_is_caught(interval):
     """Its force grows from next to nothing: at the end of the interval it was .014 of the mean."""
     graph = lattice_around([ROOM - 1e-4], [[0.5003, 0.5]])
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-    solver = PackingPathSolver(graph, LAW, [stage], interval, "viscous", None)
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], interval, "viscous")
     solver.start_stage(0, stage, 1)
     while solver.rattlers.any():
         assert solver.step(stage, 1) is None and solver.size == interval
@@ -386,7 +386,7 @@ def test_rows_leave_the_rattlers_where_they_are():
     ends = []
     for rows in (1, 50):
         stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-        solver = PackingPathSolver(graph, LAW, [stage], 2e-4, "viscous", None)
+        solver = PackingPathSolver(Scene(graph, LAW), [stage], 2e-4, "viscous")
         solver.follow(0, stage, rows, 1, 1000, None)
         ends.append(solver)
     np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
@@ -396,7 +396,7 @@ def test_rows_leave_the_rattlers_where_they_are():
 def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     """A state at rest is in balance with them: taken for what it was before, it would lose them."""
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-    solver = PackingPathSolver(jammed(12, 1, LAW), LAW, [stage], 2e-4, "stop", None)
+    solver = PackingPathSolver(Scene(jammed(12, 1, LAW), LAW), [stage], 2e-4, "stop")
     solver.start_stage(0, stage, 1)
     end, balance = solver.state, np.abs(solver.imbalance).max()
     solver.rattlers = carrying_nothing(end, LOADED_SHARE)
