@@ -16,7 +16,7 @@ import numpy as np
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.compiled import use_compiled
-from loops.graph import GrainGraph, branch_vectors, require_one_state, require_plane
+from loops.graph import GrainGraph, require_one_state, require_plane
 
 PAIRS_AT_ONCE = 2**15  # pieces of branches compared at a time
 CROWD = 16  # branches in a bin beyond which it is halved
@@ -117,7 +117,7 @@ def crossing_contacts_to_drop(graph: GrainGraph, pairs: Integers) -> Integers:
     """
     named, pair = np.unique(pairs, return_inverse=True)
     pair = pair.reshape(-1, 2)
-    length = np.hypot(*branch_vectors(graph)[named].T)
+    length = np.hypot(*graph.branches[named].T)
     crossings = np.bincount(pair.ravel(), minlength=len(named))
     order = np.lexsort((named, length, -graph.normal_force[named], crossings))
     rank = np.empty(len(named), dtype=np.int64)

@@ -20,7 +20,6 @@ from loops.faces import Faces
 from loops.graph import (
     GrainGraph,
     HasGraph,
-    branch_vectors,
     contact_state,
     graph_of,
     require_one_state,
@@ -120,7 +119,7 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
     Parameters
     ----------
     branches : (C, 2) array
-        Branch vectors of the packing (length), from `branch_vectors`.
+        Branch vectors of the packing (length), `graph.branches`.
     faces : Faces
         Its faces, from `find_faces`.
 
@@ -306,7 +305,7 @@ def force_chains(
     graph = graph_of(graph)
     require_one_state(graph)
     require_plane(graph.x, "centres of the grains")
-    branches, (i, j) = branch_vectors(graph), graph.contacts.T
+    branches, (i, j) = graph.branches, graph.contacts.T
     stress = _force_moments(graph)
     stress /= (np.pi * graph.radii**2)[:, None, None]
     difference, axis = principal(stress)
@@ -345,7 +344,7 @@ def _force_moments(graph: GrainGraph) -> Floats:
         from loops.compiled.passes import stresses_at_end
 
         pairs = given(contacts, np.int64)
-        every = (branch_vectors(graph), graph.normal_force, graph.shear_force, graph.radii)
+        every = (graph.branches, graph.normal_force, graph.shear_force, graph.radii)
         columns = [given(values, np.float64) for values in every]
         first, second = in_threads(lambda side: stresses_at_end(pairs, side, *columns), (0, 1))
         return np.asarray((first + second).reshape(-1, 2, 2))

@@ -24,7 +24,6 @@ from loops.errors import InputError
 from loops.graph import (
     GrainGraph,
     HasGraph,
-    branch_vectors,
     graph_of,
     require_one_state,
     require_plane,
@@ -165,7 +164,7 @@ def find_faces(graph: GrainGraph | HasGraph, *, compiled: bool | None = None) ->
             return Faces(offsets, grains, contacts, forward, area, kind, component)
     kept_grains, kept_contacts = prune_dangling(graph)
     kept = np.flatnonzero(kept_contacts)
-    branches = branch_vectors(graph)
+    branches = graph.branches
     following = next_half_edge(graph.grain_count, graph.contacts[kept], kept, branches[kept])
     order = half_edges_by_grain(graph, kept)
     rank = np.empty_like(order)

@@ -19,7 +19,6 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from loops.arrays import Flags, Floats, Integers
-from loops.graph import contact_state
 from loops.system import System, in_freedoms, stiffness_matrix
 
 # Ratios of spins, multiplied around a ring of gears, miss 1 by its mismatch: from here on the ring
@@ -87,7 +86,7 @@ def regular_matrix(
     ring[nearly] = np.arange(len(nearly))
     label = np.full(size + 1, -1)
     label[spins] = ring[column]
-    state, growth = contact_state(system.graph), np.zeros((len(system.ends), 2))
+    state, growth = system.state, np.zeros((len(system.ends), 2))
     moments = 0.5 / system.length * state.shear_force[:, None] * state.n
     growth[: len(system.contacts)] = moments[system.contacts]
     forces = _slip_forces(part, growth[touched], label, np.append(motion, 0.0), len(nearly))

@@ -66,6 +66,11 @@ class GrainGraph(Shown):
         Moment of the rolling spring on grain j (force times length), counter-clockwise; grain i
         has the opposite one. Zero if left out.
 
+    Attributes
+    ----------
+    branches, reference_branches : (..., C, 2) array
+        Branch vectors now and in the reference (length), see `branch_vectors`.
+
     Raises
     ------
     InputError
@@ -93,9 +98,8 @@ class GrainGraph(Shown):
     cell0: Floats | None
     regime: Regimes | None
     rolling_moment: Floats | None
-    # Kept since every question takes them; the same array where the reference is the current state.
-    _branches: Floats = field(init=False)
-    _reference_branches: Floats = field(init=False)
+    branches: Floats = field(init=False)
+    reference_branches: Floats = field(init=False)
 
     def __init__(
         self,
@@ -137,10 +141,10 @@ class GrainGraph(Shown):
             object.__setattr__(self, name, value)
         check_graph(self)
         branches = self._checked_branches("centres", self.x, self.cell)
-        object.__setattr__(self, "_branches", branches)
+        object.__setattr__(self, "branches", branches)
         if self.x0 is not self.x or self.cell0 is not self.cell:
             branches = self._checked_branches("reference centres", self.x0, self.cell0)
-        object.__setattr__(self, "_reference_branches", branches)
+        object.__setattr__(self, "reference_branches", branches)
 
     def _checked_branches(self, centres: str, x: Floats, cell: Floats | None) -> Floats:
         branches = branches_between(x, self.contacts, self.images, cell)
@@ -243,7 +247,7 @@ def branch_vectors(graph: GrainGraph) -> Floats:
     >>> branch_vectors(row).tolist()
     [[1.0, 0.0], [1.0, 0.0]]
     """
-    return graph._branches
+    return graph.branches
 
 
 def reference_branch_vectors(graph: GrainGraph) -> Floats:
@@ -259,7 +263,7 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     (..., C, 2) array
         Reference branch vectors `d0` (length).
     """
-    return graph._reference_branches
+    return graph.reference_branches
 
 
 def branches_between(
@@ -321,7 +325,7 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
     >>> [value.tolist() for value in contact_frame(pair)]
     [[0.9], [[1.0, 0.0]], [[-0.0, 1.0]]]
     """
-    return _frame(branch_vectors(graph))
+    return _frame(graph.branches)
 
 
 def _frame(d: Floats) -> tuple[Floats, Floats, Floats]:
@@ -446,7 +450,7 @@ def contact_state(graph: GrainGraph | HasGraph) -> ContactState:
 
 def state_of(graph: GrainGraph, part: slice) -> ContactState:
     """Contacts in a part of their list, as `contact_state` has all of them."""
-    d, (i, j) = branch_vectors(graph)[..., part, :], graph.contacts[part].T
+    d, (i, j) = graph.branches[..., part, :], graph.contacts[part].T
     length, n, t = _frame(d)
     return ContactState(
         length=length,

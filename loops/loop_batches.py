@@ -17,7 +17,7 @@ from loops.closures.tangents import solved
 from loops.compiled import given
 from loops.errors import InputError
 from loops.faces import Faces, faces_by_order, find_faces
-from loops.graph import GrainGraph, branch_vectors, state_of
+from loops.graph import GrainGraph, state_of
 from loops.laws import ContactLaw
 
 
@@ -92,7 +92,7 @@ def loop_batches(
                 over = np.asarray(crossing[contacts].any(axis=1))
             if over.any():
                 sign = np.where(group.forward[part][over][..., None], 1.0, -1.0)
-                edges = sign * branch_vectors(graph)[contacts[over]]
+                edges = sign * graph.branches[contacts[over]]
                 x[over] = np.cumsum(edges, axis=1) - edges
                 origin[over] = graph.x[grains[over, 0]]
             batch = GrainGraph(
@@ -246,7 +246,7 @@ def compiled_packing(
 
     def fill(start: int) -> tuple[bool, bool]:
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
-        rows[part, :2] = branch_vectors(graph)[part]
+        rows[part, :2] = graph.branches[part]
         if law is None:
             return True, True
         state = state_of(graph, part)

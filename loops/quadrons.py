@@ -10,7 +10,7 @@ import numpy as np
 from loops.arrays import Floats, Integers
 from loops.errors import check_choice
 from loops.faces import Faces, find_faces
-from loops.graph import GrainGraph, branch_vectors, require_one_state
+from loops.graph import GrainGraph, require_one_state
 from loops.loop_batches import loop_batches
 from loops.shown import Shown
 
@@ -135,7 +135,7 @@ def quadrons(
 
 def _to_contacts(graph: GrainGraph, faces: Faces) -> Floats:
     """Return (G, 2) from each centre to the mean of the grain's contacts in the faces."""
-    d = branch_vectors(graph)[faces.contacts] * np.where(faces.forward, 1.0, -1.0)[:, None]
+    d = graph.branches[faces.contacts] * np.where(faces.forward, 1.0, -1.0)[:, None]
     i, j = graph.contacts[faces.contacts].T
     start, end = np.where(faces.forward, i, j), np.where(faces.forward, j, i)
     length = np.linalg.norm(d, axis=1)

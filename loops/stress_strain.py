@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.geometry import boundary_vectors, polygon_area, reference_volume, require_loop
-from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of, reference_branch_vectors
+from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of
 
 
 def contact_forces(graph: GrainGraph) -> Floats:
@@ -106,7 +106,7 @@ def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats
     """
     if volume is None:
         volume = reference_volume(graph)
-    return _average(contact_forces(graph), reference_branch_vectors(graph), volume)
+    return _average(contact_forces(graph), graph.reference_branches, volume)
 
 
 def cauchy_rate(H: Floats, P: Floats, H_rate: Floats, P_rate: Floats) -> Floats:

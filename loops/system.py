@@ -27,7 +27,7 @@ from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import PlaneContacts, plane_stiffness
 from loops.compiled import WIDTH
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, branch_vectors, contact_state, require_one_state
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene
@@ -110,7 +110,8 @@ class System(Shown):
     """Carrying contacts of a packing and the freedoms of their grains.
 
     `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
-    has none; `ends` (E, 6) those of each contact in the order x_i, y_i, x_j, y_j, w_i, w_j.
+    has none; `state` has all contacts of the graph; `ends` (E, 6) those of each contact in the
+    order x_i, y_i, x_j, y_j, w_i, w_j.
     `contacts` (C',) are the contacts of the graph, wall contacts follow behind them in all arrays
     of length E. `branches` (E, 2) go to the other grain, or to the point of the plate that moves
     with the strain. `unit` is a typical stiffness, `volume` the area that stresses refer to.
@@ -118,6 +119,7 @@ class System(Shown):
 
     graph: GrainGraph
     law: ContactLaw
+    state: ContactState
     carrying: Carrying
     contacts: Integers
     branches: Floats
@@ -160,7 +162,7 @@ def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
     freedom, size = np.full(moves.shape, -1), int(np.count_nonzero(moves))
     freedom[moves] = np.arange(size)
     blocks = contact_tangent(state, law, regimes)[kept]
-    branches, pairs, regimes = branch_vectors(graph)[kept], graph.contacts[kept], regimes[kept]
+    branches, pairs, regimes = graph.branches[kept], graph.contacts[kept], regimes[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
     planes = boundary.walls
     if planes is not None:
@@ -184,6 +186,7 @@ def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
     return System(
         graph=graph,
         law=law,
+        state=state,
         carrying=carrying,
         contacts=kept,
         branches=branches,
@@ -248,7 +251,7 @@ def packing_stress_rate(system: System, s: Floats) -> Floats:
 def packing_stress(system: System) -> Floats:
     """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
     graph, planes = system.graph, system.planes
-    total = contact_forces(graph).T @ branch_vectors(graph)
+    total = contact_forces(graph).T @ graph.branches
     if planes is not None:
         distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
         overlap = np.maximum(graph.radii[planes.grain][:, None] - distance, 0.0)

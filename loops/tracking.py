@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from loops.arrays import Integers
 from loops.errors import InputError
 from loops.faces import Faces
-from loops.graph import GrainGraph, branch_vectors
+from loops.graph import GrainGraph
 from loops.shown import Shown
 
 
@@ -115,7 +115,7 @@ def match_contacts(
     late = order[begin[c] + within]
     turned = low[c] != late_low[late]
     if before.cell is not None or after.cell is not None:
-        start, end = branch_vectors(before)[c], branch_vectors(after)[late]
+        start, end = before.branches[c], after.branches[late]
         own = before.contacts[c, 0] == before.contacts[c, 1]
         turned = np.where(own, np.sum(start * end, axis=1) < 0, turned)
         moved = end - np.where(turned, -1.0, 1.0)[:, None] * start

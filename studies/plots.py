@@ -22,7 +22,6 @@ from loops import (
     InputError,
     Regime,
     Scene,
-    branch_vectors,
     contact_state,
     macroscopic_tangent,
 )
@@ -354,7 +353,7 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
         expected, remedy = "polar axes", "Make them with projection='polar', or leave ax out."
         raise InputError("ax", type(ax).__name__, expected, remedy)
     snapshot = planar(snapshot)
-    d = branch_vectors(snapshot.graph)
+    d = snapshot.graph.branches
     axes, weights = np.degrees(np.arctan2(d[:, 1], d[:, 0])), np.ones(len(d))
     if of == "branches":
         weights = np.hypot(*d.T)

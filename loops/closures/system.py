@@ -37,7 +37,7 @@ from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
 from loops.errors import InputError, check_choice
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import ContactState, GrainGraph, graph_of, reference_branch_vectors
+from loops.graph import ContactState, GrainGraph, graph_of
 from loops.laws.frictional import ContactLaw
 
 Closure = Literal["affine", "traction"]
@@ -143,7 +143,7 @@ def closure_form(
 def form_of(graph: GrainGraph, closure: Closure, spins: Spins, volume: Floats) -> ClosureForm:
     """Return the closure form of a graph in its current state."""
     spin = affine_spin(graph) if spins == "affine" else None
-    x0, d0 = (graph.x0, None) if closure == "traction" else (None, reference_branch_vectors(graph))
+    x0, d0 = (graph.x0, None) if closure == "traction" else (None, graph.reference_branches)
     return closure_form(spins, graph.contacts, graph.radii, volume, x0=x0, d0=d0, spin=spin)
 
 

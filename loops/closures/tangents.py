@@ -40,7 +40,7 @@ from loops.geometry import (
     require_loop,
     volume_growth,
 )
-from loops.graph import GrainGraph, contact_state, reference_branch_vectors, require_plane
+from loops.graph import GrainGraph, contact_state, require_plane
 from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
 
@@ -233,7 +233,7 @@ def affine_tangent(
         require_plane(graph.x, "centres of the grains")
         relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
         return of_relaxed(relaxed, "affine", spins, v0, growth, turned)
-    d0 = reference_branch_vectors(graph)
+    d0 = graph.reference_branches
     blocks, pair = translational_blocks(state, law, regimes), d0[..., :, None] * d0[..., None, :]
     total = np.einsum("...cik,...cjl->...ijkl", blocks, pair, optimize=True)
     components = d0.shape[-1] ** 2

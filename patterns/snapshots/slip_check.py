@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops import FrictionalLaw, Regime, branch_vectors, contact_state
+from loops import FrictionalLaw, Regime, contact_state
 from loops.arrays import Floats, Integers, median
 from loops.laws.frictional import of_tables
 from patterns.snapshots.checked import FEWEST
@@ -58,7 +58,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     if not needed.any():
         return None
     sign = np.where(match.reversed[first], -1, 1)[:, None]
-    pairs, arms, moved = _moved(before, after, first, sign * branch_vectors(after.graph)[second])
+    pairs, arms, moved = _moved(before, after, first, sign * after.graph.branches[second])
     spare = len(first)
     if before.rotation is None or after.rotation is None:
         strip = np.argsort(before.graph.x[pairs[:, 0], 0])[:FITTED]
@@ -91,7 +91,7 @@ def _moved(
     before: Snapshot, after: Snapshot, contacts: Integers, later: Floats
 ) -> tuple[Integers, Floats, Floats]:
     """Grains of some contacts, their arms, and the slip by the turn of the branches to `later`."""
-    d = branch_vectors(before.graph)[contacts]
+    d = before.graph.branches[contacts]
     turn = np.arctan2(
         d[:, 0] * later[:, 1] - d[:, 1] * later[:, 0], np.einsum("ck,ck->c", d, later)
     )

@@ -17,7 +17,6 @@ from loops import (
     GrainGraph,
     InputError,
     Regime,
-    branch_vectors,
     contact_forces,
     contact_state,
     crossing_contacts_to_drop,
@@ -115,12 +114,17 @@ class Snapshot(Shown):
         return self.scene.faces if "scene" in vars(self) else find_faces(self.graph)
 
     @cached_property
+    def boundary_and_notes(self) -> tuple[Boundary, list[str]]:
+        """Return the boundary of the sample, and notes on it, see `sample_boundary`."""
+        return sample_boundary(self)
+
+    @cached_property
     def scene(self) -> Scene:
         """Return graph, law and boundary; `InputError` that names what is missing for a law."""
         (law, regime), graph = self.mechanics(), self.graph
         if graph.regime is not regime:
             graph = graph.replace(regime=regime)
-        scene = Scene(graph, law, sample_boundary(self)[0])
+        scene = Scene(graph, law, self.boundary_and_notes[0])
         if "faces" in vars(self):
             # Already found.
             vars(scene)["faces"] = self.faces
@@ -209,7 +213,7 @@ class Snapshot(Shown):
             grains["omega_z"] = self.spin
         one, two = graph.contacts.T
         contacts: dict[str, NDArray[Any]] = {"id1": ids[one], "id2": ids[two]}
-        contacts["branch_x"], contacts["branch_y"] = branch_vectors(graph).T
+        contacts["branch_x"], contacts["branch_y"] = graph.branches.T
         if graph.images is not None:
             contacts["cell_dx"], contacts["cell_dy"] = graph.images.T
         if self.has_forces:
@@ -279,22 +283,21 @@ def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
     Stresses refer to the box of upright walls, else to the area within the outline.
     """
     graph, walls = snapshot.graph, snapshot.walls
-    if walls is None and graph.cell is not None:
+    if walls is not None:
+        planes, notes = wall_plates(graph, walls, snapshot.law)
+        area = None
+        if graph.cell is None:
+            area = box_area(graph.x, walls) or outline_area(graph, snapshot.faces)
+        return boundary_of(graph, walls=planes, volume=area), notes
+    if graph.cell is not None:
         return boundary_of(graph), []
-    area = None
-    if graph.cell is None:
-        area = None if walls is None else box_area(graph.x, walls)
-        area = area or outline_area(graph, snapshot.faces)
-    if walls is None:
-        held = outline_grains(graph, snapshot.faces)
-        note = (
-            f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
-            "motion; their own loops are not judged in the packing, loops beside them are judged "
-            "too stiff"
-        )
-        return boundary_of(graph, held=held, volume=area), [note]
-    planes, notes = wall_plates(graph, walls, snapshot.law)
-    return boundary_of(graph, walls=planes, volume=area), notes
+    held = outline_grains(graph, snapshot.faces)
+    note = (
+        f"no walls known: the {np.count_nonzero(held)} grains of the outline follow the affine "
+        "motion; their own loops are not judged in the packing, loops beside them are judged "
+        "too stiff"
+    )
+    return boundary_of(graph, held=held, volume=outline_area(graph, snapshot.faces)), [note]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -28,7 +28,6 @@ from loops import (
     affine_tangent,
     contact_state,
     macroscopic_tangent,
-    reference_branch_vectors,
 )
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_kinematics, motions
@@ -332,7 +331,7 @@ def affine_branches(
     A = affine_tangent(graph, law, spins=spins, regime=edge.regime, volume=v0).matrix
     batch = np.broadcast_shapes(A.shape[:-2], edge.regime.shape[:-1])
     basis, which = subspace_basis(subspace), edge.anywhere
-    d0, state = reference_branch_vectors(graph)[..., which, :], edge.state
+    d0, state = graph.reference_branches[..., which, :], edge.state
     nu = _components(state.n[..., which, :], d0, basis)
     tau = _components(state.t[..., which, :], d0, basis)
     g, b_i, b_j = (np.asarray(a)[..., which, None] for a in law.shear_kinematics(state))
@@ -511,7 +510,7 @@ def _contact_rates(
     (R, E, 4), positive when the contact opens and along `t`, spins included, and whether the
     equations determine them, (R,).
     """
-    state, d0 = contact_state(graph), reference_branch_vectors(graph)
+    state, d0 = contact_state(graph), graph.reference_branches
     size = float(np.hypot(d0[:, 0], d0[:, 1]).max())
     form = form_of(graph, closure, spins, np.asarray(size**2))
     # `un'`, then `ut'`, of motions with spins times radii.

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.graph import contact_state
 from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
@@ -102,7 +101,7 @@ class PackingIncrements:
         system = self.yielding.system
         n = len(system.contacts)
         own = system.contacts
-        state, law = contact_state(system.graph), system.law
+        state, law = system.state, system.law
         turns = relative[:n, 2:] / system.length
         g, b_i, b_j = (values[own] for values in law.shear_kinematics(state))
         un = np.zeros(system.graph.contact_count)

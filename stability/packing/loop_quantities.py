@@ -22,7 +22,7 @@ from loops.contacts import PackingState
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph, branch_vectors, contact_state
+from loops.graph import GrainGraph
 from loops.in_place import inverse_at_contacts
 from loops.laws.frictional import Regime
 from loops.loop_batches import LoopBatch, loop_batches
@@ -108,7 +108,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     graph = response.system.graph
     carries = np.zeros(graph.contact_count, dtype=bool)
     carries[response.system.contacts] = True
-    state, branch, force = contact_state(graph), response.branch_rate, response.force_rate
+    state, branch, force = response.system.state, response.branch_rate, response.force_rate
     turn = np.sum(state.t * branch, axis=1) / state.length
     normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
     losing = _time(state.normal_force, normal)
@@ -134,7 +134,7 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
         are shares of the way as if overlaps and gaps had changed evenly.
     """
     count = before.contact_count
-    d, end = branch_vectors(before), after.branches[:count]
+    d, end = before.branches, after.branches[:count]
     # By the overlap: below 1 where a contact is open at the end.
     length = np.linalg.norm(d, axis=1)
     overlap = before.radii[before.contacts].sum(axis=1) - length
@@ -174,7 +174,7 @@ class _Parts:
     ) -> None:
         self.graph, self.carries, self.losing = graph, carries, losing
         self.strain, self.branch_rate, self.force_rate = strain, branch, force
-        self.forces, self.branches = contact_forces(graph), branch_vectors(graph)
+        self.forces, self.branches = contact_forces(graph), graph.branches
 
     def of(self, batch: LoopBatch) -> dict[str, Floats]:
         """Return the fields of `LoopRates` for loops of one order."""
@@ -304,7 +304,7 @@ def indicators(
     # No stress is asked for.
     whole = replace(scene.boundary, volume=1.0)
     system = packing_system(Scene(graph, law, whole))
-    state, closed = contact_state(graph), np.zeros(graph.contact_count, dtype=bool)
+    state, closed = system.state, np.zeros(graph.contact_count, dtype=bool)
     closed[system.contacts] = True
     coordination = np.bincount(graph.contacts[closed].ravel(), minlength=graph.grain_count)
     if whole.walls is not None:
@@ -372,7 +372,7 @@ def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
     compliance = G @ Z[:inner] @ G.T
     own = system.stiffness[:inner]
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
-    state, regimes = contact_state(graph), np.full(graph.contact_count, Regime.SLIDING, np.int8)
+    state, regimes = system.state, np.full(graph.contact_count, Regime.SLIDING, np.int8)
     slid = scale[:, None] * contact_tangent(state, system.law, regimes)[system.contacts] * scale
     slip, opening = (np.full(graph.contact_count, np.nan) for _ in range(2))
     one = np.eye(4)
@@ -457,7 +457,7 @@ def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
     `moved` (C, 2) are the branch vectors of the same contacts later. Not a number for grains with
     fewer than three contacts, which have none left.
     """
-    d = branch_vectors(graph)
+    d = graph.branches
     # Of the change alone, which the same maps fit: squares of whole branches would lose it.
     change = np.asarray(moved, dtype=float) - d
     known = np.isfinite(change).all(axis=1)

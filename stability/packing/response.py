@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.graph import branch_vectors
 from loops.laws.frictional import Regime
 from loops.scene import Scene
 from loops.shown import Shown
@@ -369,7 +368,7 @@ def response_of(
     (H, motion, relative, forces), system = moved, yielding.system
     graph, n = system.graph, len(system.contacts)
     v = np.append(motion, 0.0)[system.freedom]
-    branch_rate, force_rate = -branch_vectors(graph) @ H.T, np.zeros((graph.contact_count, 2))
+    branch_rate, force_rate = -graph.branches @ H.T, np.zeros((graph.contact_count, 2))
     branch_rate[system.contacts], force_rate[system.contacts] = relative[:n, :2], forces[:n, :2]
     regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
     regime[system.contacts] = system.regime[:n]

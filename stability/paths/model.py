@@ -16,7 +16,7 @@ from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
-from loops.graph import ContactState, branch_vectors, reference_branch_vectors, require_one_state
+from loops.graph import ContactState, require_one_state
 from loops.laws.movable import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
 
@@ -255,7 +255,7 @@ def path_model(
 ) -> PathModel:
     """Gather the constants of a path from its initial graph and the state of its contacts."""
     require_one_state(graph)
-    d, d0 = branch_vectors(graph), reference_branch_vectors(graph)
+    d, d0 = graph.branches, graph.reference_branches
     v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
     if not (np.isfinite(v0) and v0 > 0):
         raise InputError("volume", str(v0), "a positive area", "Give the reference area.")

@@ -12,7 +12,6 @@ from loops import (
     InputError,
     LoopBatch,
     Regime,
-    branch_vectors,
     contact_forces,
     euler_check,
     loop_batches,
@@ -110,11 +109,11 @@ def loop_increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict
         **({"sliding_contacts": np.empty(len(survived), dtype=np.int64)} if mechanical else {}),
     }
     match, c = fates.contacts, fates.contacts.shared
-    branches, forces = branch_vectors(before.graph), contact_forces(before.graph)
+    branches, forces = before.graph.branches, contact_forces(before.graph)
     # Contacts that opened are nan at the later snapshot.
     later_branches, later_forces = (np.full_like(branches, np.nan) for _ in range(2))
     sign = np.where(match.reversed[c], -1.0, 1.0)[:, None]
-    later_branches[c] = sign * branch_vectors(after.graph)[match.after[c]]
+    later_branches[c] = sign * after.graph.branches[match.after[c]]
     later_forces[c] = sign * contact_forces(after.graph)[match.after[c]]
     chosen = before.faces.loops[survived]
     row = np.full(len(before.faces.kind), -1)

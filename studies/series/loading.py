@@ -18,7 +18,6 @@ from loops import InputError
 from loops.arrays import Floats
 from loops.contacts import start_state
 from patterns import Snapshot
-from patterns.snapshots.snapshot import sample_boundary
 from patterns.snapshots.tables import read_table
 from stability import COMPONENTS, Programme, Stage
 from stability.packing.state import nominal
@@ -177,4 +176,4 @@ def strain_stages(ends: Floats) -> list[Stage]:
 
 def stress_of(snapshot: Snapshot) -> Floats:
     """(2, 2) stress of a snapshot, walls included."""
-    return start_state(snapshot.graph, sample_boundary(snapshot)[0]).stress
+    return start_state(snapshot.graph, snapshot.boundary_and_notes[0]).stress

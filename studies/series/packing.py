@@ -20,12 +20,10 @@ import numpy as np
 from loops import InputError, loop_batches
 from loops.arrays import Floats
 from loops.contacts import PackingState, contacts_at_start
-from loops.graph import branch_vectors
 from loops.in_place import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
-from patterns.snapshots.snapshot import sample_boundary
 from patterns.snapshots.walls import box_corners
 from stability import COMPONENTS, follow
 from stability.packing import (
@@ -224,12 +222,12 @@ def packing_predictions(
         turned = after.rotation[there] - before.rotation[here]
         spin = np.full(graph.grain_count, np.nan)
         spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
-        rate = moved_branches(before, after, response.strain_rate) - branch_vectors(graph)
+        rate = moved_branches(before, after, response.strain_rate) - graph.branches
         own = replace(
             response, branch_rate=rate, force_rate=forces_of_motion(increments.yielding, rate, spin)
         )
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
-    _, notes = sample_boundary(before)
+    _, notes = before.boundary_and_notes
     by_events: dict[str, Any] = {}
     if following is not None:
         found, by_events, why = _by_events(before, after, H, times, following)
@@ -362,7 +360,7 @@ def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
     x = np.full((graph.grain_count, 2), np.nan)
     x[here] = after.graph.x[there]
     i, j = graph.contacts.T
-    d = branch_vectors(graph)
+    d = graph.branches
     affine = d - d @ strain.T
     beyond = x[j] - x[i] - affine
     if cell is not None:

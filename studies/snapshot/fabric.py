@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from loops import branch_vectors
 from loops.arrays import Flags, Floats
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
 from loops.scene import Subject
@@ -100,7 +99,7 @@ def fabric(snapshot: Snapshot | Subject) -> Fabric:
     """
     snapshot = planar(snapshot)
     graph, faces = snapshot.graph, snapshot.faces
-    branches = branch_vectors(graph)
+    branches = graph.branches
     contacts, length = direction_tensors(branches), np.hypot(*branches.T)
     sets: list[tuple[str, Floats, Floats | None]] = [("contacts", contacts, None)]
     if snapshot.has_forces:

@@ -19,7 +19,7 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from loops import ForceChains, branch_vectors
+from loops import ForceChains
 from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
 from studies.output import Columns, Summary
@@ -357,7 +357,7 @@ def _edges(values: Floats, tables: int = 1) -> Floats:
 def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
     """(L, 2, 2) ends of every link; links across a border begin at their first grain."""
     start = snapshot.graph.x[snapshot.graph.contacts[chains.links, 0]]
-    return np.stack([start, start + branch_vectors(snapshot.graph)[chains.links]], axis=1)
+    return np.stack([start, start + snapshot.graph.branches[chains.links]], axis=1)
 
 
 @styled()

@@ -11,7 +11,6 @@ from loops import InputError
 from loops.arrays import Floats
 from loops.scene import Scene, Subject, scene_of
 from patterns import Snapshot, WallContacts, planar
-from patterns.snapshots.snapshot import sample_boundary
 from patterns.snapshots.walls import box_area, box_corners
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns
@@ -80,8 +79,7 @@ def add_in_packing(
     # Loaded only when loops are judged in place.
     from loops.in_place import loops_in_place
 
-    scene, (_, notes) = snapshot.scene, sample_boundary(snapshot)
-    place = loops_in_place(scene, method=method)
+    place, notes = loops_in_place(snapshot.scene, method=method), [*snapshot.boundary_and_notes[1]]
     for name, values in place_columns(place, snapshot.mean_kn).items():
         table[name] = values
     if not np.isfinite(place.matrix).any():

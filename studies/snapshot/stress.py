@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops import branch_vectors, contact_forces, outline_area
+from loops import contact_forces, outline_area
 from loops.arrays import Floats
 from loops.scene import Subject
 from loops.shown import Shown
@@ -113,7 +113,7 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
         said = "cell"
     elif box is not None:
         volume, said = box, "box within the walls"
-    branches, forces = branch_vectors(graph), contact_forces(graph)
+    branches, forces = graph.branches, contact_forces(graph)
     place = graph.x[graph.contacts[:, 0]] + 0.5 * branches
     at_walls = None
     if walls is not None and len(walls.grain):

@@ -13,7 +13,6 @@ from loops import (
     ForceChains,
     GrainGraph,
     Regime,
-    branch_vectors,
     euler_check,
     love_weber_stress,
     outline_area,
@@ -158,7 +157,7 @@ def _orders(table: Columns, groups: Groups) -> dict[str, Any]:
 
 def _fabric(snapshot: Snapshot, table: Columns, groups: Groups) -> dict[str, Any]:
     """Orientation of contacts and loops, size and elongation of the loops."""
-    area, branches = table["area"], branch_vectors(snapshot.graph)
+    area, branches = table["area"], snapshot.graph.branches
     directions = direction_tensors(branches)
     contacts = tensor_block(mean_tensor(directions))
     by_length = mean_tensor(directions, np.hypot(branches[:, 0], branches[:, 1]))
@@ -434,7 +433,7 @@ def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
 
 def fabric_table(graph: GrainGraph, summary: Summary) -> Columns:
     """Density of the contact directions, one row per bin, and its series of second order."""
-    d = branch_vectors(graph)
+    d = graph.branches
     columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE)
     second = second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}

@@ -19,7 +19,6 @@ from loops import (
     LoopBatch,
     MacroTangent,
     Regime,
-    branch_vectors,
     loop_batches,
     love_weber_stress,
     macroscopic_tangent,
@@ -304,7 +303,7 @@ def write_paraview(
         point_data={"grain": snapshot.ids[grains]},
         source=source,
     )
-    start, branches = graph.x[graph.contacts[:, 0]], branch_vectors(graph)
+    start, branches = graph.x[graph.contacts[:, 0]], graph.branches
     ids = snapshot.ids[graph.contacts]
     columns: Columns = {
         "grain_1": ids[:, 0],

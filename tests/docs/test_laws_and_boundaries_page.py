@@ -17,13 +17,14 @@ from loops import (
     contact_state,
 )
 from loops.in_place import loops_in_place
+from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from stability.packing.amplitudes import probe_to
 from stability.packing.probe import probe_edge
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
-from studies.snapshot.in_packing import sample_boundary, sample_edge
+from studies.snapshot.in_packing import sample_edge
 from tests.docs.pages import page
 from tests.packings import LAW
 from tests.stability.packing.walled_packings import small_sample

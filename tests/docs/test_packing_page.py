@@ -12,10 +12,10 @@ from loops import Scene
 from loops.boundary import boundary_of, outline_grains
 from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
+from patterns.snapshots.snapshot import sample_boundary
 from studies.examples import packing_skill
 from studies.series.run import run_series
 from studies.series.skill import ORDERS
-from studies.snapshot.in_packing import sample_boundary
 from tests.docs.pages import page, says, section, tables
 from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
 

@@ -8,10 +8,10 @@ import grainloops as gl
 from loops import HertzMindlin, Scene
 from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
+from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from studies.cli import main
-from studies.snapshot.in_packing import sample_boundary
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split
 
 LAW = HertzMindlin(20.0, 0.2, 0.5, "radii")

@@ -7,8 +7,8 @@ from loops import LinearFrictional, Regime, Scene, find_faces, in_place
 from loops.arrays import frobenius
 from loops.in_place import loops_in_place
 from patterns import read_snapshot, sample_path, synthetic_network
+from patterns.snapshots.snapshot import sample_boundary
 from stability import restrict, symmetric_part
-from studies.snapshot.in_packing import sample_boundary
 from tests.loops.packing.test_in_place_of_a_sample import read
 from tests.stability.packing.yade_rest import yade_rest
 

@@ -11,8 +11,8 @@ from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checked import HERTZ
 from patterns.snapshots.checks import SLIDING_SHARE
+from patterns.snapshots.snapshot import sample_boundary
 from stability import follow
-from studies.snapshot.in_packing import sample_boundary
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import jammed_in_box
 

@@ -9,11 +9,12 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot, sample_path
+from patterns.snapshots.snapshot import sample_boundary
 from stability.packing.hold import hold, unbalanced_force
 from studies.cli import main
 from studies.evolve import run_evolve
 from studies.probe import run_probe
-from studies.snapshot.in_packing import held_snapshot, hold_control, sample_boundary
+from studies.snapshot.in_packing import held_snapshot, hold_control
 
 WALLS = sample_path()
 

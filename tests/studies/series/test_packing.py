@@ -22,6 +22,7 @@ from loops import (
 from loops.contacts import start_state
 from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
+from patterns.snapshots.snapshot import sample_boundary
 from stability import rates_at
 from stability.packing import (
     loop_changes,
@@ -52,7 +53,6 @@ from studies.series.skill_figures import (
 from studies.snapshot.in_packing import (
     add_in_packing,
     box_corners,
-    sample_boundary,
 )
 from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, jammed, packing

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from patterns import read_snapshot
+from patterns.snapshots.snapshot import sample_boundary
 from stability.packing import PackingIncrements, loop_rates
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.skill import score_skill
-from studies.snapshot.in_packing import fixed_point, sample_boundary, sample_edge
+from studies.snapshot.in_packing import fixed_point, sample_edge
 
 FOLDER = Path(__file__).parent / "rough"
 

@@ -14,10 +14,11 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_
 from loops.boundary import outline_grains
 from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from patterns.snapshots.snapshot import sample_boundary
 from stability import restrict, symmetric_part
 from studies.output import definitions
 from studies.snapshot import figures
-from studies.snapshot.in_packing import add_in_packing, place_columns, sample_boundary
+from studies.snapshot.in_packing import add_in_packing, place_columns
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_columns
 from studies.study import captions

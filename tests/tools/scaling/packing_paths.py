@@ -40,6 +40,7 @@ from matplotlib.ticker import NullLocator
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
+from patterns.snapshots.snapshot import sample_boundary
 from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
 from studies.examples.probing import STRESS, state
@@ -51,7 +52,6 @@ from studies.series.packing import packing_predictions
 from studies.series.run import run_series
 from studies.series.skill import mean_skill, score_skill
 from studies.series.skill_figures import PREDICTORS
-from studies.snapshot.in_packing import sample_boundary
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 from tests.tools.scaling.in_place import replicated
 from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from loops import Scene
+from patterns.snapshots.snapshot import sample_boundary
 from stability.packing import loop_changes, replay
 from studies.reading import plan_series, reading
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.loading import loading_between, read_strains
 from studies.series.packing import Following, interval_rate, stress_error
 from studies.series.skill import score_skill
-from studies.snapshot.in_packing import sample_boundary
 
 WAYS = {
     "as it was made": {},
