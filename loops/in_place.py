@@ -25,13 +25,18 @@ from loops.gears import RegularMatrix, regular_matrix
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.loop_batches import loop_batches
-from loops.multifrontal import EPS, Front, FrontalLU, dissection, frontal_lu
+from loops.multifrontal import (
+    FrontalLU,
+    Rows,
+    dissection,
+    frontal_lu,
+    slip_sketches,
+    solve_sketches,
+)
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.system import System, factorised, packing_system
 
-# Number of random vectors by which norms are estimated, for all loops at once.
-SKETCH = 16
 # Factor by which such an estimate may be too small: chi-squared, one in a thousand is below half.
 SKETCHED = 2.0
 # Bound on the rounding of the sweep down, over its standard deviation (largest seen: 5.2).
@@ -41,11 +46,6 @@ SWEPT = 8.0
 AGAIN = 5e7
 # Loops that are solved again at a time.
 AT_ONCE = 16
-# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
-# softer than EPS shows.
-LARGEST_RESIDUAL = 0.1
-# Eigenvalue of the softest mode there may be then, over the largest.
-SOFTEST = 1e-16
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,35 +169,32 @@ def _operators(
     system: System, polygons: Polygons, block: Block, threads: int
 ) -> tuple[Floats, Floats]:
     """`A_in` and relative error of the loops of a block; all grains but its free ones are held."""
-    free, grains = block.free, np.flatnonzero(block.free)
-    number = np.cumsum(free) - 1
+    free, grains, count = block.free, np.flatnonzero(block.free), len(polygons.centre)
+    number, edges = np.cumsum(free) - 1, _edges(system, polygons, free)
+    compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
+    variance = np.zeros((count, 4, 4))
+
+    def use(group: int, rows: Integers, z: Floats, spread: Floats) -> None:
+        v, area = polygons.vectors[group][rows], polygons.area[group][rows]
+        loops = polygons.row[group][rows]
+        compliance[loops], terms[loops] = _compliances(z, v, area)
+        variance[loops] = _compliances(spread, v * v, area * area)[0]
+
     regular = regular_matrix(system, free, block.whole)
-    count, freedom = len(polygons.centre), regular.freedom
+    freedom = regular.freedom
     moves = free & (freedom[:, :2] >= 0).all(axis=1)
     if not (regular.known and moves.any()):
         unknown = np.nan if regular.known else np.inf
         return np.full((count, 4, 4), np.nan), np.full(count, unknown)
-    edges = np.concatenate([_edges(system, polygons, free), regular.coupled])
-    fronts = dissection(block.x[grains], number[edges])
+    fronts = dissection(block.x[grains], number[np.concatenate([edges, regular.coupled])])
     lu = frontal_lu(regular.matrix, fronts, freedom[grains], threads)
-    loops_at = _loops_by_front(fronts, polygons, number, moves)
-    compliance, terms = np.full((count, 4, 4), np.nan), np.zeros(count)
-    variance = np.zeros((count, 4, 4))
-
-    def use(k: int, freedoms: Integers, z: Floats, spread: Floats) -> None:
-        order = np.argsort(freedoms)
-        for group, rows in loops_at[k]:
-            moves = freedom[polygons.grains[group][rows], :2]
-            place = order[np.searchsorted(freedoms, moves, sorter=order)]
-            v, area = polygons.vectors[group][rows], polygons.area[group][rows]
-            loops = polygons.row[group][rows]
-            compliance[loops], terms[loops] = _compliances(z, place, v, area)
-            variance[loops] = _compliances(spread, place, v * v, area * area)[0]
-
-    lu.on_fronts(use)
-    known = np.isfinite(compliance).all(axis=(1, 2))
-    found = [*_sketches(regular.matrix, lu), *_slip_sketches(regular, lu)]
+    lu.entries(
+        [Rows(number[g], freedom[g, :2], moves[g].all(axis=1)) for g in polygons.grains], use
+    )
+    found = solve_sketches(regular.matrix, lu)
+    found += slip_sketches(lu, regular.amplitudes, regular.rounding)
     sketches = [_projected(polygons, freedom, one) for one in found]
+    known = np.isfinite(compliance).all(axis=(1, 2))
     operator, error = np.full((count, 4, 4), np.nan), np.full(count, np.nan)
 
     def invert(loops: Flags) -> None:
@@ -234,9 +231,7 @@ def _solve_again(
             moves, v = regular.freedom[grains[part], :2], vectors[part]
             loads, own = np.zeros((lu.size, len(part), 4)), np.arange(len(part))[:, None]
             loads[moves[:, :, 0], own, :2] = loads[moves[:, :, 1], own, 2:] = v
-            B = loads.reshape(lu.size, -1)
-            u = lu.solve(B)
-            u = (u + lu.solve(B - regular.matrix @ u)).reshape(loads.shape)
+            u = lu.refined(regular.matrix, loads.reshape(lu.size, -1)).reshape(loads.shape)
             strain = np.einsum("lna,lnck->lcak", v, u[moves, own[:, :, None]])
             compliance[row[part]] = strain.reshape(-1, 4, 4) / area[part, None, None]
 
@@ -250,30 +245,20 @@ def inverse_at_contacts(system: System, threads: int = 1) -> Floats:
     none = Polygons([], [], [], [], np.empty((0, 2)))
     (block,) = packing_blocks(system, none, np.inf, 0.0)
     grains, number = np.flatnonzero(block.free), np.cumsum(block.free) - 1
+    edges = _edges(system, none, block.free)
     regular = regular_matrix(system, block.free, block.whole, slips=False)
     matrix, freedom = regular.matrix, regular.freedom
-    edges = np.concatenate([_edges(system, none, block.free), regular.coupled])
-    fronts = dissection(block.x[grains], number[edges])
+    fronts = dissection(block.x[grains], number[np.concatenate([edges, regular.coupled])])
     lu = frontal_lu(matrix, fronts, freedom[grains], threads)
-    turn = np.empty(len(grains), dtype=np.int64)
-    for k, front in enumerate(fronts):
-        turn[front.own] = k
     pairs = system.graph.contacts[system.contacts]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
-    first = turn[number[pairs]].min(axis=1)
-    by_front = np.argsort(first, kind="stable")
-    start = np.searchsorted(first[by_front], np.arange(len(fronts) + 1))
     found = np.zeros((len(pairs), 6, 6))
 
-    def use(k: int, freedoms: Integers, z: Floats, _: Floats) -> None:
-        rows = by_front[start[k] : start[k + 1]]
-        order = np.argsort(freedoms)
-        place = order[np.searchsorted(freedoms, ends[rows].clip(0), sorter=order) % len(order)]
+    def use(_: int, rows: Integers, z: Floats, spread: Floats) -> None:
         known = ends[rows] >= 0
-        both = known[:, :, None] & known[:, None, :]
-        found[rows] = np.where(both, z[place[:, :, None], place[:, None, :]], 0.0)
+        found[rows] = np.where(known[:, :, None] & known[:, None, :], z, 0.0)
 
-    lu.on_fronts(use)
+    lu.entries([Rows(number[pairs], ends, np.ones(len(pairs), dtype=bool))], use)
     if not len(system.carrying.anchors):
         return found
     joined = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (len(number), len(number)))
@@ -329,56 +314,14 @@ def _inverses(
     return A, error
 
 
-def _compliances(z: Floats, place: Integers, v: Floats, area: Floats) -> tuple[Floats, Floats]:
-    """`C_in = (1/V) B^T Z B` of loops whose freedoms have `place` (L, n, 2) in `z`; its terms."""
-    count, n = place.shape[:2]
-    flat = place.reshape(count, 2 * n)
-    entries = z[flat[:, :, None], flat[:, None, :]]
+def _compliances(entries: Floats, v: Floats, area: Floats) -> tuple[Floats, Floats]:
+    """`C_in = (1/V) B^T Z B` of loops from the entries (L, 2n, 2n) of `Z`; its terms."""
+    count, n = v.shape[:2]
     loads = np.zeros((count, n, 2, 4))
     loads[:, :, 0, :2] = loads[:, :, 1, 2:] = v
     B = loads.reshape(count, 2 * n, 4)
     terms = np.abs(entries).max(axis=(1, 2)) * np.sum(np.hypot(v[..., 0], v[..., 1]), axis=1) ** 2
     return np.swapaxes(B, 1, 2) @ entries @ B / area[:, None, None], terms / area
-
-
-def _sketches(matrix: sparse.csr_array, lu: FrontalLU) -> tuple[Floats, Floats, Floats]:
-    """(size, SKETCH) `Z d g`, `Z^T c g` and `R^T g / d` for random signs g over sqrt(SKETCH).
-
-    Scalar products with such vectors estimate norms. Columns of `K` have the size `c` and its
-    rows, over `c`, the size `d`: rounding of `K` changes `a.Kb` by about `ROUNDING |d a| |c b|`,
-    even where its entries differ much in size.
-    """
-    sizes = abs(matrix)
-    c = np.where(sizes.sum(axis=0) > 0, sizes.sum(axis=0), 1.0)
-    d = np.where(sizes.sum(axis=1) > 0, sizes @ (1.0 / c), 1.0)[:, None]
-    signs = _random_signs(len(c), seed=0)
-    loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
-    right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
-    residual = signs / d - back
-    if not np.linalg.norm(d * residual) < LARGEST_RESIDUAL:
-        residual *= EPS / SOFTEST
-    return lu.solve(d * signs), right, residual
-
-
-def _slip_sketches(regular: RegularMatrix, lu: FrontalLU) -> list[Floats]:
-    """(size, SKETCH) of rings that nearly close: `Z E g`, `Z e g`, `Z^T e g`, `Z^T F g`, if any.
-
-    `E` and `F` are what rounding of each slip adds to columns and rows, `e` their amplitudes:
-    rounding changes `a.Kb` by about `|a.E| |e.b| + |a.e| |F.b|`.
-    """
-    if not len(regular.amplitudes):
-        return [np.zeros((lu.size, 0))] * 4
-    columns, rows = (one.T @ _random_signs(one.shape[0], seed=1) for one in regular.rounding)
-    amplitudes = np.zeros((lu.size, SKETCH))
-    amplitudes[regular.amplitudes] = _random_signs(len(regular.amplitudes), seed=2)
-    left = lu.solve(np.hstack([columns, amplitudes]))
-    right = lu.solve(np.hstack([amplitudes, rows]), transposed=True)
-    return [*np.hsplit(left, 2), *np.hsplit(right, 2)]
-
-
-def _random_signs(count: int, *, seed: int) -> Floats:
-    """(count, SKETCH) signs over sqrt(SKETCH)."""
-    return np.random.default_rng(seed).choice([-1.0, 1.0], (count, SKETCH)) / np.sqrt(SKETCH)
 
 
 def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
@@ -402,24 +345,6 @@ def _edges(system: System, polygons: Polygons, free: Flags) -> Integers:
     every = np.sort(every[free[every].all(axis=1) & (every[:, 0] != every[:, 1])], axis=1)
     code = np.unique(every[:, 0] * len(free) + every[:, 1])
     return np.column_stack([code // len(free), code % len(free)])
-
-
-def _loops_by_front(
-    fronts: list[Front], polygons: Polygons, number: Integers, moves: Flags
-) -> list[list[tuple[int, Integers]]]:
-    """Loops of each front as (order's group, rows): all grains of a loop are in its first front."""
-    turn = np.empty(int(number[-1]) + 1, dtype=np.int64)
-    for k, front in enumerate(fronts):
-        turn[front.own] = k
-    at: list[list[tuple[int, Integers]]] = [[] for _ in fronts]
-    for group, grains in enumerate(polygons.grains):
-        rows = np.flatnonzero(moves[grains].all(axis=1))
-        first = turn[number[grains[rows]]].min(axis=1)
-        order = np.argsort(first, kind="stable")
-        where, start = np.unique(first[order], return_index=True)
-        for k, some in zip(where.tolist(), np.split(rows[order], start[1:]), strict=False):
-            at[k].append((group, some))
-    return at
 
 
 Method = Literal["auto", "whole", "blocks"]
@@ -525,9 +450,9 @@ def loops_in_place(
         raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
     graph, law = scene.graph, scene.law
     faces = scene.faces if faces is None else faces
+    polygons = polygons_of(graph, faces)
     # No stress is asked for.
     system = packing_system(replace(scene, boundary=replace(scene.boundary, volume=1.0)))
-    polygons = polygons_of(graph, faces)
     if method == "auto":
         method = "whole" if graph.grain_count <= WHOLE else "blocks"
     side = np.inf if method == "whole" else block

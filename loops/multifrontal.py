@@ -33,6 +33,13 @@ LEAF = 32
 EPS = 1e-12
 # Largest subtree that is one task of a thread, as a share of all grains.
 TASK = 1 / 32
+# Number of random vectors by which norms are estimated, for all loops at once.
+SKETCH = 16
+# Above this norm of the residual `R = 1 - K Z` errors are not of first order in it: a mode may be
+# softer than EPS shows.
+LARGEST_RESIDUAL = 0.1
+# Eigenvalue of the softest mode there may be then, over the largest.
+SOFTEST = 1e-16
 # Variance of the rounding of one product, over its square.
 PRODUCT = float(np.finfo(np.float64).eps) ** 2
 
@@ -82,9 +89,7 @@ def dissection(x: Floats, edges: Integers) -> list[Front]:
         return len(own) - 1
 
     cut(np.arange(len(x)), edges)
-    turn = np.empty(len(x), dtype=np.int64)
-    for k, grains in enumerate(own):
-        turn[grains] = k
+    turn = _turns(own)
     pairs = np.concatenate([edges, edges[:, ::-1]])
     pairs = pairs[turn[pairs[:, 0]] < turn[pairs[:, 1]]]
     pairs = pairs[np.argsort(turn[pairs[:, 0]], kind="stable")]
@@ -95,6 +100,14 @@ def dissection(x: Floats, edges: Integers) -> list[Front]:
         later += [fronts[c].rest[turn[fronts[c].rest] > k] for c in children[k]]
         fronts.append(Front(grains, np.unique(np.concatenate(later)), children[k]))
     return fronts
+
+
+def _turns(own: list[Integers]) -> Integers:
+    """Return the number of the front that eliminates each grain."""
+    turn = np.empty(sum(map(len, own)), dtype=np.int64)
+    for k, grains in enumerate(own):
+        turn[grains] = k
+    return turn
 
 
 def _vertex_cover(edges: Integers) -> Integers:
@@ -118,6 +131,14 @@ def _vertex_cover(edges: Integers) -> Integers:
         new[back[reached]] = True
         reached_left |= new
     return np.concatenate([left[~reached_left], right[reached_right]])
+
+
+class Rows(NamedTuple):
+    """Grains (R, n), numbered as in the fronts; their freedoms (R, m), -1 for none; rows asked."""
+
+    grains: Integers
+    freedoms: Integers
+    asked: Flags
 
 
 class Eliminated(NamedTuple):
@@ -150,6 +171,38 @@ class FrontalLU:
                 inverse, right = inverse.T, part.left.T
             v[part.own] = inverse @ v[part.own] - right @ v[part.rest]
         return v
+
+    def refined(self, matrix: sparse.csr_array, b: Floats) -> Floats:
+        """Return solutions (size, k) of the matrix, refined once."""
+        u = self.solve(b)
+        return u + self.solve(b - matrix @ u)
+
+    def entries(
+        self, groups: list[Rows], use: Callable[[int, Integers, Floats, Floats], None]
+    ) -> None:
+        """Call `use(group, rows, inverse, variance)` with entries (r, m, m) between m freedoms.
+
+        All grains of a row are in its first front. Entries without a freedom have no meaning.
+        """
+        turn = _turns([front.own for front in self.fronts])
+        at: list[list[tuple[int, Integers]]] = [[] for _ in self.fronts]
+        for group, (grains, _, asked) in enumerate(groups):
+            rows = np.flatnonzero(asked)
+            first = turn[grains[rows]].min(axis=1)
+            order = np.argsort(first, kind="stable")
+            where, start = np.unique(first[order], return_index=True)
+            for k, some in zip(where.tolist(), np.split(rows[order], start[1:]), strict=False):
+                at[k].append((group, some))
+
+        def pick(k: int, freedoms: Integers, z: Floats, spread: Floats) -> None:
+            order = np.argsort(freedoms)
+            for group, rows in at[k]:
+                asked = groups[group].freedoms[rows].reshape(len(rows), -1).clip(0)
+                place = order[np.searchsorted(freedoms, asked, sorter=order) % len(order)]
+                between = place[:, :, None], place[:, None, :]
+                use(group, rows, z[between], spread[between])
+
+        self.on_fronts(pick)
 
     def on_fronts(self, use: Callable[[int, Integers, Floats, Floats], None]) -> None:
         """Call `use(front, freedoms, inverse, variance)` for each front, its own freedoms first.
@@ -280,3 +333,45 @@ def _add_lines(
     column = place[lines.indices[at]]
     inside = column >= after
     dense[row[inside], column[inside]] += lines.data[at][inside]
+
+
+def solve_sketches(matrix: sparse.csr_array, lu: FrontalLU) -> list[Floats]:
+    """Return (size, SKETCH) `Z d g`, `Z^T c g`, `R^T g / d`, random signs g over sqrt(SKETCH).
+
+    Scalar products with such vectors estimate norms. Columns of `K` have the size `c` and its
+    rows, over `c`, the size `d`: rounding of `K` changes `a.Kb` by about `ROUNDING |d a| |c b|`,
+    even where its entries differ much in size.
+    """
+    sizes = abs(matrix)
+    c = np.where(sizes.sum(axis=0) > 0, sizes.sum(axis=0), 1.0)
+    d = np.where(sizes.sum(axis=1) > 0, sizes @ (1.0 / c), 1.0)[:, None]
+    signs = _random_signs(len(c), seed=0)
+    loads = np.hstack([c[:, None] * signs, matrix.T @ (signs / d)])
+    right, back = np.hsplit(lu.solve(loads, transposed=True), 2)
+    residual = signs / d - back
+    if not np.linalg.norm(d * residual) < LARGEST_RESIDUAL:
+        residual *= EPS / SOFTEST
+    return [lu.solve(d * signs), right, residual]
+
+
+def slip_sketches(
+    lu: FrontalLU, amplitudes: Integers, rounding: tuple[sparse.csr_array, sparse.csr_array]
+) -> list[Floats]:
+    """Return (size, SKETCH) `Z E g`, `Z e g`, `Z^T e g`, `Z^T F g` of rings that nearly close.
+
+    `E` and `F` are what rounding of each slip adds to columns and rows, `e` their amplitudes:
+    rounding changes `a.Kb` by about `|a.E| |e.b| + |a.e| |F.b|`.
+    """
+    if not len(amplitudes):
+        return [np.zeros((lu.size, 0))] * 4
+    columns, rows = (one.T @ _random_signs(one.shape[0], seed=1) for one in rounding)
+    on_rings = np.zeros((lu.size, SKETCH))
+    on_rings[amplitudes] = _random_signs(len(amplitudes), seed=2)
+    left = lu.solve(np.hstack([columns, on_rings]))
+    right = lu.solve(np.hstack([on_rings, rows]), transposed=True)
+    return [*np.hsplit(left, 2), *np.hsplit(right, 2)]
+
+
+def _random_signs(count: int, *, seed: int) -> Floats:
+    """Return (count, SKETCH) signs over sqrt(SKETCH)."""
+    return np.random.default_rng(seed).choice([-1.0, 1.0], (count, SKETCH)) / np.sqrt(SKETCH)
