@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
 from studies.evolve import Evolving
@@ -76,20 +75,18 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
     }  # fmt: skip
     lost = [f"{name} {one['status']} at {one['reached']:.3g}: {one['message']}"
             for name, one in ends.items() if one["status"] != "finished"]  # fmt: skip
-    told = {
-        kind: {
-            "expected": _sum(found.loops[f"{kind}_probability"]),
-            "likely": int((found.loops[f"{kind}_probability"] > 0.5).sum()),
-            "base": None if np.isnan(found.base[kind]) else found.base[kind],
-            **{
-                name: int(found.loops[f"{name}_{kind}_at"].notna().sum())
-                if ends.get(name, {}).get("status") == "finished"
-                else None
-                for name in WAYS
-            },
+    told: dict[str, dict[str, Any]] = {}
+    for kind in KINDS:
+        likely, base = found.loops[f"{kind}_probability"], found.base[kind]
+        told[kind] = {
+            "expected": float(likely.sum()) if likely.notna().any() else None,
+            "likely": int((likely > 0.5).sum()),
+            "base": None if np.isnan(base) else base,
         }
-        for kind in KINDS
-    }
+        for name in WAYS:
+            reached = ends.get(name, {}).get("status") == "finished"
+            lost = int(found.loops[f"{name}_{kind}_at"].notna().sum())
+            told[kind][name] = lost if reached else None
     if not low / BEYOND <= found.reach <= high * BEYOND:
         counted = f"{low / BEYOND:.2g} to {high * BEYOND:.2g}, where forecasts were counted"
         said = f"no probabilities: {found.reach:.2g} times p/kn is outside of {counted}"
@@ -107,8 +104,3 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
         "spread": spread,
         "notes": [*notes, *lost],
     }
-
-
-def _sum(values: pd.Series[float]) -> float | None:
-    """Return a sum; None without numbers."""
-    return float(values.sum()) if values.notna().any() else None

@@ -14,21 +14,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from loops import GrainGraph, InputError, Regime, contact_state
+from loops import GrainGraph, InputError, Regime
 from loops.arrays import Floats
-from loops.symmetry import loop_symmetry
 from patterns.polygons import opposite_gap
-from stability.paths.fan import Control, Fan, LoopStates
-from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
-from stability.paths.model import path_model
+from stability.paths.fan import Control, Fan
+from stability.paths.fan_limits import LIMITS, FanLimits
 from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, Summary, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, inside
 from studies.present_domain import (
     LoopDomain,
     domain_of,
+    limits_along,
     loop_domain_figure,
+    model_along_axes,
     present_fan,
+    stresses_of,
     virgin_domain,
 )
 from studies.study import one_of, study
@@ -108,19 +109,9 @@ def loop_limits(
         return present_fan(graph, law, loop.closure, loop.spins, control, directions)
     if not friction:
         law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
-    contacts = contact_state(graph)
-    model = path_model(graph, contacts, law, loop.closure, loop.spins, None)
-    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
+    model = model_along_axes(graph, law, loop.closure, loop.spins)
     fan = Fan(model, control, loop_fan(model.d0, directions), FAN_REACH)
-    if loop.spins == "blocked" and loop.contact_law == "linear":
-        start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
-        limits = first_limits(fan, start)
-    else:
-        limits = FanLimits.none(directions, model.contact_count)
-        limits.open_question[:] = True
-    for programme in np.flatnonzero(limits.open_question):
-        followed_limits(fan, int(programme), limits, loop.spins, graph)
-    return fan, limits
+    return fan, limits_along(fan, graph, loop.spins)
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
@@ -182,9 +173,7 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
     """One row for each programme with a limit of this kind: its state and stress."""
     found, model = np.flatnonzero(limits.found[kind]), fan.model
     states = limits.states[kind].take(found)
-    contacts = fan.contacts(states)
-    N, T = contacts.normal_force[..., None], contacts.shear_force[..., None]
-    P = np.einsum("bci,cj->bij", N * contacts.n + T * contacts.t, model.d0) / model.volume
+    P = stresses_of(fan, states)
     sliding = (states.regime == Regime.SLIDING).any(axis=1)
     x = np.cumsum(model.d0 + states.moved, axis=1)
     ring = GrainGraph(x=x, radii=np.roll(model.radii, -1), contacts=model.contacts)

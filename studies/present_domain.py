@@ -23,7 +23,7 @@ from loops.symmetry import loop_symmetry
 from stability import judge, restrict
 from stability.paths.fan import Control, Fan, LoopStates
 from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
-from stability.paths.model import path_model
+from stability.paths.model import PathModel, path_model
 from studies.style import (
     BLACK,
     BLUE,
@@ -128,20 +128,32 @@ def present_fan(
     graph = graph.replace(x0=graph.x)
     contacts = contact_state(graph)
     overlap = float(np.mean(contacts.overlap / contacts.touching_length))
-    model = path_model(graph, contacts, law, closure, spins, None)
-    model = replace(model, symmetry=loop_symmetry(graph).along_axes())
+    model = model_along_axes(graph, law, closure, spins)
     fan = Fan(model, control, circle_of_programmes(directions), REACH_OVERLAPS * overlap)
-    start = LoopStates.at_rest(1, model.contact_count, graph.shear_force)
     if present_tangent(graph, fan, spins)[1] == "unstable":
         return fan, FanLimits.none(directions, model.contact_count)
-    if spins == "blocked" and linear_springs(law):
-        limits = first_limits(fan, start)
+    return fan, limits_along(fan, graph, spins)
+
+
+def model_along_axes(
+    graph: GrainGraph, law: ContactLaw, closure: Closure, spins: Spins
+) -> PathModel:
+    """Return the model of a loop with the symmetry that programmes along the axes keep."""
+    model = path_model(graph, contact_state(graph), law, closure, spins, None)
+    return replace(model, symmetry=loop_symmetry(graph).along_axes())
+
+
+def limits_along(fan: Fan, graph: GrainGraph, spins: Spins) -> FanLimits:
+    """Return first limits along the programmes; `follow` takes what the fan cannot settle."""
+    contacts = fan.model.contact_count
+    if spins == "blocked" and linear_springs(fan.model.law):
+        limits = first_limits(fan, LoopStates.at_rest(1, contacts, graph.shear_force))
     else:
-        limits = FanLimits.none(directions, model.contact_count)
+        limits = FanLimits.none(len(fan.programme), contacts)
         limits.open_question[:] = True
     for programme in np.flatnonzero(limits.open_question):
         followed_limits(fan, int(programme), limits, spins, graph)
-    return fan, limits
+    return limits
 
 
 def present_tangent(graph: GrainGraph, fan: Fan, spins: Spins) -> tuple[Floats, str]:

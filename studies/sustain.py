@@ -31,6 +31,7 @@ from stability.path import Event
 from stability.path import Path as LoadedPath
 from studies.output import Summary, code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
+from studies.series.evolution import components
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
 from studies.study import study
@@ -94,17 +95,8 @@ def run_sustain(
         scene, faces = snapshot.scene, snapshot.faces
         parts = _Parts(out.absolute(), _digest(scene, asked))
         with open_runner(workers, scheduler, []) as runner:
-            found = sustain_packing(
-                scene,
-                directions,
-                subspace=subspace,
-                largest=largest,
-                interval=interval,
-                large=large,
-                most_snaps=most_snaps,
-                spread=spread,
-                follow=partial(_followed, runner, parts, partial(_Direction, scene)),
-            )
+            follow = partial(_followed, runner, parts, partial(_Direction, scene))
+            found = sustain_packing(scene, **asked, follow=follow)
         rates = probe_edge(
             sample_edge(snapshot, YIELD_BAND), found.directions, "stress", subspace, faces
         )
@@ -341,11 +333,6 @@ def _plain(value: Any) -> Any:
     return value.item() if value.ndim == 0 else value
 
 
-def _components(name: str, values: Floats) -> dict[str, Any]:
-    parts = values.reshape(-1, 4).T
-    return {f"{name}{ij}": part for ij, part in zip(COMPONENTS, parts, strict=True)}
-
-
 def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
     """One row a direction: loads, spreads, strain, snaps, mode; w2 of the rate problem beside."""
     rows = []
@@ -377,8 +364,8 @@ def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
     head = {"theta_deg": np.degrees(found.theta)} | dict(
         zip(names, found.directions.T, strict=True)
     )
-    ends = _components("H", np.array([path.H[-1] for path in found.paths]))
-    ends |= _components("P", np.array([path.P[-1] for path in found.paths]))
+    ends = components("H", np.array([path.H[-1] for path in found.paths]))
+    ends |= components("P", np.array([path.P[-1] for path in found.paths]))
     beside = {"rate_status": rates.status, "rate_w2": rates.normalised}
     return pd.DataFrame(head).join(pd.DataFrame(rows)).assign(**ends, **beside)
 
@@ -418,8 +405,8 @@ def loading_table(found: Sustained) -> pd.DataFrame:
                 "theta_deg": np.full(len(path), angle),
                 "load": path.parameter,
                 "at_rest": path.resting,
-                **_components("H", path.H),
-                **_components("P", path.P),
+                **components("H", path.H),
+                **components("P", path.P),
                 **dict(zip(terms, path.work.T, strict=True)),
                 "energy": path.energy,
             }

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws.frictional import FrictionalLaw, ShearIncrement, friction_and_increment, parameter
+from loops.laws.frictional import LinearFrictional, ShearIncrement, parameter
 
 # Share by which a shear cohesion may lie below `mu adhesion`: rounding of a product.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class CohesiveFrictional(FrictionalLaw):
+class CohesiveFrictional(LinearFrictional):
     """Linear springs, Coulomb friction, and cohesion: attraction, or bonds that break.
 
     - attraction (`bonded=False`): `N = kn delta - a` with the overlap `delta = r_i + r_j - l`; the
@@ -71,14 +71,9 @@ class CohesiveFrictional(FrictionalLaw):
     [0.0]
     """
 
-    kn: Floats
-    kt: Floats
-    mu: Floats
     adhesion: Floats
     cohesion: Floats
     bonded: bool
-    shear_increment: ShearIncrement
-    overlap_power = 1.0
     cohesive = True
 
     def __init__(
@@ -93,11 +88,7 @@ class CohesiveFrictional(FrictionalLaw):
         *,
         phi: ArrayLike | None = None,
     ) -> None:
-        kn = parameter("kn", kn, "a positive finite stiffness", 0.0, open_low=True)
-        object.__setattr__(self, "kn", kn)
-        kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
-        object.__setattr__(self, "kt", kt)
-        friction_and_increment(self, mu, shear_increment, phi)
+        super().__init__(kn, kt, mu, shear_increment, phi=phi)
         force = "a finite force, zero or more"
         adhesion = parameter("adhesion", adhesion, force, 0.0, open_low=False)
         object.__setattr__(self, "adhesion", adhesion)
@@ -113,13 +104,8 @@ class CohesiveFrictional(FrictionalLaw):
         object.__setattr__(self, "bonded", bool(bonded))
 
     table_words = property(lambda self: {"law": "bonded" if self.bonded else "cohesive"})
-    constant_springs = property(lambda self: (self.kn, self.kt))
     # Bonds pull by their springs.
     attraction = property(lambda self: 0.0 if self.bonded else self.adhesion)
-
-    def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
-        """The constants `kn` and `kt`."""
-        return self.kn, self.kt
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = kn delta`, less the adhesion of contacts that attract."""

@@ -27,6 +27,15 @@ AS_NUMPY = 1e-12
 TRIED = np.geomspace(1e-4, 1e-2, 7)
 # Methods that are compiled as they stand.
 METHODS = ("closed_force", "stiffnesses", "strength", "coupling")
+# What a law leaves to its base, as numba compiles it; the kernel asks for no `kn`, and a contact
+# without friction never slides.
+DEFAULTS: dict[str, Callable[..., Any]] = {
+    "stiffnesses": lambda law, state: (0.0, law.kt),
+    "strength": lambda law, state: np.where(
+        np.isfinite(law.mu), law.mu * state.normal_force, np.inf
+    ),
+    "coupling": lambda law, state: 0.0,
+}
 # Methods that the compiled law has no use for; where they are changed numpy is asked.
 DERIVED = ("local_stiffness", "normal_force")
 
@@ -56,7 +65,9 @@ def compiled(law: FrictionalLaw, rows: Integers, radii: Floats, springs: Floats)
     names = tuple(
         name
         for name, value in sorted(vars(law).items())
-        if not isinstance(value, str | bool) and np.ndim(value) <= 1 and _numeric(value)
+        if not isinstance(value, str | bool)
+        and np.ndim(value) <= 1
+        and np.asarray(value).dtype.kind in "iuf"
     )
     pointer = _compiled(tuple(getattr(kind, name) for name in METHODS), names)
     if isinstance(pointer, str):
@@ -83,29 +94,6 @@ def compiled(law: FrictionalLaw, rows: Integers, radii: Floats, springs: Floats)
     return Filling(pointer, constants)
 
 
-def _numeric(value: Any) -> bool:
-    return np.asarray(value).dtype.kind in "iuf"
-
-
-def _constant_stiffnesses(law: Any, state: Any) -> Any:
-    """`stiffnesses` of a law with a constant `kt`; the kernel asks for no `kn`."""
-    return 0.0, law.kt
-
-
-def _coulomb(law: Any, state: Any) -> Any:
-    """`mu N`; infinite where nothing slides."""
-    return np.where(np.isfinite(law.mu), law.mu * state.normal_force, np.inf)
-
-
-def _unlimited(law: Any, state: Any) -> Any:
-    """Return the strength of a law without friction of its own: it never slides."""
-    return np.inf
-
-
-def _uncoupled(law: Any, state: Any) -> Any:
-    return 0.0
-
-
 @cache
 def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -> Any:
     """Return a pointer to the methods of a law, compiled; or why numba cannot."""
@@ -114,14 +102,11 @@ def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -
 
     from loops.compiled.laws import FILL, Pointer
 
-    force, stiffnesses, strength, coupling = methods
-    if stiffnesses is FrictionalLaw.stiffnesses:
-        stiffnesses = _constant_stiffnesses
-    if strength is FrictionalLaw.strength:
-        strength = _coulomb if "mu" in names else _unlimited
-    if coupling is FrictionalLaw.coupling:
-        coupling = _uncoupled
-    written = (force, stiffnesses, strength, coupling)
+    defaults = DEFAULTS if "mu" in names else DEFAULTS | {"strength": lambda law, state: np.inf}
+    written = [
+        defaults[name] if method is getattr(FrictionalLaw, name) else method
+        for name, method in zip(METHODS, methods, strict=True)
+    ]
     how: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     parts = {f"method_{k}": numba.njit(**how)(method) for k, method in enumerate(written)}
     parts |= {"Law": namedtuple("Law", names), "State": State, "where": np.where}

@@ -139,7 +139,8 @@ class HertzMindlin(FrictionalLaw):
     def normal_stiffness(self, state: ContactState) -> Floats:
         """(..., C) `kn = (6 E*^2 R* N)^(1/3) = 2 E* sqrt(R* delta)` (force per length)."""
         force = np.maximum(state.normal_force, 0.0)
-        return np.cbrt(6.0 * self._effective_young() ** 2 * _effective_radius(state) * force)
+        radius = effective_radius(state.radii_i, state.radii_j)
+        return np.cbrt(6.0 * self._effective_young() ** 2 * radius * force)
 
     def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
         """`kn` and `kt = kappa kn` of the current `N`."""
@@ -165,8 +166,8 @@ class HertzMindlin(FrictionalLaw):
         return (1.5, self._force_factor(*radii), self.stiffness_ratio) if known else None
 
     def _force_factor(self, radii_i: Floats, radii_j: Floats) -> Floats:
-        radius = radii_i * radii_j / (radii_i + radii_j)
-        return np.asarray((4.0 / 3.0) * self._effective_young() * np.sqrt(radius))
+        root = np.sqrt(effective_radius(radii_i, radii_j))
+        return np.asarray((4.0 / 3.0) * self._effective_young() * root)
 
     def normal_energy(self, state: ContactState) -> Floats:
         """`(2/5) N delta`."""
@@ -176,5 +177,6 @@ class HertzMindlin(FrictionalLaw):
         return self.young / (2.0 * (1.0 - self.poisson**2))
 
 
-def _effective_radius(state: ContactState) -> Floats:
-    return state.radii_i * state.radii_j / state.touching_length
+def effective_radius(radii_i: Floats, radii_j: Floats) -> Floats:
+    """Return `R* = r_i r_j/(r_i + r_j)`."""
+    return radii_i * radii_j / (radii_i + radii_j)

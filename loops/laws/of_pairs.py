@@ -18,7 +18,7 @@ from loops.graph import ContactState
 from loops.laws.cohesive import CohesiveFrictional
 from loops.laws.compiled import Filling, answer_of, compiled
 from loops.laws.frictional import ContactLaw, FrictionalLaw, LinearFrictional, Regime
-from loops.laws.hertz_mindlin import HERTZ, HertzMindlin
+from loops.laws.hertz_mindlin import HERTZ, HertzMindlin, effective_radius
 from loops.laws.rolling_resistance import RollingResistance
 
 # Contact laws of paths and equations of motion.
@@ -579,7 +579,7 @@ def law_of(law: ContactLaw, pairs: PairLaw, rows: Flags) -> MovableLaw:
 def effective_radii(radii: Floats) -> Floats:
     """Return `r_i r_j/(r_i + r_j)` (P,) of radii (2, P); of the grain alone at a wall."""
     i, j = radii
-    return np.asarray(np.where(j > 0, i * j / (i + j), i))
+    return np.asarray(np.where(j > 0, effective_radius(i, j), i))
 
 
 def as_known(values: Floats, radii: Floats, others: Floats) -> Floats:

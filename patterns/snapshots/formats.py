@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict, Unpack, cast, get_args
+from typing import Any, NamedTuple, TypedDict, Unpack, get_args
 
 from numpy.typing import ArrayLike
 
@@ -190,8 +190,9 @@ def read_snapshot(
     (600, 819, 61)
     """
     parameters = _parameters(
-        kn, kt, mu, phi, shear_increment, law, young, poisson, shear_history, adhesion, cohesion
-    )
+        kn=kn, kt=kt, mu=mu, phi=phi, shear_increment=shear_increment, law=law, young=young,
+        poisson=poisson, shear_history=shear_history, adhesion=adhesion, cohesion=cohesion,
+    )  # fmt: skip
     found = _frames(path, contacts, format, columns, cell)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
@@ -349,52 +350,35 @@ def format_of(path: Path, name: str = "auto") -> Format:
     raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)
 
 
-def _parameters(
-    kn: float | None = None,
-    kt: float | None = None,
-    mu: float | None = None,
-    phi: float | None = None,
-    shear_increment: str | None = None,
-    law: str | None = None,
-    young: float | None = None,
-    poisson: float | None = None,
-    shear_history: str | None = None,
-    adhesion: float | None = None,
-    cohesion: float | None = None,
-) -> Parameters:
+def _parameters(**given: Unpack[LawOptions]) -> Parameters:
     """The options of the law, checked."""
-    friction: Any = friction_of(mu, phi)
-    for name, value, known in (
-        ("law", law, get_args(LawName)),
-        ("shear_history", shear_history, get_args(ShearHistory)),
-    ):
-        if value is not None:
-            check_choice(name, value, known)
-    of_hertz = {"young": young, "poisson": poisson, "shear_history": shear_history}
-    given = [name for name, value in of_hertz.items() if value is not None]
-    if given and law != "hertz":
+    asked: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    law, friction = asked.get("law"), friction_of(asked.pop("mu", None), asked.pop("phi", None))
+    for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
+        if name in asked:
+            check_choice(name, asked[name], known)
+    of_hertz = [name for name in ("young", "poisson", "shear_history") if name in asked]
+    if of_hertz and law != "hertz":
         remedy = "Give --law hertz, or leave them out."
-        received = f"{', '.join(given)} under {law or 'the linear law'}"
+        received = f"{', '.join(of_hertz)} under {law or 'the linear law'}"
         raise InputError("law", received, "options of that law", remedy)
-    of_pull = {"adhesion": adhesion, "cohesion": cohesion}
-    given_pull = {name: value for name, value in of_pull.items() if value is not None}
-    if given_pull and law not in COHESIVE:
+    of_pull = [name for name in ("adhesion", "cohesion") if name in asked]
+    if of_pull and law not in COHESIVE:
         remedy = "Give --law cohesive or --law bonded, or leave them out."
-        received = f"{', '.join(given_pull)} under {law or 'no named law'}"
+        received = f"{', '.join(of_pull)} under {law or 'no named law'}"
         raise InputError("law", received, "options of a law with cohesion", remedy)
-    for name, force in given_pull.items():
-        number(name, force, 0.0)
-    if law == "hertz" and (kn is not None or kt is not None):
+    for name in of_pull:
+        number(name, asked[name], 0.0)
+    if law == "hertz" and {"kn", "kt"} & {*asked}:
         remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
         raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
-    if (young is None) != (poisson is None):
-        raise InputError("law", f"{given[0]} alone", "young and poisson", "Give both.")
-    if young is not None:
-        HertzMindlin(young, cast(float, poisson))  # raises for numbers out of range
-    increment = None if shear_increment is None else checked_increment(shear_increment)
-    chosen, history = cast(LawName | None, law), cast(ShearHistory | None, shear_history)
-    values = kn, kt, friction, increment, chosen, young, poisson, history, adhesion, cohesion
-    return Parameters(*values)
+    if ("young" in asked) != ("poisson" in asked):
+        raise InputError("law", f"{of_hertz[0]} alone", "young and poisson", "Give both.")
+    if "young" in asked:
+        HertzMindlin(asked["young"], asked["poisson"])  # raises for numbers out of range
+    if "shear_increment" in asked:
+        checked_increment(asked["shear_increment"])
+    return Parameters(**asked, mu=friction)  # type: ignore[arg-type]
 
 
 def _frames(

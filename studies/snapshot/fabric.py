@@ -14,7 +14,6 @@ from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
 from studies.snapshot.summary import group_rows
-from studies.snapshot.table import loop_polygons
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,7 +107,7 @@ def fabric(snapshot: Snapshot | Subject) -> Fabric:
         sets += [("weak contacts", contacts[~strong], None)]
         sets += [("contacts by force", contacts, graph.normal_force)]
     sets += [("contacts by length", contacts, length)]
-    shapes, area = edge_tensors(branches, faces), loop_areas(snapshot)
+    shapes, area = edge_tensors(branches, faces), faces.area[faces.loops]
     groups = group_rows(faces.order[faces.loops])
     sets += [("loops", shapes, area)]
     sets += [
@@ -142,19 +141,6 @@ def strong_contacts(snapshot: Snapshot) -> Flags:
     """Flags of the contacts whose normal force is above the mean of those that carry."""
     force = snapshot.graph.normal_force
     return np.asarray(force > force[force != 0].mean())
-
-
-def loop_areas(snapshot: Snapshot) -> Floats:
-    """Areas of the polygons of the loops."""
-    offsets, corners, _ = loop_polygons(snapshot.graph, snapshot.faces)
-    if len(offsets) == 1:
-        return np.zeros(0)
-    following = np.arange(1, len(corners) + 1)
-    following[offsets[1:] - 1] = offsets[:-1]
-    here = corners - np.repeat(corners[offsets[:-1]], np.diff(offsets), axis=0)
-    there = here[following]
-    cross = here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0]
-    return np.asarray(0.5 * np.add.reduceat(cross, offsets[:-1]))
 
 
 def axis_errors(tensors: Floats, weights: Floats | None, angle: float) -> tuple[float, float]:

@@ -415,12 +415,10 @@ def tensor_block(average: TensorMean) -> dict[str, Any]:
     }
 
 
-def axes_block(angles: Floats, weights: Floats | None = None) -> dict[str, Any]:
+def axes_block(angles: Floats) -> dict[str, Any]:
     """Mean of axes, by doubled angles, with its spread."""
     known = np.isfinite(angles)
-    direction, resultant = axial_mean(
-        np.radians(angles[known]), None if weights is None else weights[known]
-    )
+    direction, resultant = axial_mean(np.radians(angles[known]))
     with np.errstate(divide="ignore"):
         std = np.degrees(0.5 * np.sqrt(np.maximum(-2 * np.log(resultant), 0.0)))
     return {
