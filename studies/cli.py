@@ -38,7 +38,7 @@ app = App(
     name="grainloops",
     help=HELP,
     version_flags=(),
-    help_format="plaintext",
+    help_format="markdown",
     # The help shows no default of flags and of empty words.
     default_parameter=Parameter(
         negative=(),
@@ -79,22 +79,21 @@ def show_completion() -> None:
 @app.meta.default
 def launch(
     *words: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-    version: Annotated[
-        bool, Parameter(group=FURTHER, help="Print the version of grainloops, and exit.")
-    ] = False,
-    quiet: Annotated[
-        bool, Parameter(group=FURTHER, help="Print only errors, and the summary with --json.")
-    ] = False,
-    figure_width: Annotated[
-        str | None,
-        Parameter(
-            group=FURTHER,
-            metavar="COLUMNS",
-            help="Figure width: single (86 mm), double (178 mm).",
-        ),
-    ] = None,
+    version: Annotated[bool, Parameter(group=FURTHER)] = False,
+    quiet: Annotated[bool, Parameter(group=FURTHER)] = False,
+    figure_width: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMNS")] = None,
 ) -> Answer | None:
-    """Take the options that every command has, and run the command."""
+    """Take the options that every command has, and run the command.
+
+    Parameters
+    ----------
+    version
+        Print the version of grainloops, and exit.
+    quiet
+        Print only errors, and the summary with --json.
+    figure_width
+        Figure width: single (86 mm), double (178 mm).
+    """
     if version:
         from studies import __version__
 

@@ -112,11 +112,15 @@ class Writing:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Drawing(Writing):
-    """Options of results with figures."""
+    """Options of results with figures.
 
-    no_figures: Annotated[
-        bool, Parameter(group=FURTHER, help="Draw no figures, write no report.")
-    ] = False
+    Parameters
+    ----------
+    no_figures
+        Draw no figures, write no report.
+    """
+
+    no_figures: Annotated[bool, Parameter(group=FURTHER)] = False
 
     def files(self) -> dict[str, Any]:
         """The options that a study takes."""
@@ -126,119 +130,114 @@ class Drawing(Writing):
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Sharing:
-    """Workers of a study, by the names of its options."""
+    """Workers of a study, by the names of its options.
 
-    workers: Annotated[
-        Whole | None, Parameter(help="Number of processes. Default: one per core.")
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        Parameter(
-            metavar="tcp://HOST:PORT", help="Address of a Dask scheduler that shares the work."
-        ),
-    ] = None
+    Parameters
+    ----------
+    workers
+        Number of processes. Default: one per core.
+    scheduler
+        Address of a Dask scheduler that shares the work.
+    """
+
+    workers: Whole | None = None
+    scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Holding:
-    """Whether a state is brought to rest first, by the names of the studies."""
+    """Whether a state is brought to rest first, by the names of the studies.
 
-    hold: Annotated[
-        bool, Parameter(help="Bring the state to rest first, at fixed cell or between its walls.")
-    ] = False
-    hold_stress: Annotated[
-        bool, Parameter(group=FURTHER, help="Bring the state to rest first, at fixed stress.")
-    ] = False
+    Parameters
+    ----------
+    hold
+        Bring the state to rest first, at fixed cell or between its walls.
+    hold_stress
+        Bring the state to rest first, at fixed stress.
+    """
+
+    hold: bool = False
+    hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False
 
 
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Replaying:
-    """Options of the rate of replays, by the names of the studies."""
+    """Options of the rate of replays, by the names of the studies.
 
-    inertial_number: Annotated[
-        float | None,
-        Parameter(
-            help="Inertial number of the replays. Default: by the files' times and masses, or 2e-6."
-        ),
-    ] = None
-    times: Annotated[
-        Path | None,
-        Parameter(
-            help="Table of times, columns snap and time. Default: times of --cells, or the files."
-        ),
-    ] = None
-    time_step: Annotated[
-        float | None, Parameter(help="Duration of a time step, if snapshots are numbered by steps.")
-    ] = None
-    mean_mass: Annotated[
-        float | None, Parameter(help="Mean mass of a grain, if the files have none.")
-    ] = None
-    damping: Annotated[float, Parameter(help="Cundall's damping of the replays.")] = 0.3
+    Parameters
+    ----------
+    inertial_number
+        Inertial number of the replays. Default: by the files' times and masses, or 2e-6.
+    times
+        Table of times, columns snap and time. Default: times of --cells, or the files.
+    time_step
+        Duration of a time step, if snapshots are numbered by steps.
+    mean_mass
+        Mean mass of a grain, if the files have none.
+    damping
+        Cundall's damping of the replays.
+    """
+
+    inertial_number: float | None = None
+    times: Path | None = None
+    time_step: float | None = None
+    mean_mass: float | None = None
+    damping: float = 0.3
 
 
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """Options of reading that every command with an input takes."""
+    """Options of reading that every command with an input takes.
+
+    Parameters
+    ----------
+    cell
+        Periodic cell; its columns are the cell vectors.
+    kn
+        Normal stiffness, if the input has none.
+    kt
+        Shear stiffness, if the input has none.
+    mu
+        Coefficient of friction, if the input has none.
+    shear_increment
+        Arm of the branch's rotation in the shear increment: branch, or radii (Yade).
+    law
+        Contact law: linear, hertz, cohesive (attraction while grains touch), bonded (until a bond
+        breaks). Default: the input's.
+    young
+        Young's modulus, for --law hertz.
+    poisson
+        Poisson's ratio, for --law hertz.
+    shear_history
+        Shear quantity that --law hertz keeps as N changes: T (default) or T/kt.
+    adhesion
+        Largest tensile force of a contact, for --law cohesive or bonded.
+    cohesion
+        Shear strength at N = 0, for --law cohesive or bonded. Default: mu times --adhesion.
+    columns
+        Columns with other names, such as radius=size.
+    """
 
     cell: Annotated[
-        str | None,
-        Parameter(
-            group=EVERYDAY,
-            metavar="HXX,HXY,HYX,HYY",
-            help="Periodic cell; its columns are the cell vectors.",
-            allow_leading_hyphen=True,
-        ),
+        str | None, Parameter(group=EVERYDAY, metavar="HXX,HXY,HYX,HYY", allow_leading_hyphen=True)
     ] = None
-    kn: Annotated[float | None, Parameter(help="Normal stiffness, if the input has none.")] = None
-    kt: Annotated[float | None, Parameter(help="Shear stiffness, if the input has none.")] = None
-    mu: Annotated[
-        float | None, Parameter(help="Coefficient of friction, if the input has none.")
-    ] = None
-    shear_increment: Annotated[
-        str | None,
-        Parameter(
-            metavar="branch|radii",
-            help="Arm of the branch's rotation in the shear increment: branch, or radii (Yade).",
-        ),
-    ] = None
-    law: Annotated[
-        str | None,
-        Parameter(
-            metavar="NAME",
-            help="Contact law: linear, hertz, cohesive (attraction while grains touch), bonded "
-            "(until a bond breaks). Default: the input's.",
-        ),
-    ] = None
-    young: Annotated[float | None, Parameter(help="Young's modulus, for --law hertz.")] = None
-    poisson: Annotated[float | None, Parameter(help="Poisson's ratio, for --law hertz.")] = None
-    shear_history: Annotated[
-        str | None,
-        Parameter(
-            metavar="force|displacement",
-            help="Shear quantity that --law hertz keeps as N changes: T (default) or T/kt.",
-        ),
-    ] = None
-    adhesion: Annotated[
-        float | None,
-        Parameter(help="Largest tensile force of a contact, for --law cohesive or bonded."),
-    ] = None
-    cohesion: Annotated[
-        float | None,
-        Parameter(
-            help="Shear strength at N = 0, for --law cohesive or bonded. Default: mu times "
-            "--adhesion."
-        ),
-    ] = None
+    kn: float | None = None
+    kt: float | None = None
+    mu: float | None = None
+    shear_increment: Annotated[str | None, Parameter(metavar="branch|radii")] = None
+    law: Annotated[str | None, Parameter(metavar="NAME")] = None
+    young: float | None = None
+    poisson: float | None = None
+    shear_history: Annotated[str | None, Parameter(metavar="force|displacement")] = None
+    adhesion: float | None = None
+    cohesion: float | None = None
     format: Annotated[
         str, Parameter(help=f"Format of the input: auto, {', '.join(FORMAT_NAMES)}.")
     ] = "auto"
-    columns: Annotated[
-        str | None,
-        Parameter(metavar="NAME=COLUMN,...", help="Columns with other names, such as radius=size."),
-    ] = None
+    columns: Annotated[str | None, Parameter(metavar="NAME=COLUMN,...")] = None
 
     def how(self) -> dict[str, Any]:
         """The options as `read_planar` names them, cell and columns as numbers and names."""
@@ -249,23 +248,30 @@ class Reading:
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class PlaneReading(Reading):
-    """Reading where loops are looked for."""
+    """Reading where loops are looked for.
 
-    drop_crossings: Annotated[
-        bool, Parameter(help="Leave out one contact of each pair whose branches cross.")
-    ] = False
+    Parameters
+    ----------
+    drop_crossings
+        Leave out one contact of each pair whose branches cross.
+    """
+
+    drop_crossings: bool = False
 
 
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class OneReading(PlaneReading):
-    """Reading of one snapshot."""
+    """Reading of one snapshot.
+
+    Parameters
+    ----------
+    frame
+        Number of the snapshot in a file with several: 0 the first, -1 the last.
+    """
 
     contacts: Contacts = None
-    frame: Annotated[
-        Whole | None,
-        Parameter(help="Number of the snapshot in a file with several: 0 the first, -1 the last."),
-    ] = None
+    frame: Whole | None = None
     cells: Cells = None
 
     def how_of(self, path: Path) -> dict[str, Any]:

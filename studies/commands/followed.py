@@ -106,85 +106,65 @@ Instabilities = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Driving:
-    """Options of the programme that a packing is followed through, by the names of the studies."""
+    """Options of the programme that a packing is followed through, by the names of the studies.
 
-    to: Annotated[
-        float,
-        Parameter(help="Change of the driven strain or stress, negative in extension; say 1e-4."),
-    ]
-    programme: Annotated[
-        str,
-        Parameter(
-            metavar="NAME",
-            help="drained (nominal stress across the driven axis constant), cauchy-drained or "
-            "biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
-            "proportional-strain, simple-shear.",
-        ),
-    ] = "drained"
+    Parameters
+    ----------
+    to
+        Change of the driven strain or stress, negative in extension; say 1e-4.
+    programme
+        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
+        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
+        simple-shear.
+    axis
+        Driven axis, 1 or 2; for simple-shear the direction of sliding.
+    interval
+        Strain over which the geometry is kept constant; errors are proportional to it.
+    """
+
+    to: float
+    programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
     fluid_bulk_modulus: FluidBulkModulus = None
     strain_ratio: StrainRatio = None
-    axis: Annotated[
-        Whole,
-        Parameter(help="Driven axis, 1 or 2; for simple-shear the direction of sliding."),
-    ] = 1
-    interval: Annotated[
-        float,
-        Parameter(
-            group=FURTHER,
-            help="Strain over which the geometry is kept constant; errors are proportional to it.",
-        ),
-    ] = 5e-6
+    axis: Whole = 1
+    interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
     past: PastOption = "viscous"
 
 
 def evolve_command(
-    *paths: Annotated[
-        Path,
-        Parameter(
-            required=True,
-            help="Snapshot to start from; further snapshots are plotted for comparison.",
-        ),
-    ],
+    *paths: Annotated[Path, Parameter(required=True)],
     driving: Driving,
     writing: Drawing | None = None,
-    rows: Annotated[
-        Whole, Parameter(group=FURTHER, help="Rows of the path's table, evenly spaced.")
-    ] = 20,
+    rows: Annotated[Whole, Parameter(group=FURTHER)] = 20,
     instabilities: Instabilities = 20,
-    pathologies: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            help="Tell in every row whether the matrix of the contacts at yield is symmetric, "
-            "definite, a P-matrix; count the solutions.",
-        ),
-    ] = False,
-    by: Annotated[
-        str,
-        Parameter(
-            metavar="events|replay|both",
-            help="Method: events (quasistatic, from event to event), replay (equations of motion), "
-            "or both.",
-        ),
-    ] = "events",
-    spread: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            negative="",
-            help="Follow the path again with other damping past instabilities, to tell how far "
-            "stresses differ.",
-        ),
-    ] = False,
+    pathologies: Annotated[bool, Parameter(group=FURTHER)] = False,
+    by: Annotated[str, Parameter(metavar="events|replay|both")] = "events",
+    spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     replaying: Replaying | None = None,
     holding: Holding | None = None,
     cells: Cells = None,
-    animation: Annotated[
-        bool, Parameter(group=FURTHER, help="Animate the loops' second-order work, as GIF.")
-    ] = False,
+    animation: Annotated[bool, Parameter(group=FURTHER)] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
-    """Follow a DEM snapshot through a loading programme: stresses, events, loops."""
+    """Follow a DEM snapshot through a loading programme: stresses, events, loops.
+
+    Parameters
+    ----------
+    paths
+        Snapshot to start from; further snapshots are plotted for comparison.
+    rows
+        Rows of the path's table, evenly spaced.
+    pathologies
+        Tell in every row whether the matrix of the contacts at yield is symmetric, definite, a
+        P-matrix; count the solutions.
+    by
+        Method: events (quasistatic, from event to event), replay (equations of motion), or both.
+    spread
+        Follow the path again with other damping past instabilities, to tell how far stresses
+        differ.
+    animation
+        Animate the loops' second-order work, as GIF.
+    """
     writing, reading = writing or Drawing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
     words: Any = {"by": by}
@@ -239,39 +219,35 @@ def _forecast_lines(summary: Summary) -> list[str]:
 
 
 def forecast_command(
-    path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
+    path: Path,
     /,
     *,
     driving: Driving,
     writing: Drawing | None = None,
-    rows: Annotated[
-        Whole,
-        Parameter(
-            group=FURTHER,
-            help="Number of equal steps of the path after which the loops are looked at.",
-        ),
-    ] = 40,
+    rows: Annotated[Whole, Parameter(group=FURTHER)] = 40,
     instabilities: Instabilities = 1000,
-    no_spread: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            negative="",
-            help="Don't repeat the path (half the interval, other numbers) that tells the spread.",
-        ),
-    ] = False,
-    inertial_number: Annotated[
-        float, Parameter(group=FURTHER, help="Inertial number of the replay.")
-    ] = 2e-6,
-    damping: Annotated[
-        float, Parameter(group=FURTHER, help="Cundall's damping of the replay.")
-    ] = 0.3,
+    no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
+    inertial_number: Annotated[float, Parameter(group=FURTHER)] = 2e-6,
+    damping: Annotated[float, Parameter(group=FURTHER)] = 0.3,
     holding: Holding | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Say which loops of a DEM snapshot will be lost, how likely, and where the stress drops next.
 
     No later snapshot is needed. Probabilities are frequencies in samples of Yade.
+
+    Parameters
+    ----------
+    path
+        Snapshot with forces, periodic or between known walls.
+    rows
+        Number of equal steps of the path after which the loops are looked at.
+    no_spread
+        Don't repeat the path (half the interval, other numbers) that tells the spread.
+    inertial_number
+        Inertial number of the replay.
+    damping
+        Cundall's damping of the replay.
     """
     writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "forecast", path)

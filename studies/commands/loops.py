@@ -43,29 +43,14 @@ Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (de
 
 def diamond_command(
     *,
-    table: Annotated[Whole | None, Parameter(help="Table 1 or 2 of the paper.")] = None,
-    alpha0: Annotated[
-        float | None, Parameter(help="Branch angle of the reference (degrees).")
-    ] = None,
-    kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn.")] = None,
+    table: Whole | None = None,
+    alpha0: float | None = None,
+    kappa: float | None = None,
     phi: Phi = None,
-    confine: Annotated[
-        float | None, Parameter(help="Isotropic strain at state A, where the biaxial test starts.")
-    ] = None,
+    confine: float | None = None,
     closure: ClosureOption = "affine",
-    contact_on_touch: Annotated[
-        str,
-        Parameter(
-            group=FURTHER, help="When opposite grains touch: ignore it, stop, or add a contact."
-        ),
-    ] = "ignore",
-    model: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            help="auto: two degrees of freedom, as in the paper; full: all eight, to check.",
-        ),
-    ] = "auto",
+    contact_on_touch: Annotated[str, Parameter(group=FURTHER)] = "ignore",
+    model: Annotated[str, Parameter(group=FURTHER)] = "auto",
     writing: Writing | None = None,
 ) -> Answer:
     """Follow the four-grain diamond of the paper; without options, its Table 1.
@@ -73,6 +58,21 @@ def diamond_command(
     Figures of the paper: with --table 1 path_dependence (Fig. 4),
     axial_stress (6), determinant (7); with --table 2 axial_stress (8),
     determinant (9), eigenvalues (10), polar (11), cone (12).
+
+    Parameters
+    ----------
+    table
+        Table 1 or 2 of the paper.
+    alpha0
+        Branch angle of the reference (degrees).
+    kappa
+        Stiffness ratio kt/kn.
+    confine
+        Isotropic strain at state A, where the biaxial test starts.
+    contact_on_touch
+        When opposite grains touch: ignore it, stop, or add a contact.
+    model
+        auto: two degrees of freedom, as in the paper; full: all eight, to check.
     """
     writing = writing or Writing()
     own = {alpha0, kappa, phi, confine} != {None}
@@ -117,72 +117,60 @@ def diamond_command(
 
 def polygon_command(
     *,
-    order: Annotated[Whole | None, Parameter(help="Number of grains, 3 or more.")] = None,
-    compare: Annotated[
-        str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
-    ] = None,
-    radii: Annotated[
-        str | None,
-        Parameter(
-            group=FURTHER,
-            metavar="R1,R2,...",
-            help="Radii of unequal grains in order, centres on a circle.",
-        ),
-    ] = None,
-    snapshot: Annotated[
-        Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
-    ] = None,
-    loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
-    orientation: Annotated[
-        str | None,
-        Parameter(
-            group=FURTHER,
-            help="What points along axis 1: vertex (a grain) or edge. Default: vertex.",
-        ),
-    ] = None,
-    kappa: Annotated[
-        float | None,
-        Parameter(help="Stiffness ratio kt/kn. Default: 0.2; 0.82 with --law hertz."),
-    ] = None,
-    phi: Annotated[
-        float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 5.")
-    ] = None,
-    rolling: Annotated[
-        float | None,
-        Parameter(group=FURTHER, help="Rolling stiffness over kn l0^2, with --spins free."),
-    ] = None,
+    order: Whole | None = None,
+    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None,
+    radii: Annotated[str | None, Parameter(group=FURTHER, metavar="R1,R2,...")] = None,
+    snapshot: Path | None = None,
+    loop: Whole | None = None,
+    orientation: Annotated[str | None, Parameter(group=FURTHER)] = None,
+    kappa: float | None = None,
+    phi: float | None = None,
+    rolling: Annotated[float | None, Parameter(group=FURTHER)] = None,
     closure: ClosureOption = "affine",
-    spins: Annotated[
-        str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
-    ] = "blocked",
-    confine: Annotated[
-        float | None,
-        Parameter(group=FURTHER, help="Isotropic strain before the programme. Default: 0.1."),
-    ] = None,
-    programme: Annotated[
-        str,
-        Parameter(
-            help="drained (nominal stress across the driven axis constant), cauchy-drained or "
-            "biaxial (Cauchy stress), isotropic, isotropic-stress, oedometric, undrained, "
-            "proportional-strain."
-        ),
-    ] = "drained",
+    spins: str = "blocked",
+    confine: Annotated[float | None, Parameter(group=FURTHER)] = None,
+    programme: str = "drained",
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
-    end: Annotated[
-        float | None, Parameter(group=FURTHER, help="Strain E1 at which the programme ends.")
-    ] = None,
-    model: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            help="auto: the fewest degrees of freedom by symmetry; full: all of them.",
-        ),
-    ] = "auto",
+    end: Annotated[float | None, Parameter(group=FURTHER)] = None,
+    model: Annotated[str, Parameter(group=FURTHER)] = "auto",
     writing: Writing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
-    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
+    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders.
+
+    Parameters
+    ----------
+    order
+        Number of grains, 3 or more.
+    compare
+        Compare several orders, such as 3-12.
+    radii
+        Radii of unequal grains in order, centres on a circle.
+    snapshot
+        Snapshot that the loop is taken from, with --loop.
+    loop
+        Number of the loop in loops.parquet.
+    orientation
+        What points along axis 1: vertex (a grain) or edge. Default: vertex.
+    kappa
+        Stiffness ratio kt/kn. Default: 0.2; 0.82 with --law hertz.
+    phi
+        Friction angle of the contacts (degrees). Default: 5.
+    rolling
+        Rolling stiffness over kn l0^2, with --spins free.
+    spins
+        Rotation of the grains: blocked, affine (with the loop) or free.
+    confine
+        Isotropic strain before the programme. Default: 0.1.
+    programme
+        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
+        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain.
+    end
+        Strain E1 at which the programme ends.
+    model
+        auto: the fewest degrees of freedom by symmetry; full: all of them.
+    """
     writing, reading = writing or Writing(), reading or OneReading()
     kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
     _which_loop(kinds, needed=True)
@@ -292,60 +280,54 @@ def _polygon_lines(summary: Summary) -> list[str]:
 
 def domain_command(
     *,
-    order: Annotated[
-        Whole | None, Parameter(help="Number of grains of a regular loop, 3 to 60.")
-    ] = None,
-    compare: Annotated[
-        str | None, Parameter(metavar="ORDERS", help="Compare several orders, such as 3-12.")
-    ] = None,
-    radii: Annotated[
-        str | None, Parameter(metavar="R1,R2,...", help="Radii of unequal grains in order.")
-    ] = None,
-    snapshot: Annotated[
-        Path | None, Parameter(help="Snapshot that the loop is taken from, with --loop.")
-    ] = None,
-    loop: Annotated[Whole | None, Parameter(help="Number of the loop in loops.parquet.")] = None,
-    closure: Annotated[
-        str | None,
-        Parameter(
-            help="Loading of the loop by its surroundings: affine or traction. Default: affine; "
-            "with --compare both."
-        ),
-    ] = None,
-    spins: Annotated[
-        str, Parameter(help="Rotation of the grains: blocked, affine (with the loop) or free.")
-    ] = "blocked",
-    rolling: Annotated[
-        float, Parameter(group=FURTHER, help="Rolling stiffness over kn l0^2, with --spins free.")
-    ] = 0.0,
-    programmes: Annotated[
-        str,
-        Parameter(
-            group=FURTHER, help="What grows in proportion along a programme: strain or stress."
-        ),
-    ] = "strain",
-    alpha0: Annotated[
-        str | None,
-        Parameter(group=FURTHER, help="Reference angles (degrees), separated by commas."),
-    ] = None,
-    kappa: Annotated[
-        str | None, Parameter(help="Stiffness ratios kt/kn, separated by commas.")
-    ] = None,
+    order: Whole | None = None,
+    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None,
+    radii: Annotated[str | None, Parameter(metavar="R1,R2,...")] = None,
+    snapshot: Path | None = None,
+    loop: Whole | None = None,
+    closure: str | None = None,
+    spins: str = "blocked",
+    rolling: Annotated[float, Parameter(group=FURTHER)] = 0.0,
+    programmes: Annotated[str, Parameter(group=FURTHER)] = "strain",
+    alpha0: Annotated[str | None, Parameter(group=FURTHER)] = None,
+    kappa: str | None = None,
     phi: Phi = None,
-    directions: Annotated[
-        Whole | None,
-        Parameter(
-            group=FURTHER,
-            help="Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law "
-            "is hertz; 1441 without --order, --compare, --radii or --snapshot.",
-        ),
-    ] = None,
+    directions: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
     writing: Writing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Draw bifurcation domains: of the diamond, a loop of any order, or one of a snapshot.
 
     Without options those of the paper's Tables 1 and 2.
+
+    Parameters
+    ----------
+    order
+        Number of grains of a regular loop, 3 to 60.
+    compare
+        Compare several orders, such as 3-12.
+    radii
+        Radii of unequal grains in order.
+    snapshot
+        Snapshot that the loop is taken from, with --loop.
+    loop
+        Number of the loop in loops.parquet.
+    closure
+        Loading of the loop by its surroundings: affine or traction. Default: affine; with --compare
+        both.
+    spins
+        Rotation of the grains: blocked, affine (with the loop) or free.
+    rolling
+        Rolling stiffness over kn l0^2, with --spins free.
+    programmes
+        What grows in proportion along a programme: strain or stress.
+    alpha0
+        Reference angles (degrees), separated by commas.
+    kappa
+        Stiffness ratios kt/kn, separated by commas.
+    directions
+        Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law is hertz;
+        1441 without --order, --compare, --radii or --snapshot.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     kinds = {"--order": order, "--compare": compare, "--radii": radii, "--snapshot": snapshot}
@@ -463,19 +445,21 @@ def _benchmarks() -> Any:
 def bench_command(
     *,
     out: Out = None,
-    quick: Annotated[
-        bool, Parameter(help="Smaller sizes, fewer settings, no compiled code.")
-    ] = False,
-    only: Annotated[
-        str | None,
-        Parameter(metavar="NAME,...", help="Only these groups, such as faces,hard-cases."),
-    ] = None,
+    quick: bool = False,
+    only: Annotated[str | None, Parameter(metavar="NAME,...")] = None,
     force: Force = False,
     json: Json = False,
 ) -> Answer:
     """Measure speed against error of the methods that can be chosen, and run the hard cases.
 
     Runs in a checkout of the project, where the measuring code is.
+
+    Parameters
+    ----------
+    quick
+        Smaller sizes, fewer settings, no compiled code.
+    only
+        Only these groups, such as faces,hard-cases.
     """
     out = out_or(out, "bench")
     run_bench = _benchmarks().run_bench

@@ -25,80 +25,23 @@ from studies.commands import (
 
 
 def material_command(
-    snapshot: Annotated[
-        Path | None, Parameter(help="Snapshot whose loops are averaged, with its law and forces.")
-    ] = None,
+    snapshot: Path | None = None,
     *,
-    order: Annotated[
-        Whole | None, Parameter(help="Number of grains of a regular loop. Default: 6.")
-    ] = None,
-    alpha0: Annotated[
-        float | None,
-        Parameter(group=FURTHER, help="Angle of a hexagon's inclined branches (degrees)."),
-    ] = None,
-    orientations: Annotated[
-        Whole | None,
-        Parameter(
-            group=FURTHER, help="Copies of the loop, turned evenly over half a turn. Default: 36."
-        ),
-    ] = None,
-    kappa: Annotated[float | None, Parameter(help="Stiffness ratio kt/kn. Default: 0.5.")] = None,
-    phi: Annotated[
-        float | None, Parameter(help="Friction angle of the contacts (degrees). Default: 30.")
-    ] = None,
-    confine: Annotated[
-        float | None,
-        Parameter(
-            group=FURTHER, help="Isotropic stress over kn before the programme. Default: 0.01."
-        ),
-    ] = None,
-    orders: Annotated[
-        str | None,
-        Parameter(
-            group=FURTHER,
-            metavar="N1,N2,...",
-            help="Orders of the snapshot's loops to average. Default: all.",
-        ),
-    ] = None,
-    count: Annotated[
-        Whole | None,
-        Parameter(
-            group=FURTHER, help="Largest number of the snapshot's loops, taken at even spacing."
-        ),
-    ] = None,
-    closure: Annotated[
-        str,
-        Parameter(
-            help="How the mean strain drives a loop: affine, traction, or cell (the H-model's)."
-        ),
-    ] = "traction",
-    programme: Annotated[
-        str,
-        Parameter(
-            help="Loading programme: drained, cauchy-drained, biaxial, isotropic, "
-            "isotropic-stress, oedometric, undrained, proportional-strain."
-        ),
-    ] = "drained",
+    order: Whole | None = None,
+    alpha0: Annotated[float | None, Parameter(group=FURTHER)] = None,
+    orientations: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
+    kappa: float | None = None,
+    phi: float | None = None,
+    confine: Annotated[float | None, Parameter(group=FURTHER)] = None,
+    orders: Annotated[str | None, Parameter(group=FURTHER, metavar="N1,N2,...")] = None,
+    count: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
+    closure: str = "traction",
+    programme: str = "drained",
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
-    single: Annotated[
-        Whole | None,
-        Parameter(
-            group=FURTHER,
-            help="Number in loops.parquet of the loop that is also followed alone. Default: of the "
-            "median order, the one with the stress nearest to the mean at the start.",
-        ),
-    ] = None,
-    end: Annotated[
-        float | None,
-        Parameter(
-            help="Strain E1 at the end (isotropic-stress: stress). Default: 0.1; for a snapshot "
-            "1e-3."
-        ),
-    ] = None,
-    steps: Annotated[
-        Whole, Parameter(group=FURTHER, help="Number of steps of the programme.")
-    ] = 200,
+    single: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
+    end: float | None = None,
+    steps: Annotated[Whole, Parameter(group=FURTHER)] = 200,
     writing: Drawing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
@@ -106,6 +49,39 @@ def material_command(
 
     Copies of one loop (--order) in all directions, or the loops of a snapshot; beside them one of
     the loops alone.
+
+    Parameters
+    ----------
+    snapshot
+        Snapshot whose loops are averaged, with its law and forces.
+    order
+        Number of grains of a regular loop. Default: 6.
+    alpha0
+        Angle of a hexagon's inclined branches (degrees).
+    orientations
+        Copies of the loop, turned evenly over half a turn. Default: 36.
+    kappa
+        Stiffness ratio kt/kn. Default: 0.5.
+    phi
+        Friction angle of the contacts (degrees). Default: 30.
+    confine
+        Isotropic stress over kn before the programme. Default: 0.01.
+    orders
+        Orders of the snapshot's loops to average. Default: all.
+    count
+        Largest number of the snapshot's loops, taken at even spacing.
+    closure
+        How the mean strain drives a loop: affine, traction, or cell (the H-model's).
+    programme
+        Loading programme: drained, cauchy-drained, biaxial, isotropic, isotropic-stress,
+        oedometric, undrained, proportional-strain.
+    single
+        Number in loops.parquet of the loop that is also followed alone. Default: of the median
+        order, the one with the stress nearest to the mean at the start.
+    end
+        Strain E1 at the end (isotropic-stress: stress). Default: 0.1; for a snapshot 1e-3.
+    steps
+        Number of steps of the programme.
     """
     writing, reading = writing or Drawing(), reading or OneReading()
     of_loop = {"order": order, "alpha0_deg": alpha0, "orientations": orientations,

@@ -131,36 +131,16 @@ def _unanswered(summary: Summary) -> str:
 
 
 def probe_command(
-    path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
+    path: Path,
     /,
     *,
     writing: Drawing | None = None,
-    directions: Annotated[Whole, Parameter(help="Number of directions.")] = 72,
-    control: Annotated[
-        str,
-        Parameter(metavar="strain|stress", help="Which increment is prescribed in each direction."),
-    ] = "strain",
-    subspace: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            metavar="diagonal|symmetric",
-            help="Components that change: 11 and 22 (directions on a circle), or 12 too (sphere).",
-        ),
-    ] = "diagonal",
+    directions: Whole = 72,
+    control: Annotated[str, Parameter(metavar="strain|stress")] = "strain",
+    subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
     yield_band: YieldBand = 0.99,
-    amplitude: Annotated[
-        float | None,
-        Parameter(help="Size (strain) of finite probes. Default: infinitesimal probes."),
-    ] = None,
-    by: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            metavar="events|increment",
-            help="How --amplitude is reached: from event to event, or in one solve.",
-        ),
-    ] = "events",
+    amplitude: float | None = None,
+    by: Annotated[str, Parameter(group=FURTHER, metavar="events|increment")] = "events",
     candidates: Candidates = 0.7,
     past: PastOption = "viscous",
     holding: Holding | None = None,
@@ -173,6 +153,21 @@ def probe_command(
     possible. several: at least two solutions. family: solutions in unbroken rows. none: no solution
     exists, proved. none found: no solution was found. not converged: a mechanism moves. Column
     proof says what each stands on.
+
+    Parameters
+    ----------
+    path
+        File of the snapshot, or of its grains.
+    directions
+        Number of directions.
+    control
+        Which increment is prescribed in each direction.
+    subspace
+        Components that change: 11 and 22 (directions on a circle), or 12 too (sphere).
+    amplitude
+        Size (strain) of finite probes. Default: infinitesimal probes.
+    by
+        How --amplitude is reached: from event to event, or in one solve.
     """
     writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
@@ -230,58 +225,45 @@ def _sustain_lines(summary: Summary) -> list[str]:
 
 
 def sustain_command(
-    path: Annotated[Path, Parameter(help="Snapshot with forces, periodic or between known walls.")],
+    path: Path,
     /,
     *,
     writing: Drawing | None = None,
-    directions: Annotated[Whole, Parameter(help="Number of directions of the stress rate.")] = 24,
-    subspace: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            metavar="diagonal|symmetric",
-            help="Stress components that change: 11 and 22, or 12 too.",
-        ),
-    ] = "diagonal",
-    largest: Annotated[
-        float | None,
-        Parameter(
-            help="Largest load (force/length) in each direction, added to the stress of the start. "
-            "Default: a tenth of the mean stress."
-        ),
-    ] = None,
-    interval: Annotated[
-        float, Parameter(group=FURTHER, help="Strain over which the geometry is kept constant.")
-    ] = 5e-6,
-    large: Annotated[
-        float, Parameter(group=FURTHER, help="Least strain of a motion that is called large.")
-    ] = 3e-4,
-    most_snaps: Annotated[
-        Whole,
-        Parameter(
-            group=FURTHER,
-            help="Largest number of motions below --large; a direction with more is unfinished.",
-        ),
-    ] = 30,
-    no_spread: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            negative="",
-            help="Don't repeat the loading (other numbering, less damping) that tells the spread.",
-        ),
-    ] = False,
-    hold_stress: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            help="Bring the sample to rest at fixed stress first. Default: at fixed cell.",
-        ),
-    ] = False,
+    directions: Whole = 24,
+    subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
+    largest: float | None = None,
+    interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6,
+    large: Annotated[float, Parameter(group=FURTHER)] = 3e-4,
+    most_snaps: Annotated[Whole, Parameter(group=FURTHER)] = 30,
+    no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
+    hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False,
     sharing: Sharing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
-    """Find the load of the first large motion of a DEM snapshot in each direction of stress."""
+    """Find the load of the first large motion of a DEM snapshot in each direction of stress.
+
+    Parameters
+    ----------
+    path
+        Snapshot with forces, periodic or between known walls.
+    directions
+        Number of directions of the stress rate.
+    subspace
+        Stress components that change: 11 and 22, or 12 too.
+    largest
+        Largest load (force/length) in each direction, added to the stress of the start. Default: a
+        tenth of the mean stress.
+    interval
+        Strain over which the geometry is kept constant.
+    large
+        Least strain of a motion that is called large.
+    most_snaps
+        Largest number of motions below --large; a direction with more is unfinished.
+    no_spread
+        Don't repeat the loading (other numbering, less damping) that tells the spread.
+    hold_stress
+        Bring the sample to rest at fixed stress first. Default: at fixed cell.
+    """
     writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "sustain", path)
     words: Any = {"subspace": subspace}

@@ -115,32 +115,30 @@ def _percent(share: float) -> str:
 
 
 def snapshot_command(
-    path: Annotated[Path, Parameter(help="File of the snapshot, or of its grains.")],
+    path: Path,
     /,
     *,
     writing: Drawing | None = None,
-    in_packing: Annotated[
-        str | None,
-        Parameter(
-            metavar="auto|whole|blocks",
-            help="Judge the loops in their packing too: the whole packing at once, blocks of it "
-            "(less memory, larger errors), or auto (by the number of grains).",
-        ),
-    ] = None,
-    quadrons: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            help="Write quadrons.parquet: area and shape of the quadrilateral that each loop has "
-            "in common with each of its grains.",
-        ),
-    ] = False,
-    paraview: Annotated[
-        bool, Parameter(group=FURTHER, name="--vtk", help="Write loops.vtp for ParaView.")
-    ] = False,
+    in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None,
+    quadrons: Annotated[bool, Parameter(group=FURTHER)] = False,
+    paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False,
     reading: OneReading | None = None,
 ) -> Answer:
-    """Find the loops of a DEM snapshot and judge the stability of each."""
+    """Find the loops of a DEM snapshot and judge the stability of each.
+
+    Parameters
+    ----------
+    path
+        File of the snapshot, or of its grains.
+    in_packing
+        Judge the loops in their packing too: the whole packing at once, blocks of it (less memory,
+        larger errors), or auto (by the number of grains).
+    quadrons
+        Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
+        with each of its grains.
+    paraview
+        Write loops.vtp for ParaView.
+    """
     writing, reading = writing or Drawing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
     # The study checks the words itself, and says what is expected.
@@ -166,23 +164,13 @@ def snapshot_command(
 
 
 def check_command(
-    *paths: Annotated[
-        Path,
-        Parameter(
-            required=True,
-            help="Files of the snapshots, or of their grains; every snapshot of each file.",
-        ),
-    ],
-    out: Annotated[
-        Path | None, Parameter(help="Result folder, created. If omitted, only print.")
-    ] = None,
+    *paths: Annotated[Path, Parameter(required=True)],
+    out: Path | None = None,
     force: Force = False,
     csv: Csv = False,
     json: Json = False,
     cells: Cells = None,
-    exit_zero: Annotated[
-        bool, Parameter(group=FURTHER, help="Exit with status 0 also if the verdict is error.")
-    ] = False,
+    exit_zero: Annotated[bool, Parameter(group=FURTHER)] = False,
     contacts: Contacts = None,
     reading: Reading | None = None,
 ) -> Answer:
@@ -190,6 +178,15 @@ def check_command(
 
     Of several snapshots each is checked against the one before it: kt against the changes of T.
     Exit status 1 if the verdict is error, 2 if a file can't be read.
+
+    Parameters
+    ----------
+    paths
+        Files of the snapshots, or of their grains; every snapshot of each file.
+    out
+        Result folder, created. If omitted, only print.
+    exit_zero
+        Exit with status 0 also if the verdict is error.
     """
     from patterns.snapshots.findings import SEVERITIES
     from studies.output import as_json, provenance
@@ -428,67 +425,49 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
 
 
 def series_command(
-    *paths: Annotated[
-        Path,
-        Parameter(
-            required=True,
-            help="Files of the snapshots in order of time; of a file with several snapshots, all.",
-        ),
-    ],
+    *paths: Annotated[Path, Parameter(required=True)],
     writing: Writing | None = None,
     sharing: Sharing | None = None,
     cells: Cells = None,
-    in_packing: Annotated[
-        str,
-        Parameter(
-            metavar="rates|events",
-            help="Predict each interval with the tangent of the whole packing (rates, also without "
-            "a word), or also with its path by events and a replay (events).",
-        ),
-    ] = "",
+    in_packing: Annotated[str, Parameter(metavar="rates|events")] = "",
     candidates: Candidates = 0.7,
     yield_band: YieldBand = 0.99,
     past: PastOption = "viscous",
     replaying: Replaying | None = None,
-    programme: Annotated[
-        str,
-        Parameter(
-            group=FURTHER,
-            metavar="WORD|TABLE",
-            help="How paths and replays reach the later strain: straight, 1-first, 2-first (that "
-            "axis, then the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a "
-            "table of time and h_xx, h_xy, h_yx, h_yy, or of time, H11, H22 (H12, H21).",
-        ),
-    ] = "straight",
-    probe: Annotated[
-        Whole | None,
-        Parameter(metavar="N", help="Probe each snapshot along N directions of strain."),
-    ] = None,
-    indicators: Annotated[
-        bool,
-        Parameter(
-            group=FURTHER,
-            help="Predict also by structural indicators: coordination, vibrality, D2min, ...",
-        ),
-    ] = False,
-    skip_bad: Annotated[
-        bool, Parameter(group=FURTHER, help="Leave out snapshots that can't be read.")
-    ] = False,
+    programme: Annotated[str, Parameter(group=FURTHER, metavar="WORD|TABLE")] = "straight",
+    probe: Annotated[Whole | None, Parameter(metavar="N")] = None,
+    indicators: Annotated[bool, Parameter(group=FURTHER)] = False,
+    skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False,
     figures: Annotated[
-        bool,
-        Parameter(
-            name="--figures",
-            negative="--no-figures",
-            help="Draw the figures (default).",
-            show_default=False,
-        ),
+        bool, Parameter(name="--figures", negative="--no-figures", show_default=False)
     ] = True,
-    animation: Annotated[
-        bool, Parameter(group=FURTHER, help="Animate the series, as GIF.")
-    ] = False,
+    animation: Annotated[bool, Parameter(group=FURTHER)] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
-    """Follow the loops through a series of snapshots; after a stop the same command continues."""
+    """Follow the loops through a series of snapshots; after a stop the same command continues.
+
+    Parameters
+    ----------
+    paths
+        Files of the snapshots in order of time; of a file with several snapshots, all.
+    in_packing
+        Predict each interval with the tangent of the whole packing (rates, also without a word), or
+        also with its path by events and a replay (events).
+    programme
+        How paths and replays reach the later strain: straight, 1-first, 2-first (that axis, then
+        the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a table of time and
+        h_xx, h_xy, h_yx, h_yy, or of time, H11, H22 (H12, H21).
+    probe
+        Probe each snapshot along N directions of strain.
+    indicators
+        Predict also by structural indicators: coordination, vibrality, D2min, ...
+    skip_bad
+        Leave out snapshots that can't be read.
+    figures
+        Draw the figures (default).
+    animation
+        Animate the series, as GIF.
+    """
     from studies.series.run import run_series
 
     writing, reading = writing or Writing(), reading or PlaneReading()
