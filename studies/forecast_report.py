@@ -85,8 +85,8 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
         }
         for name in WAYS:
             reached = ends.get(name, {}).get("status") == "finished"
-            lost = int(found.loops[f"{name}_{kind}_at"].notna().sum())
-            told[kind][name] = lost if reached else None
+            count = int(found.loops[f"{name}_{kind}_at"].notna().sum())
+            told[kind][name] = count if reached else None
     if not low / BEYOND <= found.reach <= high * BEYOND:
         counted = f"{low / BEYOND:.2g} to {high * BEYOND:.2g}, where forecasts were counted"
         said = f"no probabilities: {found.reach:.2g} times p/kn is outside of {counted}"

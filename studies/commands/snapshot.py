@@ -42,12 +42,6 @@ if TYPE_CHECKING:
     from studies.output import Row, Summary
 
 M_ARENA_MAX = -8  # of malloc.h
-JUDGE_WORDS = {
-    "affine": "affine closure, spins blocked",
-    "traction": "traction closure, spins blocked",
-    "traction_free": "traction closure, spins free",
-    "packing": "in its packing, spins free",
-}
 
 
 def _snapshot_lines(summary: Summary) -> list[str]:
@@ -76,6 +70,7 @@ def _snapshot_lines(summary: Summary) -> list[str]:
 def _verdicts(summary: Summary) -> list[str]:
     """Shares of unstable loops, with what each assumes."""
     from studies.output import definitions
+    from studies.snapshot.summary import JUDGE_TITLES
 
     assumed = definitions("assumptions")
     lines = ["unstable loops by order, in % of those judged (judged of all, where some are not):"]
@@ -87,7 +82,7 @@ def _verdicts(summary: Summary) -> list[str]:
             for group, share in summary["unstable_by_order"][judge].items()
             for all_of in (every[group]["count"],)
         )
-        lines.append(f"  {JUDGE_WORDS[judge]:<32} {text}")
+        lines.append(f"  {JUDGE_TITLES[judge]:<24} {text}")
     lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
     if "in_packing" not in summary:
         return [*lines, assumed["cut_out"]]
@@ -281,41 +276,6 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
 MOST_NOTES = 8
 # Characters that are printed of the reason why a snapshot was skipped, at most.
 LONGEST_REASON = 300
-PREDICTOR_WORDS = {
-    "packing": "its packing over the interval",
-    "packing_path": "its packing's path by events",
-    "replay": "the DEM replayed",
-    "own_motion": "its grains' own motion in DEM",
-    "affine": "affine closure, blocked",
-    "affine_free": "affine closure, free spins",
-    "traction": "traction closure, blocked",
-    "traction_free": "traction closure, free spins",
-    "affine_lambda_min": "least eigenvalue, affine, blocked",
-    "traction_lambda_min": "least eigenvalue, tract., blocked",
-    "traction_free_lambda_min": "least eigenvalue, tract., free",
-    "packing_lambda_min": "least eigenvalue in its packing",
-    "persistence": "its work in the interval before",
-    "order": "number of grains",
-    "sliding": "number of sliding contacts",
-    "smallest_N": "smallest normal force",
-    "coordination": "coordination",
-    "mobilisation": "mean mobilisation",
-    "largest_mobilisation": "largest mobilisation",
-    "vibrality": "vibrality",
-    "spin_vibrality": "vibrality of spins",
-    "soft_modes": "share in the softest modes",
-    "slip_criticality": "criticality for slip",
-    "opening_criticality": "criticality for opening",
-    "steric_order": "steric order",
-    "density": "local density",
-    "chain": "force chains",
-    "past_nonaffinity": "D2min of the interval before",
-}
-TARGET_WORDS = {
-    "nonaffine": "least affine tenth",
-    "contact_lost": "contact lost",
-    "topology": "topology changed",
-}
 
 
 def _series_lines(summary: Summary) -> list[str]:
@@ -390,20 +350,24 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
 
 def _skill_lines(skill: dict[str, Any]) -> list[str]:
     """Skill of each prediction beside the base rate and persistence."""
+    from studies.series.skill import PREDICTORS
+
     base = skill["traction"]["base"]
     if base is None:
         return []
     lines = [
         f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
         "(base rate); how well it is predicted:",
-        f"  {'':<32} predicted  precision  recall    AUC   (lowest to highest)",
+        f"  {'':<33} predicted  precision  recall    AUC   (lowest to highest)",
     ]
     for name, row in skill.items():
         covered = "-" if row["coverage"] is None else f"{100 * row['coverage']:.3g} %"
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
         values = f"{covered:>8}   {values}"
         spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
-        lines.append(f"  {PREDICTOR_WORDS.get(name, name):<32}  {values}{spread}")
+        said = PREDICTORS[name].replace(r"$\lambda_{\min}$", "least eigenvalue")
+        said = said.replace(r"$D^2_{\min}$", "D2min")
+        lines.append(f"  {said:<33}  {values}{spread}")
     return [
         *lines,
         "  (predicted: share of these loops, the numbers beside it are of them; precision: compare "
@@ -413,6 +377,8 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
 
 def _target_lines(targets: dict[str, Any]) -> list[str]:
     """AUC for what else is predicted, beside the base rate and persistence."""
+    from studies.series.skill import TARGETS
+
     lines = [f"  {'AUC for':<18} base rate  packing  persistence  own motion"]
     for target, skill in targets.items():
         values = [skill["packing"]["base"]]
@@ -420,7 +386,7 @@ def _target_lines(targets: dict[str, Any]) -> list[str]:
         values.append(skill.get("own_motion", {}).get("auc"))
         widths = zip(values, (9, 7, 11, 10), strict=True)
         columns = "  ".join(f"{shown(value):>{width}}" for value, width in widths)
-        lines.append(f"  {TARGET_WORDS[target]:<18} {columns}")
+        lines.append(f"  {TARGETS[target]:<18} {columns}")
     return lines
 
 

@@ -24,8 +24,14 @@ from patterns import sample_path
 from stability import COMPONENTS
 from studies.examples import run_example, save
 from studies.series.run import run_series
-from studies.series.skill import INDICATORS, interval_columns, score_skill, targets
-from studies.series.skill_figures import PREDICTORS, TARGET_TITLES, TARGETS
+from studies.series.skill import (
+    INDICATORS,
+    PREDICTORS,
+    TARGETS,
+    interval_columns,
+    score_skill,
+    targets,
+)
 from studies.series.tasks import require_about
 from studies.style import LIGHT_GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
@@ -162,7 +168,7 @@ def draw(table: pd.DataFrame) -> Figure:
             ax.hlines(y, rows["low"], rows["high"], color=colour, linewidth=1.0)
             ax.plot(rows["shuffled"], y, "|", color=colour, markersize=3, alpha=0.6)
         ax.axvline(0.5, color="black", linewidth=0.6, zorder=0)
-        ax.set(title=TARGET_TITLES[target], xlabel="AUC", xlim=(0.25, 1.03))
+        ax.set(title=TARGETS[target], xlabel="AUC", xlim=(0.25, 1.03))
     panels[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     title = "dots: mean and 95 % interval over packings; ticks: targets shuffled"

@@ -34,7 +34,8 @@ from studies.series.skill_figures import (
     work_signs,
 )
 from studies.series.tasks import PartTask, Series, tracked
-from studies.snapshot.figures import JUDGE_TITLES, ORDER_SCALE, loop_drawer, order_bar
+from studies.snapshot.figures import ORDER_SCALE, loop_drawer, order_bar
+from studies.snapshot.summary import JUDGE_TITLES
 from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map
 from studies.study import MOST_LOOPS, LoopsForMap
 from studies.style import (

@@ -31,16 +31,49 @@ from studies.snapshot.table import LAST_ORDER
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
 SKILL_COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
 ORDERS = range(3, LAST_ORDER + 1)
-TARGET, *OTHERS = ("W2_negative", "nonaffine", "contact_lost", "topology")
+TARGETS = {
+    "W2_negative": r"negative work, $W_2 < 0$",
+    "nonaffine": "least affine tenth",
+    "contact_lost": "a contact lost",
+    "topology": "topology changed",
+}
+TARGET, *OTHERS = TARGETS
+# Predictors, and their names in figures and printed tables.
+PREDICTORS = {
+    "packing": "packing: rates",
+    "packing_path": "packing: by events",
+    "replay": "packing: DEM replay",
+    "own_motion": "grains' own motion",
+    "persistence": "persistence",
+    "traction_free": "cut out, free spins",
+    "traction": "cut out, spins blocked",
+    "affine_free": "affine, free spins",
+    "affine": "affine, spins blocked",
+    "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
+    "traction_free_lambda_min": r"$\lambda_{\min}$ cut out, free",
+    "traction_lambda_min": r"$\lambda_{\min}$ cut out, blocked",
+    "affine_lambda_min": r"$\lambda_{\min}$ affine, blocked",
+    "order": "number of grains",
+    "sliding": "sliding contacts",
+    "smallest_N": "smallest force N",
+    "coordination": "coordination",
+    "mobilisation": "mean mobilisation",
+    "largest_mobilisation": "largest mobilisation",
+    "vibrality": "vibrality",
+    "spin_vibrality": "vibrality of spins",
+    "soft_modes": "softest modes",
+    "slip_criticality": "criticality, slip",
+    "opening_criticality": "criticality, opening",
+    "steric_order": "steric order",
+    "density": "local density",
+    "chain": "force chains",
+    "past_nonaffinity": r"$D^2_{\min}$ before",
+}
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
 # persistence the interval before. The grains' own motion is known afterwards.
-CLOSURE_PREDICTORS = {
-    "affine": "affine_W2",
-    "affine_free": "affine_free_W2",
-    "traction": "traction_W2",
-    "traction_free": "traction_free_W2",
-}
+CLOSURES = ("affine", "affine_free", "traction", "traction_free")
+CLOSURE_PREDICTORS = {name: f"{name}_W2" for name in CLOSURES}
 EIGENVALUE_PREDICTORS = (
     *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
     "packing_lambda_min",

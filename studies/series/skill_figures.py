@@ -18,7 +18,13 @@ from matplotlib.ticker import MaxNLocator
 from loops.arrays import Floats
 from loops.tracking import LoopFates
 from patterns import Snapshot
-from studies.series.skill import EVENT_PREDICTORS, INDICATORS, OTHERS, TARGET
+from studies.series.skill import (
+    CLOSURE_PREDICTORS,
+    EVENT_PREDICTORS,
+    INDICATORS,
+    PREDICTORS,
+    TARGETS,
+)
 from studies.snapshot.figures import loop_drawer
 from studies.style import (
     BLACK,
@@ -39,43 +45,6 @@ from studies.style import (
     styled,
 )
 
-TARGETS = (TARGET, *OTHERS)
-TARGET_TITLES = {
-    "W2_negative": r"negative work, $W_2 < 0$",
-    "nonaffine": "least affine tenth",
-    "contact_lost": "a contact lost",
-    "topology": "topology changed",
-}
-PREDICTORS = {
-    "packing": "packing: rates",
-    "packing_path": "packing: by events",
-    "replay": "packing: DEM replay",
-    "own_motion": "grains' own motion",
-    "persistence": "persistence",
-    "traction_free": "cut out, free spins",
-    "traction": "cut out, spins blocked",
-    "affine_free": "affine, free spins",
-    "affine": "affine, spins blocked",
-    "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
-    "traction_free_lambda_min": r"$\lambda_{\min}$ cut out, free",
-    "traction_lambda_min": r"$\lambda_{\min}$ cut out, blocked",
-    "affine_lambda_min": r"$\lambda_{\min}$ affine, blocked",
-    "order": "number of grains",
-    "sliding": "sliding contacts",
-    "smallest_N": "smallest force N",
-    "coordination": "coordination",
-    "mobilisation": "mean mobilisation",
-    "largest_mobilisation": "largest mobilisation",
-    "vibrality": "vibrality",
-    "spin_vibrality": "vibrality of spins",
-    "soft_modes": "softest modes",
-    "slip_criticality": "criticality, slip",
-    "opening_criticality": "criticality, opening",
-    "steric_order": "steric order",
-    "density": "local density",
-    "chain": "force chains",
-    "past_nonaffinity": r"$D^2_{\min}$ before",
-}
 # Predictors drawn from interval to interval; the figure of all predictors shows the others.
 FOLLOWED = {
     "packing": (BLUE, "o"),
@@ -84,12 +53,6 @@ FOLLOWED = {
     "traction_free": (ORANGE, "D"),
     "order": (PURPLE, "v"),
     "smallest_N": (SKY, "P"),
-}
-PREDICTION_TITLES = {
-    "affine_W2": "affine closure, spins blocked",
-    "affine_free_W2": "affine closure, spins free",
-    "traction_W2": "traction closure, spins blocked",
-    "traction_free_W2": "traction closure, spins free",
 }
 
 
@@ -107,8 +70,8 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
     """Distribution of the actual work by the sign of its prediction."""
     figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
     actual, bins = np.asarray(increments["w2"]), np.linspace(-1, 1, 41)
-    for ax, (name, title) in zip(axes.ravel(), PREDICTION_TITLES.items(), strict=True):
-        predicted = np.asarray(increments[name])
+    for ax, (name, column) in zip(axes.ravel(), CLOSURE_PREDICTORS.items(), strict=True):
+        predicted = np.asarray(increments[column])
         known = np.isfinite(predicted) & (actual != 0)
         parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
         labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
@@ -122,7 +85,7 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
         ):
             share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
             rates.append(rf"{share} of $w_2 {sign} 0$")
-        ax.set_title(f"{title}\nsign predicted: {', '.join(rates)}")
+        ax.set_title(f"{PREDICTORS[name]}\nsign predicted: {', '.join(rates)}")
     for ax in axes[1]:
         ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
     for ax in axes[:, 0]:
@@ -177,7 +140,7 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
         base = _column(table, "base", target, "order")
         base = base[np.isfinite(base)]
         shown = f"{base.mean():.3f} ({base.min():.3f} to {base.max():.3f})" if len(base) else "-"
-        ax.set_title(f"{TARGET_TITLES[target]}\nbase rate {shown}")
+        ax.set_title(f"{TARGETS[target]}\nbase rate {shown}")
     axes[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     axes[0].invert_yaxis()
     for ax in axes[2:]:
@@ -202,7 +165,7 @@ def skill_by_interval(table: pd.DataFrame) -> Figure:
         )
         ax.fill_between(after, base, color=LIGHT_GREY, step="mid", label="base rate", zorder=0)
         ax.axhline(0.5, color=GREY, linewidth=0.7, zorder=0)
-        ax.set(title=TARGET_TITLES[target], ylim=(0, 1.02))
+        ax.set(title=TARGETS[target], ylim=(0, 1.02))
     for ax in axes[2:]:
         ax.set_xlabel("interval, by the snapshot that ends it")
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))

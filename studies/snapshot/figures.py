@@ -26,6 +26,7 @@ from studies.output import Columns, Summary
 from studies.snapshot.in_packing import PLACE
 from studies.snapshot.summary import (
     FINE,
+    JUDGE_TITLES,
     Groups,
     axes_density,
     group_rows,
@@ -71,12 +72,6 @@ PIXELS = 1600
 ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
 EIGENVALUE_NAMES = ("smallest", "middle", "largest")
-JUDGE_TITLES = {
-    "affine": "affine, spins blocked",
-    "traction": "traction, spins blocked",
-    "traction_free": "traction, spins free",
-    PLACE: "in its packing",
-}
 # A histogram has as many bins as the square root of the number of loops, within these limits.
 BIN_COUNTS = 20, 60
 # Share of the loops at either end that the first and the last bin of a histogram collect.

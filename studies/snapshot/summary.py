@@ -37,7 +37,11 @@ Groups = dict[str, Integers | slice]
 
 # Judges of a loop, the one to believe first: the loop in its packing if that was asked for, both
 # closures with blocked spins, the traction closure with free spins.
-JUDGES = (PLACE, *CLOSURES, FREE)
+JUDGE_TITLES = {
+    PLACE: "in its packing",
+    **{closure: f"{closure}, spins blocked" for closure in CLOSURES},
+    FREE: "traction, spins free",
+}
 TENSOR = ("stress_11", "stress_12", "stress_21", "stress_22")
 PLACES = ("beside", "elsewhere")
 # Width of the bins of contact directions (degrees), which divides 180.
@@ -47,7 +51,7 @@ QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 def judges(table: Mapping[str, Any]) -> list[str]:
     """Judges that have columns in a table of loops."""
-    return [judge for judge in JUDGES if f"{judge}_lambda_min" in table]
+    return [judge for judge in JUDGE_TITLES if f"{judge}_lambda_min" in table]
 
 
 def main_judge(table: Mapping[str, Any]) -> str:

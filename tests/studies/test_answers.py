@@ -39,7 +39,7 @@ def test_every_share_states_the_loops_that_it_counts(judged):
     assert (judged_loops["count"], every["count"]) == ((~unknown).sum(), len(four))
     assert every["mean"] == pytest.approx(unknown.mean())
     assert orders.loc[4, "traction_free_undetermined_loops"] == pytest.approx(unknown.mean())
-    line = next(line for line in _snapshot_lines(whole) if "traction closure, spins free" in line)
+    line = next(line for line in _snapshot_lines(whole) if "traction, spins free" in line)
     assert f"4: 100 % ({(~unknown).sum()} of {len(four)})" in line
     assert re.search(r"3: 0 %  4", line), "no brackets where every loop is judged"
 

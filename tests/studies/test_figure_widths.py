@@ -9,7 +9,8 @@ from matplotlib.text import Text
 import grainloops as gl
 from studies.packing_figures import stress_and_volume
 from studies.series.figures import kinetics_figure
-from studies.series.skill_figures import TARGETS, skill_by_predictor
+from studies.series.skill import TARGETS
+from studies.series.skill_figures import skill_by_predictor
 
 
 @pytest.fixture(params=[None, "single", "double"], autouse=True)

@@ -19,7 +19,7 @@ from studies.series.figures import maps_of
 from studies.series.run import run_series
 from studies.series.skill import ENDS, pooled, survival, survival_rows, verdict_codes
 from studies.series.tasks import Series
-from studies.snapshot.summary import JUDGES
+from studies.snapshot.summary import JUDGE_TITLES
 from tests.studies.series.test_run import write_series
 
 
@@ -67,7 +67,7 @@ def test_verdicts_are_those_of_the_earlier_snapshot(ran):
     earlier = frame[frame.loop_before >= 0].merge(
         loops, left_on=["snapshot_before", "loop_before"], right_on=["snapshot", "loop"]
     )
-    for judge in JUDGES[1:]:
+    for judge in list(JUDGE_TITLES)[1:]:
         smallest, verdict = earlier[f"{judge}_lambda_min"], earlier[f"{judge}_verdict"]
         assert (verdict[smallest.isna()] == "undetermined").all()
         assert (verdict[smallest < -1e-9] == "unstable").all()

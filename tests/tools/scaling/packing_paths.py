@@ -50,8 +50,7 @@ from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.loading import stress_of
 from studies.series.packing import packing_predictions
 from studies.series.run import run_series
-from studies.series.skill import mean_skill, score_skill
-from studies.series.skill_figures import PREDICTORS
+from studies.series.skill import PREDICTORS, mean_skill, score_skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
 from tests.tools.scaling.in_place import replicated
 from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
