@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
-from loops.graph import GrainGraph, branches_between
+from loops.graph import ContactState, GrainGraph, branches_between, require_one_state
 from loops.laws.movable import require_movable
 from loops.laws.of_pairs import MovableLaw, PairLaw, WallSprings, law_of_pairs
 from loops.neighbours import new_pairs
@@ -126,6 +126,16 @@ class PackingState(Shown):
     def length(self) -> Floats:
         """(C,) lengths of the branches."""
         return np.linalg.norm(self.branches, axis=1)
+
+    @property
+    def between_grains(self) -> ContactState:
+        """Return the contacts between grains as their law sees them."""
+        rows = np.flatnonzero(~self.at_wall)
+        d, length = self.branches[rows], self.length[rows]
+        n = d / length[:, None]
+        t = np.column_stack([-n[:, 1], n[:, 0]])
+        forces = self.normal_force[rows], self.shear_force[rows]
+        return ContactState(length, n, t, *forces, *self.radii[self.contacts[rows]].T)
 
     @cached_property
     def forces(self) -> Floats:
@@ -325,6 +335,7 @@ def start_state(
 
     The box is that of four walls along the axes, or of walls that stand `still` in any direction.
     """
+    require_one_state(graph)
     x, radii, angle = graph.x, graph.radii, np.zeros(graph.grain_count)
     N, T, M = graph.normal_force, graph.shear_force, np.zeros(graph.contact_count)
     if graph.rolling_moment is not None:
@@ -376,8 +387,8 @@ def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
     Walls are those of `start_state`. `InputError` where the law is none of theirs, or the scene
     carries nothing, or has neither cell nor walls.
     """
-    law = require_movable(scene.graph, scene.law)
     start = start_state(scene.graph, scene.boundary, still=still)
+    law = require_movable(scene.law, start.between_grains)
     return contacts_of(start, law, scene.boundary)
 
 

@@ -23,9 +23,9 @@ from loops.graph import (
     contact_state,
     graph_of,
     require_one_state,
-    require_plane,
 )
 from loops.shown import Shown
+from loops.validation import require_plane
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
 

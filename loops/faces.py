@@ -26,10 +26,10 @@ from loops.graph import (
     HasGraph,
     graph_of,
     require_one_state,
-    require_plane,
 )
 from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
+from loops.validation import require_plane
 
 # Number of orders in the short display.
 MOST_ORDERS = 8

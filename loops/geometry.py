@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from loops.graph import GrainGraph, require_plane
+from loops.graph import GrainGraph
+from loops.validation import require_plane
 
 
 def polygon_area(x: Floats) -> Floats:

@@ -202,13 +202,6 @@ class GrainGraph(Shown):
         return replace(self, **changes)
 
 
-def require_plane(vectors: Floats, what: str) -> None:
-    """Raise `InputError` unless vectors (..., d) have two components."""
-    if vectors.shape[-1] != 2:
-        received = f"vectors with {vectors.shape[-1]} components"
-        raise InputError(what, received, "two: grains in the plane", "Give two coordinates.")
-
-
 def require_one_state(graph: GrainGraph) -> None:
     """Raise `InputError` if the graph carries batch axes."""
     if graph.batch_shape:

@@ -266,12 +266,13 @@ class Factor(Shown):
     """LU factors of `K` on weak springs, at one geometry and in reference regimes.
 
     `matrix` is `K` without the springs, against which solutions are refined. `place` numbers the
-    freedoms in the factorised matrix, by default as they are.
+    freedoms in the factorised matrix, by default as they are; loads on the `held` are reactions.
     """
 
     matrix: sparse.csc_array
     lu: SuperLU
     place: Integers | None = None
+    held: Integers | None = None
 
     def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
         """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
@@ -292,6 +293,8 @@ class Factor(Shown):
         """
         from loops.compiled.columns import solve_eight
 
+        if self.held is not None:
+            loads[self.into[self.held]] = 0.0
         solve_eight(*self._triangles, loads, first)
         return np.ascontiguousarray(loads[self.out_of].T)
 

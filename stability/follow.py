@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from loops import InputError
 from loops.closures import Closure
+from loops.closures.system import closure_of
 from loops.errors import whole_number
 from loops.scene import Scene, of_scene
 from stability.path import Path
 from stability.paths.loop_path import LoopPathOptions
-from stability.paths.of_graph import closure_of, follow_loop
+from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage
-
-Options = TypeVar("Options")
 
 
 @of_scene(closure="affine")
@@ -154,20 +153,16 @@ def follow(
     closure = closure_of(scene, closure, ("cell", "walls"))
     whole_number("max_steps", max_steps, 1)
     whole_number("rows", rows, 0)
+    taken: Any = LoopPathOptions
     if closure == "packing":
         from stability.packing.path import PackingPathOptions, follow_packing
 
-        asked = _options(PackingPathOptions, options, closure)
-        return follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
-    chosen = _options(LoopPathOptions, options, closure)
+        taken = PackingPathOptions
+    names = [field.name for field in fields(taken)]
+    for name in (one for one in options if one not in names):
+        received = f"{options[name]!r} with the {closure} closure"
+        raise InputError(name, received, f"one of {', '.join(names)}", "Leave it out.")
+    chosen = taken(**options)
+    if closure == "packing":
+        return follow_packing(scene, stages, chosen, rows=rows, max_steps=max_steps)
     return follow_loop(scene, stages, closure, chosen, rows=rows, max_steps=max_steps)
-
-
-def _options(kind: type[Options], given: dict[str, Any], closure: str) -> Options:
-    """Options of a closure, checked; those of other closures are refused."""
-    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
-    for name in given:
-        if name not in names:
-            received = f"{given[name]!r} with the {closure} closure"
-            raise InputError(name, received, f"one of {', '.join(names)}", "Leave it out.")
-    return kind(**given)

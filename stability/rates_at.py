@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 from loops import InputError, Support
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
+from loops.closures.system import closure_of
 from loops.errors import check_choice
 from loops.scene import Scene, Subject, of_scene
 from stability.complementarity import STARTS
 from stability.packing.controls import HeldAndDriven, component_control
 from stability.packing.response import PackingResponse, packing_rates
 from stability.packing.yielding import YIELD_BAND
-from stability.paths.of_graph import closure_of, rates_of_loop
+from stability.paths.of_graph import rates_of_loop
 from stability.paths.regimes import EdgeTrial, Held
 from stability.paths.supported import SupportedRates, supported_rates
 from stability.programmes import Programme, combination, programme_of

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from loops import Faces, InputError
 from loops.arrays import Floats
-from loops.laws.movable import require_movable
+from loops.contacts import contacts_at_start
+from loops.laws.of_pairs import MovableLaw
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
 from stability.packing import Motion, Sustained
@@ -214,7 +215,6 @@ def sustain(
 
 def _followable(scene: Scene, subspace: Subspace) -> None:
     """Refuse what can't be loaded before it is held."""
-    require_movable(scene.graph, scene.law)
     if scene.graph.cell is None:
         if scene.boundary.kind != "walls":
             expected, remedy = "either of them", "Give --cell, or the wall contacts."
@@ -222,6 +222,7 @@ def _followable(scene: Scene, subspace: Subspace) -> None:
         if subspace == "symmetric":
             remedy = "Walls can't shear the sample: leave --subspace out."
             raise InputError("subspace", "'symmetric'", "'diagonal' between walls", remedy)
+    contacts_at_start(scene, still=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +258,7 @@ def _followed(
 
 def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     """Digest of all that the directions depend on."""
-    graph, law = scene.graph, require_movable(scene.graph, scene.law)
+    graph, law = scene.graph, cast(MovableLaw, scene.law)
     numbers: list[Any] = [graph.x, graph.radii, graph.contacts, graph.normal_force]
     if graph.cell is not None:
         numbers += [graph.images, graph.cell]

@@ -39,6 +39,7 @@ from loops.errors import InputError, check_choice
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import ContactState, GrainGraph, graph_of
 from loops.laws.frictional import ContactLaw
+from loops.scene import Scene
 
 Closure = Literal["affine", "traction"]
 Spins = Literal["blocked", "affine", "free"]
@@ -81,6 +82,15 @@ def named_closure(closure: Closure | None) -> Closure:
         raise InputError("closure", "none", expected, remedy)
     check_choice("closure", closure, get_args(Closure))
     return closure
+
+
+def closure_of(
+    scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
+) -> Closure | Literal["packing"]:
+    """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
+    if closure == "packing" or (closure is None and scene.boundary.kind in packings):
+        return "packing"
+    return named_closure(closure)
 
 
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])

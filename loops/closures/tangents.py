@@ -40,9 +40,10 @@ from loops.geometry import (
     require_loop,
     volume_growth,
 )
-from loops.graph import GrainGraph, contact_state, require_plane
+from loops.graph import GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
+from loops.validation import require_plane
 
 # Limits within which a solve is trusted; see `MacroTangent`.
 RESIDUAL_LIMIT = 1e-8

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime, linear_springs
 from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, HertzMindlin
 from loops.laws.of_pairs import AT_TOUCH, FormulaPairs, MovableLaw, WallSprings
@@ -19,14 +19,12 @@ MOSTLY = 0.9
 LEFT = ("shear_kinematics", "rolling_stiffness", "regime")
 
 
-def require_movable(graph: GrainGraph, law: object) -> MovableLaw:
-    """The law of paths and equations of motion; refuse others, and graphs that carry nothing.
+def require_movable(law: object, state: ContactState) -> MovableLaw:
+    """The law of paths and equations of motion; refuse others, and packings without contacts.
 
     The normal force is one of the overlap; where the grains part it vanishes, or pulls.
     """
-    require_one_state(graph)
-    state = contact_state(graph)
-    if not graph.contact_count:
+    if not len(state.length):
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     sheared = law.law if isinstance(law, RollingResistance) else law
     if not isinstance(sheared, FrictionalLaw):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from loops.arrays import Flags, Floats
+from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts, contacts_at_start
 from loops.scene import Scene
 from stability.packing.controls import MixedControl
@@ -64,6 +64,8 @@ class PackingPathSolver:
         pathologies: bool = False,
     ) -> None:
         start = contacts_at_start(scene)
+        self.wandered, self.listed_gap = 0.0, MAY_CLOSE_GAP * 2.0 * start.mean_radius
+        self.state = start.with_forces_of_geometry().with_near(self.listed_gap)
         for stage in stages:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
         self.stages, self.looks_at_pathologies = stages, pathologies
@@ -80,8 +82,6 @@ class PackingPathSolver:
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
         # Memory and order of elimination of the increment before.
         self.packing: RegimeFactor | None = None
-        self.wandered, self.listed_gap = 0.0, MAY_CLOSE_GAP * 2.0 * start.mean_radius
-        self.state = start.with_forces_of_geometry().with_near(self.listed_gap)
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.first_stress = float(np.linalg.norm(start.stress))
@@ -114,8 +114,8 @@ class PackingPathSolver:
         slides = np.abs(T) >= AT_YIELD * most
         regime = np.where(slides, SLIDING, ELASTIC)
         closed = np.resize(self.state.closed, len(T))
-        self.regime = np.where(closed, regime, OPEN).astype(np.int8)
-        self.side = np.sign(T)
+        self.regime: Regimes = np.where(closed, regime, OPEN).astype(np.int8)
+        self.side: Floats = np.sign(T)
 
     def _start_stage(self, number: int) -> None:
         """Measure strains, stresses and the loading parameter of a stage from this state."""

@@ -124,7 +124,8 @@ class RegimeFactor:
         self.reference = (self.regime.copy(), self.side.copy())
         place = np.arange(size) if self.order is None else self.order.place
         matrix = self._matrix(place)
-        self.factor = Factor(matrix, lu_factors(matrix, ordered=self.order is not None), place)
+        lu = lu_factors(matrix, ordered=self.order is not None)
+        self.factor = Factor(matrix, lu, place, self.wall_freedoms)
         entries = self.factor.lu.L.nnz
         if self.order is None:
             self.order = Order(self.factor.out_of, entries)
@@ -195,12 +196,7 @@ class RegimeFactor:
         """Return motions (k, 3G) under up to eight loads (k, 3G)."""
         x = np.zeros((right.shape[1], BATCH))
         x[self.factor.into, : len(right)] = right.T
-        return self._columns(x, 0)[: len(right)]
-
-    def _columns(self, x: Floats, first: int) -> Floats:
-        """Return motions (8, 3G) under loads in the order of elimination; walls stand still."""
-        x[self.factor.into[self.wall_freedoms]] = 0.0
-        return self.factor.columns(x, first)
+        return self.factor.columns(x)[: len(right)]
 
     def column(self, row: int) -> int:
         """Return the number of the column of a row, which is solved for if it is new."""
@@ -241,7 +237,7 @@ class RegimeFactor:
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
         x = np.zeros((self.U.shape[1], BATCH))
         first = [unit_force(self.frame, r, self.factor.into, x[:, k]) for k, r in enumerate(new)]
-        self.ready.update(zip(new, self._columns(x, min(first)), strict=False))
+        self.ready.update(zip(new, self.factor.columns(x, min(first)), strict=False))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""

@@ -16,7 +16,7 @@ from loops.assembly import motions
 from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
-from loops.graph import ContactState, require_one_state
+from loops.graph import ContactState
 from loops.laws.movable import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
 
@@ -254,12 +254,11 @@ def path_model(
     volume: ArrayLike | None,
 ) -> PathModel:
     """Gather the constants of a path from its initial graph and the state of its contacts."""
-    require_one_state(graph)
     d, d0 = graph.branches, graph.reference_branches
     v0 = float(reference_volume(graph) if volume is None else np.asarray(volume))
     if not (np.isfinite(v0) and v0 > 0):
         raise InputError("volume", str(v0), "a positive area", "Give the reference area.")
-    length, stiffness = float(np.sqrt(v0)), law_scale(contacts, law)
+    length = float(np.sqrt(v0))
     b = m = np.zeros((0, 2))
     if closure == "affine":
         gradient = np.linalg.lstsq(d0, d - d0)[0]
@@ -281,17 +280,6 @@ def path_model(
         midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
         b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
         place = graph.x - graph.x0
-    expected = law.normal_force(contacts)
-    mismatch = np.abs(contacts.normal_force - expected) / (stiffness * contacts.touching_length)
-    if mismatch.max(initial=0.0) > START_MISMATCH:
-        require_linear_forces(law, contacts)
-        c = int(mismatch.argmax())
-        raise InputError(
-            f"normal force of contact {c}",
-            f"{contacts.normal_force[c]:.6g}",
-            f"{float(expected[c]):.6g}, as its overlap gives it",
-            "Write graph.replace(normal_force=law.normal_force(gl.contact_state(graph))).",
-        )
     model = PathModel(
         law=law,
         closure=closure,
@@ -307,9 +295,21 @@ def path_model(
         watches_pairs=graph.cell is None,
         met=np.array([], dtype=np.int64),
         length=length,
-        stiffness=stiffness,
+        stiffness=law_scale(contacts, law),
     )
-    return without_pairs(model, graph.contacts)
+    model = without_pairs(model, graph.contacts)
+    expected, largest = law.normal_force(contacts), model.stiffness * contacts.touching_length
+    mismatch = np.abs(contacts.normal_force - expected) / largest
+    if mismatch.max(initial=0.0) > START_MISMATCH:
+        require_linear_forces(law, contacts)
+        c = int(mismatch.argmax())
+        raise InputError(
+            f"normal force of contact {c}",
+            f"{contacts.normal_force[c]:.6g}",
+            f"{float(expected[c]):.6g}, as its overlap gives it",
+            "Write graph.replace(normal_force=law.normal_force(gl.contact_state(graph))).",
+        )
+    return model
 
 
 def with_contact(model: PathModel, pairs: Integers) -> PathModel:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 from loops import Scene, contact_state
 from loops.closures import Closure, Spins
-from loops.closures.system import named_closure
+from loops.graph import require_one_state
 from loops.laws.frictional import require_law
 from loops.laws.movable import require_unlimited_rolling
 from stability.path import Path, follow_stages
@@ -34,13 +33,15 @@ def follow_loop(
     graph, law = scene.graph, scene.law
     require_law(law)
     require_unlimited_rolling(law)
+    require_one_state(graph)
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, options.spins, scene.given_volume)
+    mode = start_mode(model, contacts)
     model, y, least = first_state(model, contacts)
     solver = LoopPathSolver(
         model=replace(model, search_all=options.model == "full"),
         y=y,
-        mode=start_mode(model, contacts),
+        mode=mode,
         options=options,
         atol=max(options.atol, least),
         rows=rows,
@@ -61,16 +62,8 @@ def rates_of_loop(
     """Find the rates of a loop under a programme, see `stability.rates_at`."""
     graph, law = scene.graph, scene.law
     require_law(law)
+    require_one_state(graph)
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, spins, scene.given_volume)
     mode, state = start_mode(model, contacts), unpack(model, initial_state(model, contacts))
     return edge_problem(model, state, mode, programme, preferred={}, direction=None, held=regime)
-
-
-def closure_of(
-    scene: Scene, closure: Closure | Literal["packing"] | None, packings: tuple[str, ...]
-) -> Closure | Literal["packing"]:
-    """Return the closure that was named; without one 'packing', of boundaries of these kinds."""
-    if closure == "packing" or (closure is None and scene.boundary.kind in packings):
-        return "packing"
-    return named_closure(closure)

@@ -164,7 +164,7 @@ def test_a_gap_that_is_no_length_is_refused():
 
     graph, _ = row()
     with pytest.raises(InputError, match="Odd with gap"):
-        require_movable(graph, Odd(KN, 0.5, 0.5, PULL))
+        require_movable(Odd(KN, 0.5, 0.5, PULL), contact_state(graph))
 
 
 @pytest.mark.slow

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, Scene, find_faces
-from loops.contacts import contacts_of, start_state
-from loops.laws.movable import require_movable
+from loops.contacts import contacts_at_start, start_state
 from stability import Programme, Stage, follow
 from stability.packing import rattlers, regime_factor, replay, strain_increment, sustain
 from stability.packing.amplitudes import stage_along
@@ -146,7 +145,7 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
 def test_without_grains_that_carry_nothing_a_slow_replay_comes_to_the_path():
     """Ten times as slow, a tenth of the distance; with such grains it does not fall below .03."""
     graph, law, _ = yade_rest("dense")
-    start = contacts_of(start_state(graph), require_movable(graph, law))
+    start = contacts_at_start(Scene(graph, law))
     keep = ~rattlers.carrying_nothing(start, rattlers.LOADED_SHARE)
     rows = keep[graph.contacts].all(axis=1)
     graph = GrainGraph(

@@ -202,7 +202,7 @@ REFUSED = {
 @pytest.mark.parametrize("message", REFUSED)
 def test_a_law_that_no_path_can_follow_is_refused_before_anything_is_computed(message):
     with pytest.raises(InputError, match=message):
-        require_movable(two(), REFUSED[message]())
+        require_movable(REFUSED[message](), contact_state(two()))
 
 
 def test_a_law_derived_from_a_known_one_is_taken_as_it_is_written():
