@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.errors import InputError
+from loops.geometry import require_plane
 from loops.graph import ContactState, GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw
-from loops.validation import checked_regimes, require_plane
+from loops.validation import checked_regimes
 
 if TYPE_CHECKING:
     from scipy import sparse

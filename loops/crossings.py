@@ -16,8 +16,8 @@ import numpy as np
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.compiled import use_compiled
+from loops.geometry import require_plane
 from loops.graph import GrainGraph, require_one_state
-from loops.validation import require_plane
 
 PAIRS_AT_ONCE = 2**15  # pieces of branches compared at a time
 CROWD = 16  # branches in a bin beyond which it is halved

@@ -17,6 +17,7 @@ from loops.arrays import Floats, Integers, in_threads
 from loops.compiled import given, use_passes
 from loops.errors import InputError
 from loops.faces import Faces
+from loops.geometry import require_plane
 from loops.graph import (
     GrainGraph,
     HasGraph,
@@ -25,7 +26,6 @@ from loops.graph import (
     require_one_state,
 )
 from loops.shown import Shown
-from loops.validation import require_plane
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
 

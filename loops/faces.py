@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
 from loops.errors import InputError
+from loops.geometry import require_plane
 from loops.graph import (
     GrainGraph,
     HasGraph,
@@ -29,7 +30,6 @@ from loops.graph import (
 )
 from loops.pruning import component_counts, component_labels, prune_dangling
 from loops.shown import Shown
-from loops.validation import require_plane
 
 # Number of orders in the short display.
 MOST_ORDERS = 8

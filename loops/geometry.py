@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import GrainGraph
-from loops.validation import require_plane
+
+
+def require_plane(vectors: Floats, what: str) -> None:
+    """Raise `InputError` unless vectors (..., d) have two components."""
+    if vectors.shape[-1] != 2:
+        received = f"vectors with {vectors.shape[-1]} components"
+        raise InputError(what, received, "two: grains in the plane", "Give two coordinates.")
 
 
 def polygon_area(x: Floats) -> Floats:

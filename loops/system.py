@@ -161,17 +161,19 @@ def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
     moves[fixed, :2] = False
     freedom, size = np.full(moves.shape, -1), int(np.count_nonzero(moves))
     freedom[moves] = np.arange(size)
-    blocks = contact_tangent(state, law, regimes)[kept]
-    branches, pairs, regimes = graph.branches[kept], graph.contacts[kept], regimes[kept]
+    branches, pairs = graph.branches[kept], graph.contacts[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
-    planes = boundary.walls
+    planes, at_planes = boundary.walls, np.zeros((0, 4, 4))
     if planes is not None:
         to_plates = planes.to_plates(graph.x)[carrying.grains[planes.grain]]
         planes = planes.take(carrying.grains[planes.grain])
+        at_planes = plane_stiffness(planes, graph.radii, law)
         own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
-        at_planes = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
-        blocks = np.concatenate([blocks, plane_stiffness(planes, graph.radii, law)])
-        branches, ends = np.concatenate([branches, to_plates]), np.concatenate([ends, at_planes])
+        plate_ends = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
+        branches, ends = np.concatenate([branches, to_plates]), np.concatenate([ends, plate_ends])
+    blocks = np.concatenate([contact_tangent(state, law, regimes)[kept], at_planes])
+    regimes = regimes[kept]
+    if planes is not None:
         regimes = np.concatenate([regimes, planes.regime])
     length = float(graph.radii[carrying.grains].mean())
     scale = np.array([1.0, 1.0, 1.0 / length, 1.0 / length])

@@ -60,13 +60,6 @@ def check_graph(graph: Any) -> None:
         raise InputError("shear_force", "numbers", expected, "Give normal forces alone.")
 
 
-def require_plane(vectors: Floats, what: str) -> None:
-    """Raise `InputError` unless vectors (..., d) have two components."""
-    if vectors.shape[-1] != 2:
-        received = f"vectors with {vectors.shape[-1]} components"
-        raise InputError(what, received, "two: grains in the plane", "Give two coordinates.")
-
-
 def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     """Regimes as int8, or `InputError` unless each is open (0), elastic (1) or sliding (2)."""
     array = np.asarray(regime)

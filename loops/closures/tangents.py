@@ -38,12 +38,12 @@ from loops.geometry import (
     polygon_area,
     reference_volume,
     require_loop,
+    require_plane,
     volume_growth,
 )
 from loops.graph import GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
-from loops.validation import require_plane
 
 # Limits within which a solve is trusted; see `MacroTangent`.
 RESIDUAL_LIMIT = 1e-8

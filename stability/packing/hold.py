@@ -304,10 +304,9 @@ def _told(
     )
 
 
-def unbalanced_force(graph: GrainGraph, boundary: Boundary | None = None) -> float:
+def unbalanced_force(graph: GrainGraph, boundary: Boundary) -> float:
     """Return the mean resultant on a grain over the mean contact force, forces as they stand."""
-    around = boundary_of(graph) if boundary is None else boundary
-    return start_state(graph, replace(around, volume=1.0), still=True).unbalanced
+    return start_state(graph, replace(boundary, volume=1.0), still=True).unbalanced
 
 
 def _stress(state: PackingState) -> Floats:

@@ -265,14 +265,10 @@ class PackingPathSolver:
 
     def _increment(self, stage: Stage) -> tuple[StrainIncrement, float]:
         """Return the increment that comes next, and the share of the resultants that it takes."""
-        packing = RegimeFactor(
-            self.state,
-            self.regime,
-            self.side,
-            np.zeros(3 * len(self.state.x)),
-            self.packing,
-            REACH * self.size * 2.0 * self.state.mean_radius,
-        )
+        reach = REACH * self.size * 2.0 * self.state.mean_radius
+        pairs = self.state.records(reach), self.regime, self.side
+        none = np.zeros(3 * len(self.state.x))
+        packing = RegimeFactor(self.state, *pairs, none, self.packing)
         speed = float(np.linalg.norm(packing.solve(*self._control(stage, 0.0)).h[:4]))
         if not (np.isfinite(speed) and speed > 0):
             raise RejectedError("no_solution", "the control moves nothing")
@@ -290,6 +286,7 @@ class PackingPathSolver:
         return StrainIncrement(
             packing,
             self.state,
+            reach,
             self._control(stage, 1.0 / duration),
             self.balance.ravel() * scale,
             relief,
@@ -382,7 +379,7 @@ class PackingPathSolver:
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
         control = self._control(stage, 1.0 / span)
-        passed = self.past(self.here(), met.event, control._replace(rate=control.rate * span))
+        passed = self.past(self.here, met.event, control._replace(rate=control.rate * span))
         event = replace(met.event, parameter=0.0, passed=passed.how, released=passed.released)
         self._add_events([event])
         if passed.how == "stopped":
@@ -392,6 +389,7 @@ class PackingPathSolver:
         self._go_on_from(passed, span)
         return None
 
+    @property
     def here(self) -> Standing:
         """Return what an instability meets, for a function that passes it."""
         return Standing(self.state, -self.balance, self.first_stress)

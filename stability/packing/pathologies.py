@@ -37,7 +37,8 @@ def pathologies(
 
     N = np.tile(state.normal_force, state.law.springs)
     T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
-    candidates: Integers = at_yield(state.records(), regime, held, N, T, AT_YIELD)
+    frame = state.records()
+    candidates: Integers = at_yield(frame, regime, held, N, T, AT_YIELD)
     side = side.copy()
     stuck = candidates[regime[candidates] == ELASTIC]
     sliding = candidates[regime[candidates] == SLIDING]
@@ -46,7 +47,7 @@ def pathologies(
     reference = regime.copy()
     reference[candidates] = ELASTIC
     none = np.zeros(3 * len(state.x))
-    packing = RegimeFactor(state, reference, side, none, before)
+    packing = RegimeFactor(state, frame, reference, side, none, before)
     m = len(candidates)
     if m > MOST_CANDIDATES:
         packing.set_regimes(sliding, SLIDING)

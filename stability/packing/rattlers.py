@@ -89,7 +89,7 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
         others = replace(state, closed=state.closed & ~was)
         idle = carrying_nothing(others, UNLOADED_SHARE)
     free: Flags = np.asarray(idle[state.contacts].any(axis=1))
-    energy = state.energy(free & state.closed)
+    freed = free & state.closed
     x, T = _out_of_overlap(state, idle, free)
     moved = replace(
         state,
@@ -108,7 +108,7 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     N = np.where(joined, N, moved.normal_force)
     T = np.where(joined, T, moved.shear_force)
     moved = replace(moved, normal_force=N, shear_force=T, closed=moved.closed | joined)
-    return Freed(moved, idle, energy - moved.energy(joined))
+    return Freed(moved, idle, state.energy(freed) - moved.energy(joined))
 
 
 def _held(state: Contacts, idle: Flags, least: float) -> Flags:

@@ -75,24 +75,24 @@ class Order(NamedTuple):
 class RegimeFactor:
     """A factor of `K` in reference regimes, and `K` in other ones through its columns.
 
-    `frame` are the pairs, then their springs against rolling if there are any; `regime` and `side`
-    of each its regime and the sign of its slip, `time_to_event` as far as known. `set_regime`
-    changes them. The order of elimination and the memory are those of the increment `before`.
+    `frame` are the records of the pairs, then of their springs against rolling if there are any;
+    `regime` and `side` of each its regime and the sign of its slip, `time_to_event` as far as
+    known. `set_regime` changes them. The order of elimination and the memory are those of the
+    increment `before`.
     """
 
     def __init__(
         self,
         state: Contacts,
+        frame: NDArray[Any],
         regime: Regimes,
         side: Floats,
         load: Floats,
         before: RegimeFactor | None = None,
-        reach: float = 0.0,
     ) -> None:
         self.order: Order | None = before.order if before else None
         self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
-        self.reach = reach
-        self.frame: NDArray[Any] = state.records(reach)
+        self.frame = frame
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius

@@ -91,6 +91,7 @@ class StrainIncrement:
         self,
         packing: RegimeFactor,
         state: Contacts,
+        reach: float,
         control: MixedControl,
         load: Floats,
         relief: Floats,
@@ -101,7 +102,7 @@ class StrainIncrement:
         past: Callable[[Any, Event, MixedControl], Any] | None,
         rattlers: Flags,
     ) -> None:
-        self.packing, self.state = packing, state
+        self.packing, self.state, self.reach = packing, state, reach
         self.control, self.duration = control, duration
         self.load, self.relief = load.copy(), relief.copy()
         self.goal, self.left, self.left_to_strain = goal, goal.left, largest_strain
@@ -295,7 +296,7 @@ class StrainIncrement:
         self.work[RELEASED] += float(np.sum(before - after))
         self.touching = np.where(self.absent, 0.0, law.touching)
         self.gap += whole.law.reach - law.reach
-        frame = self.state.records(self.packing.reach)
+        frame = self.state.records(self.reach)
         rows = np.flatnonzero(np.resize(opened, len(frame)))
         was = self.packing.frame[rows]
         self.packing.frame[rows] = frame[rows]

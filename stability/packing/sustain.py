@@ -335,7 +335,7 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
             event = solver.events[-1]
         rise = max(push * solver.parameter, LEAST_PUSH * solver.first_stress)
         load = min(solver.parameter + rise, stage.target)
-        passed = way(solver.here(), event, solver.control_to(stage, load))
+        passed = way(solver.here, event, solver.control_to(stage, load))
         motion = way.told(lost, load, scene.graph.contact_count, faces)
         motions.append(replace(motion, cause=stop[1], contact=(*event.contacts, -1)[0]))
         if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:

@@ -114,7 +114,8 @@ def named(value):
     """Fields of an answer by name, without what it keeps for itself."""
     # Without cohesion what is closed follows from the forces; the law is that of the case.
     left_out = LEFT_OUT | ({"closed", "law"} if isinstance(value, PackingState) else set())
-    names = [one.name for one in fields(value) if one.name not in left_out and one.name[0] != "_"]
+    given = [one.name for one in fields(value) if one.init]
+    names = [name for name in given if name not in left_out and name[0] != "_"]
     return {name: plain(getattr(value, name)) for name in names}
 
 

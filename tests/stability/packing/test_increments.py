@@ -224,7 +224,7 @@ def moved(share):
 
 def begun(solver, stage, share):
     moving = ConstantLoad(0.3)
-    moving.begin(solver.here(), solver.control_to(stage, share * stage.target))
+    moving.begin(solver.here, solver.control_to(stage, share * stage.target))
     return moving
 
 

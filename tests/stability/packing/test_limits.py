@@ -132,7 +132,7 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
         solver.start_stage(0, stage, 1)
         moving = ConstantLoad(0.3)
-        moving(solver.here(), Event("control_limit", 0.0), solver.control_to(stage, load))
+        moving(solver.here, Event("control_limit", 0.0), solver.control_to(stage, load))
         told, status = moving.told(0.0, load, graph.contact_count, None), moving.status
         strains.append(np.linalg.norm(told.strain))
         assert status == "at rest" or load > motion.lost

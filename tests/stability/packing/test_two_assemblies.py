@@ -41,7 +41,7 @@ def test_rates_and_paths_have_one_stiffness_matrix(name):
     springs = [pairs, np.where(pairs == Regime.OPEN, Regime.OPEN, Regime.ELASTIC).astype(np.int8)]
     regimes = np.concatenate(springs[: contacts.law.springs])
     sides = np.tile(np.sign(T), contacts.law.springs)
-    factor = RegimeFactor(contacts, regimes, sides, np.zeros(3 * len(graph.x)))
+    factor = RegimeFactor(contacts, contacts.records(), regimes, sides, np.zeros(3 * len(graph.x)))
     place = factor.factor.place
     of_path = factor.factor.matrix.toarray()[np.ix_(place, place)]
     unit = float(factor.frame["kn"].mean())
