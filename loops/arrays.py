@@ -32,6 +32,12 @@ def all_finite(a: Floats) -> Flags:
     return np.asarray(np.isfinite(np.einsum("...ij->...", a)))
 
 
+def true_runs(where: Flags) -> list[slice]:
+    """Slices of consecutive True values (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int64), [0]])))
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
 def order_statistics(values: ArrayLike, places: Iterable[int]) -> list[float]:
     """Return the numbers at some places of the sorted values, ascending but for repeated places.
 

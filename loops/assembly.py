@@ -305,7 +305,9 @@ def assemble_tangent(
     >>> assemble_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).tolist()[0]
     [1.0, 0.0, -1.0, 0.0]
     """
-    return assembled(*_contacts(graph, law, spins, regime))
+    state = contact_state(graph)
+    S = contact_tangent(state, law, contact_regime(state, law, regime))
+    return assembled(S, *grain_ends(graph.contacts, graph.grain_count, spins))
 
 
 def grain_ends(contacts: Integers, grains: int, spins: bool = True) -> tuple[Integers, int]:
@@ -401,11 +403,3 @@ def _maps(ends: bytes, size: int, signed: bool) -> tuple[LinearMap, LinearMap, L
     source = 4 * place[:, :, None] + column
     values = np.broadcast_to(np.multiply.outer(sign, sign), both.shape)[both]
     return spread, across, LinearMap(entry[both], source[both], values, size * size)
-
-
-def _contacts(
-    graph: GrainGraph, law: ContactLaw, spins: bool, regime: ArrayLike | None
-) -> tuple[Floats, Integers, int]:
-    state = contact_state(graph)
-    S = contact_tangent(state, law, contact_regime(state, law, regime))
-    return S, *grain_ends(graph.contacts, graph.grain_count, spins)

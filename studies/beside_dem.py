@@ -22,7 +22,7 @@ from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 DROP = 1e-4
 # Snapshots beyond the end of a path by less than this share of it are at its end: strains over the
 # first cell of a compression differ by that from those over the first cell of the forecast.
-END = 5e-3
+AT_THE_END = 5e-3
 
 
 def replay_rate(
@@ -90,7 +90,7 @@ def dem_comparison(
         strain, reached = sense * way.H[:, at], sense * dem[driven]
         for quantity, values in (("stress", way.P[:, at]), ("volume", way.H[:, [0, 3]].sum(1))):
             told = np.interp(reached, strain, values)
-            beyond = (reached > strain[-1] * (1 + END)) | (reached < 0)
+            beyond = (reached > strain[-1] * (1 + AT_THE_END)) | (reached < 0)
             table[f"{quantity}_{name}"] = np.where(beyond, np.nan, told)
     before = np.append(start.P[0, at], table["stress_dem"][:-1])
     table["drop"] = table["stress_dem"] - before < -DROP * np.abs(before)

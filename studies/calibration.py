@@ -31,7 +31,7 @@ def parts_of(place: Floats) -> Integers:
     return np.where(np.isnan(place), -1, part).astype(int)
 
 
-def cells_of(path: Integers, replayed: Integers) -> Integers:
+def parts_cells(path: Integers, replayed: Integers) -> Integers:
     """Return the cell of each pair of parts: both say so by a part, one of them does, or none.
 
     Where one way is unknown: the parts of the other. Cells count from 0 within these two kinds,
@@ -73,7 +73,7 @@ class Calibration(NamedTuple):
         nobody = np.full(len(own), -1)
         told = {"both": (path, again), "path": (path, nobody), "replay": (nobody, again)}[way]
         known = (path >= 0) & (again >= 0) if way == "both" else np.maximum(*told) >= 0
-        rows = own.assign(cell=cells_of(*told))[known]
+        rows = own.assign(cell=parts_cells(*told))[known]
         sums = rows.groupby(["level", "cell"])[["loops", "true"]].sum().reset_index()
         every = own.groupby("level")[["loops", "true"]].sum()
         base = sums["level"].map(every["true"] / every["loops"])
@@ -91,7 +91,7 @@ class Calibration(NamedTuple):
         if not low / BEYOND <= reach <= high * BEYOND:
             return np.full(len(path), np.nan), np.full(len(path), np.nan)
         parts = parts_of(path), parts_of(replayed)
-        cell, known = cells_of(*parts), [(part >= 0).any() for part in parts]
+        cell, known = parts_cells(*parts), [(part >= 0).any() for part in parts]
         way = "both" if all(known) else "path" if known[0] else "replay"
         shares, found, bases = self.shares(kind, way), [], []
         for _, own in shares.groupby("level"):

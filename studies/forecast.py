@@ -37,7 +37,7 @@ from studies.snapshot.in_packing import balance_notes
 DEFAULTS: dict[str, Any] = {"by": "both", "rows": 40, "instabilities": 1000}
 # Steps of a replay, by the number of grains across the sample, that are its start from rest: a wave
 # crosses it some six times in them. With 7 the start itself is told as a drop (docs/knobs.md).
-START = 20.0
+START_STEPS = 20.0
 
 
 # ---- what one way says of the loops
@@ -151,7 +151,7 @@ def next_of(name: str, way: FollowedPath, driven: str, sense: float) -> Next:
     at, begin = sense * way.parameter, 0
     if way.steps:
         across = np.sqrt(len(way.velocity))
-        begin = int(np.ceil(START * across / way.steps * (len(at) - 1)))
+        begin = int(np.ceil(START_STEPS * across / way.steps * (len(at) - 1)))
     lost = [sense * event.parameter for event in way.of_kind("instability")]
     drop = size = np.nan
     if driven[0] == "H":

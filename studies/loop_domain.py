@@ -38,16 +38,16 @@ from studies.style import BLACK, LINE_COLOURS, key_columns, new_panels, styled
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
-LOST = ("det_Ks_zero", "limit")
+STABILITY_LIMITS = ("det_Ks_zero", "limit")
 LONGEST = 60
 PRESENT = "from the present state"
-CONTACTS = {
+SLIDING_WORDS = {
     "sticking": "contacts never slide",
     "frictional": r"contacts slide at $|T| = \mu N$",
 }
 PLANES = (("domain", "stress"), ("domain-strain", "strain"))
 # Distance of neighbours on a curve, over its extent, beyond which it jumps.
-JUMP = 0.15
+CURVE_JUMP = 0.15
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
     opening = 2.0 * (rate * fan.model.d0).sum(axis=-1) / (rate**2).sum(axis=-1)
     end = np.minimum(opening.min(axis=1), fan.reach)
     strain = {kind: np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T),
-                             np.inf) for kind in (*LOST, "opening")}  # fmt: skip
+                             np.inf) for kind in (*STABILITY_LIMITS, "opening")}  # fmt: skip
     end = np.minimum(end, strain["opening"])
-    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in LOST)))
+    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in STABILITY_LIMITS)))
     left, whole = (np.trapezoid(0.5 * rho**2, fan.programme) for rho in (stable, end))
     return float(1.0 - left / whole)
 
@@ -164,7 +164,7 @@ def loop_domains(
                 loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
                 alone[PRESENT] = present
             elif len(parameters.loops) == 1:
-                alone[CONTACTS[named["contacts"]]] = virgin_domain(fan, limits)
+                alone[SLIDING_WORDS[named["contacts"]]] = virgin_domain(fan, limits)
     filled = [part for part in parts if len(part)] or parts[:1]
     return pd.concat(filled, ignore_index=True), loops, alone
 
@@ -216,7 +216,7 @@ def run_loop_domains(
 
 def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
     """The first state of each programme at which the loop is lost or parts, by programme."""
-    rows = rows[rows.kind.isin((*LOST, "opening"))]
+    rows = rows[rows.kind.isin((*STABILITY_LIMITS, "opening"))]
     first = np.hypot(rows.E1, rows.E2).groupby(rows.programme_deg).idxmin()
     return rows.loc[first].sort_values("programme_deg")
 
@@ -269,11 +269,11 @@ def domains_figure(
                 bound = domain_boundary(own)
                 values = bound[list(plane)].to_numpy()
                 values = contact_forces_of(values, order) if regular else values
-                lost = bound.kind.isin(LOST).to_numpy()
+                lost = bound.kind.isin(STABILITY_LIMITS).to_numpy()
                 ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
                 ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
             ax.plot(0.0, 0.0, "P", color=BLACK, markersize=4)
-            ax.set_title(f"{closure} closure, {CONTACTS.get(contacts, contacts)}")
+            ax.set_title(f"{closure} closure, {SLIDING_WORDS.get(contacts, contacts)}")
             ax.set(xlabel=names[0], ylabel=names[1])
             ax.set_aspect("equal", adjustable="datalim")
     handles = [
@@ -294,7 +294,7 @@ def _pieces(points: Floats, kept: Any) -> tuple[Floats, Floats]:
     if not len(points):
         return np.zeros(0), np.zeros(0)
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    jumps = np.flatnonzero(apart > JUMP * np.ptp(points, axis=0).max(initial=0.0)) + 1
+    jumps = np.flatnonzero(apart > CURVE_JUMP * np.ptp(points, axis=0).max(initial=0.0)) + 1
     x, y = np.insert(shown, jumps, np.nan, axis=0).T
     return x, y
 
@@ -313,7 +313,7 @@ def share_figure(loops: pd.DataFrame) -> Figure:
             style = "o-" if closure == "affine" else "s--"
             label = rf"{closure}, $\kappa$ = {kappa:g}"
             ax.plot(rows.order, rows.unstable_share, style, color=colour, markersize=3, label=label)
-        title = CONTACTS[contacts]
+        title = SLIDING_WORDS[contacts]
         ax.set(title=title, xlabel="order $n$ (–)", ylabel="unstable share of the strains (–)")
         ax.set_ylim(0, 1)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -42,9 +42,9 @@ from studies.style import (
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
 # Volumes that change by less than this share of what is driven are rounding.
-STILL = 1e-6
+ROUNDED_VOLUME = 1e-6
 # Loads below this share of the largest load are drawn at the centre.
-LOW = 1e-5
+LOWEST_LOAD = 1e-5
 LOAD_LOOKS = {
     "held": ("o", BLUE, "held"),
     "large motion, at rest again": ("s", ORANGE, "large motion, at rest again"),
@@ -221,7 +221,7 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
     reach = float(np.abs(path["driven"]).max())
-    if np.ptp(path["H11"] + path["H22"]) < STILL * reach:
+    if np.ptp(path["H11"] + path["H22"]) < ROUNDED_VOLUME * reach:
         volume.set_ylim(-reach, reach)
     for ax in (stress, volume):
         ax.legend()
@@ -363,7 +363,7 @@ def limit_surface(found: Sustained, rates: Probe) -> Figure:
                 linestyle="none", label=label,
             )  # fmt: skip
     ax.set_ylim(0.0, 1.1)
-    decades = np.arange(np.ceil(np.log10(LOW * largest)), np.log10(largest) + 1e-9)
+    decades = np.arange(np.ceil(np.log10(LOWEST_LOAD * largest)), np.log10(largest) + 1e-9)
     loads = 10.0**decades
     ax.set_rticks(_radius(loads / largest), [f"{load:g}" for load in loads])
     ax.set_rlabel_position(22.5)
@@ -376,7 +376,7 @@ def limit_surface(found: Sustained, rates: Probe) -> Figure:
 
 def _radius(share: Any) -> Any:
     """Logarithmic radius of a load over the largest one."""
-    return 1.0 - np.log10(np.clip(share, LOW, 1.0)) / np.log10(LOW)
+    return 1.0 - np.log10(np.clip(share, LOWEST_LOAD, 1.0)) / np.log10(LOWEST_LOAD)
 
 
 def _closed(theta: Any, radius: Any) -> tuple[Any, Any]:

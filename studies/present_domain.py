@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, true_runs
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
@@ -53,7 +53,7 @@ ENDS: dict[str, tuple[str, str, str]] = {
 TOGETHER, ONE_BY_ONE = 361, 61
 RAYS = 24  # programmes that are drawn as lines
 FINE = 1440  # directions of strain in which the work of an unstable state is looked at
-STRAINS = np.eye(2)
+IDENTITY = np.eye(2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -333,7 +333,7 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
     """
     origin = np.zeros(2) if plane == "strain" else found.start
     if found.status == "unstable":
-        _draw_present(found, ax, origin, STRAINS if plane == "strain" else found.tangent)
+        _draw_present(found, ax, origin, IDENTITY if plane == "strain" else found.tangent)
     else:
         _draw_ends(found, ax, origin, ["E1", "E2"] if plane == "strain" else ["s1", "s2"])
     label = f"present state, {found.status}" if found.all_around else "no load"
@@ -360,10 +360,11 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
     known &= np.roll(known, -1)
     known[-1] &= found.all_around
     for name, (colour, style, words) in ENDS.items():
-        runs = _runs(known & (kind == name))
+        runs = true_runs(known & (kind == name))
         if runs:
             # Joined, so that dashes go on from one programme to the next.
-            lines = [points[np.append(run, run[-1] + 1) % len(points)] for run in runs]
+            closed = np.vstack([points, points[:1]])
+            lines = [closed[run.start : run.stop + 1] for run in runs]
             ax.add_collection(LineCollection(lines, colors=colour, linestyles=style,
                                              linewidths=1.3))  # fmt: skip
             share = 100.0 * np.mean(kind == name)
@@ -373,12 +374,6 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
     inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.ptp(points[known])]
     if len(inside):
         ax.plot(*inside.T, ".", color=GREEN, markersize=2.5, label="a contact yields")
-
-
-def _runs(where: Flags) -> list[Integers]:
-    """Indices of each run of true values."""
-    at = np.flatnonzero(where)
-    return np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if len(at) else []
 
 
 def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Floats) -> None:
@@ -397,5 +392,7 @@ def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Float
     share = 100.0 * np.mean(work < 0.0)
     label = f"negative second-order work ({share:.1f} % of the strains)"
     ax.plot([], [], color=VERMILION, linewidth=4.0, label=label)
-    around = f"{'strain' if map_strain is STRAINS else 'response to a strain'} of {found.reach:.2g}"
+    around = (
+        f"{'strain' if map_strain is IDENTITY else 'response to a strain'} of {found.reach:.2g}"
+    )
     ax.plot(*points.T, "-", color=GREY, linewidth=1.0, label=around)

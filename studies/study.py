@@ -174,7 +174,7 @@ OFFERED_FIRST = (
 # Text of more letters may be broken into lines.
 LONG = 32
 # Keys of a summary with a section of their own.
-APART = ("definitions", "notes", "provenance")
+OWN_SECTIONS = ("definitions", "notes", "provenance")
 
 
 def write_report(
@@ -280,7 +280,7 @@ def figure_html(title: str, caption: str, path: Path) -> str:
 def summary_tables(summary: Mapping[str, Any]) -> str:
     """Every key of a summary: plain values in one table, each nested value in its own."""
     told = summary.get("definitions", {})
-    shown = {key: summary[key] for key in sorted(summary) if key not in APART}
+    shown = {key: summary[key] for key in sorted(summary) if key not in OWN_SECTIONS}
     plain = {key: value for key, value in shown.items() if not isinstance(value, Mapping)}
     parts = [plain_table(plain, told)]
     for key, value in shown.items():

@@ -303,8 +303,12 @@ class _Parts:
             ]
             told: list[dict[str, Any]] = json.loads(str(kept["events"]))
             values = {name: _plain(kept[name]) for name in KEPT}
-        events = tuple(Event(**{key: _listed(v) for key, v in one.items()}) for one in told)
-        return LoadedPath(motions=tuple(motions), events=events, **values)
+        # JSON has no tuples.
+        values["events"] = tuple(
+            Event(**{key: tuple(v) if isinstance(v, list) else v for key, v in one.items()})
+            for one in told
+        )
+        return LoadedPath(motions=tuple(motions), **values)
 
     def write(self, number: int, path: LoadedPath) -> None:
         """Keep a finished direction; the file appears when it is whole."""
@@ -322,11 +326,6 @@ class _Parts:
     def remove(self) -> None:
         """Remove the folder: the results are written."""
         shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def _listed(value: Any) -> Any:
-    """Return a list as the tuple that it was."""
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _plain(value: Any) -> Any:

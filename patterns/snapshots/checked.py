@@ -24,7 +24,7 @@ ROUNDINGS = 5.0
 # The same of all overlaps together.
 OVERLAP_ROUNDINGS = 2.0
 # Least spread of the logarithm of overlaps that tells an exponent.
-SPREAD = 0.1
+LEAST_SPREAD = 0.1
 # How far the exponent of kn over R times the overlap may be from a half: two materials of 1:4 leave
 # 0.07 among 44 contacts. Springs have an exponent of 0, Yade's that go with the radii 0.05 at most.
 ROOT_BAND = 0.2
@@ -263,7 +263,7 @@ def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:
     size = np.log(one * two / (one + two) * overlap)
     size -= size.mean() if len(size) else 0.0
     spread = float(size @ size)
-    if len(size) < FEWEST or spread < SPREAD**2 * len(size):
+    if len(size) < FEWEST or spread < LEAST_SPREAD**2 * len(size):
         return False
     return bool(abs(size @ np.log(stiffness) / spread - 0.5) < ROOT_BAND)
 

@@ -27,11 +27,11 @@ from patterns.snapshots.stiffness_checks import (
 # give 0.5.
 DIAMETERS = (0.25, 0.6)
 # Soft grains have 0.9.
-SOFT = 0.85
+SOFT_GRAINS = 0.85
 # From here on grains that carry load are apart.
-APART = 1.02
+LOADED_APART = 1.02
 # From here on the tables are of different snapshots, or units.
-FAR = 1.5
+OTHER_UNITS = 1.5
 
 
 def distances(state: Checked) -> Finding:
@@ -42,11 +42,11 @@ def distances(state: Checked) -> Finding:
     remedy = "Give radii and positions in one unit of length."
     if DIAMETERS[0] < reach < DIAMETERS[1]:
         return found.error(": the radii look like diameters", "Halve the radii.")
-    if reach <= DIAMETERS[0] or reach > FAR:
+    if reach <= DIAMETERS[0] or reach > OTHER_UNITS:
         unit = power_of_ten(reach)
         cause = f"another unit, {unit} times as long" if unit else "another column or unit"
         return found.error(f": the radii look like {cause}", remedy)
-    if reach < SOFT or reach > APART:
+    if reach < SOFT_GRAINS or reach > LOADED_APART:
         return found.doubt(", which is far from touching", remedy)
     return found
 
@@ -185,7 +185,7 @@ def balance(state: Checked) -> Finding | None:
 # Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
 CONTACT_TURNED = 0.3
 # That change over the median residual of a grain, below which a contact is not judged.
-TOLD = 20.0
+JUDGED = 20.0
 # The same in mean normal forces, where grains are balanced to rounding.
 WEAKEST = 1e-3
 
@@ -200,7 +200,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
         return None
     rest = np.add(*state.residuals)
     size = np.hypot(*rest.T)
-    least = max(TOLD * median(size[state.inner]), WEAKEST * float(np.abs(state.normal).mean()))
+    least = max(JUDGED * median(size[state.inner]), WEAKEST * float(np.abs(state.normal).mean()))
     rows = np.flatnonzero(_turned(state, rest, least))
     count = len(rows)
     found = Finding(
@@ -248,7 +248,7 @@ def _turned(state: Checked, rest: Floats, least: float) -> Flags:
 # Angles of friction in degrees; tangents are smaller.
 DEGREES = (5.0, 90.0)
 # |T| over Coulomb's limit of a contact that is beyond it.
-BEYOND = 1.01
+BEYOND_COULOMB = 1.01
 # Share of such contacts: clean none; a flow 0.9 %.
 BEYOND_SHARE = 0.02
 
@@ -264,7 +264,7 @@ def friction(state: Checked) -> Finding | None:
     if len(rows) == 0 or not np.isfinite(state.mu).any():
         return None
     if state.cohesive:
-        beyond = float(np.mean(np.abs(state.shear) > BEYOND * np.abs(state.strength)))
+        beyond = float(np.mean(np.abs(state.shear) > BEYOND_COULOMB * np.abs(state.strength)))
         says = f"{100 * beyond:.3g} % of the contacts have |T| > cohesion + mu N"
         return Finding("friction", beyond, says).doubt(
             ": friction or cohesion too small, or forces of another law",
@@ -272,7 +272,7 @@ def friction(state: Checked) -> Finding | None:
             beyond > BEYOND_SHARE,
         )
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], state.mu[rows]
-    beyond = float(np.mean(ratio > BEYOND * mu))
+    beyond = float(np.mean(ratio > BEYOND_COULOMB * mu))
     worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
     return Finding("friction", beyond, says).doubt(
@@ -395,7 +395,7 @@ def jammed(state: Checked) -> Finding | None:
 
 
 # Share of a typical overlap that the digits may leave open without a word.
-COARSE = 0.01
+OPEN_DIGITS = 0.01
 
 
 def unseen(state: Checked) -> Finding:
@@ -407,7 +407,7 @@ def unseen(state: Checked) -> Finding:
     if fit is None:
         what = "stiffness, radii and missing contacts"
         lines.append(f"no overlap is larger than the digits: {what} are not told")
-    elif state.rounded > COARSE * fit.typical:
+    elif state.rounded > OPEN_DIGITS * fit.typical:
         share = 100 * state.rounded / fit.typical
         lines.append(
             f"the digits of centres and radii leave {share:.2g} % of a typical overlap open: "

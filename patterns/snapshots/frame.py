@@ -447,13 +447,13 @@ POSITIONS = ("frame", "id", "x", "y", "r", "edge")
 ADJACENCY = ("frame", "id1", "id2", "tangential", "normal")
 LIST = "Adjacency_list.txt"
 DECIMAL = rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
-ROW = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[DECIMAL] * 4]) + rb"\s*\r?\n")
+LISTED = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[DECIMAL] * 4]) + rb"\s*\r?\n")
 OUTSIDE = -1  # id of a wall in the list
 
 
 def is_pegs(path: Path, head: bytes) -> bool:
     """Whether the first line is one of tracked positions: six numbers between commas."""
-    return ROW.match(head) is not None
+    return LISTED.match(head) is not None
 
 
 def pegs_frames(source: Source) -> Frames:

@@ -29,7 +29,7 @@ GEOMETRY_TOLERANCE = 1e-3
 SOLID_LIMIT = 1.5
 # No contact law acts between grains further apart than this many times the sum of their radii.
 TOUCHING_REACH = 2.0
-FAR = 32.0  # mean spacings between successive grains, grains between successive contacts
+FAR_IN_LISTS = 32.0  # mean spacings between successive grains, grains between successive contacts
 BRANCH_BLOCK = 1 << 15  # contacts processed together, so that their arrays stay in the cache
 
 
@@ -78,7 +78,7 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.ptp(x[:, 0]) * np.ptp(x[:, 1]) / len(x))
-        if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR * spacing:
+        if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR_IN_LISTS * spacing:
             from loops.compiled import given
             from loops.compiled.network import spatial_order
 
@@ -107,7 +107,7 @@ def rows_between_grains(table: Table, pairs: Integers, *, along_space: bool) -> 
     Contacts of a grain keep their order; `InputError` if there are none.
     """
     rows = np.arange(len(pairs))
-    if along_space and not median(np.abs(np.diff(pairs[:, 0]))) < FAR:
+    if along_space and not median(np.abs(np.diff(pairs[:, 0]))) < FAR_IN_LISTS:
         rows = np.sort((pairs[:, 0] << 32) | rows) & 0xFFFFFFFF
     if pairs.min() < 0:
         rows = rows[(pairs[rows] >= 0).all(axis=1)]

@@ -14,7 +14,7 @@ from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
 
 # Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
 # below carries a ten-thousandth of a typical force.
-LOST = 1e-4
+LOST_OVERLAP = 1e-4
 # Such an overlap over the error that the digits of centres and radii leave: clean none above 1.
 LOST_ROUNDINGS = 2.0
 # Share of the loaded contacts that may be apart; gaps of more are taken for the error of centres.
@@ -31,7 +31,7 @@ def lost_contacts(state: Checked) -> Finding | None:
     apart = np.count_nonzero(loaded < 0) > FEW_APART * len(loaded)
     gap = quantiles(-loaded, [1 - FEW_APART])[0] if apart else 0.0
     noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
-    least = max(LOST * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
+    least = max(LOST_OVERLAP * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
     pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
     if len(pairs) == np.count_nonzero(state.overlap > least):
         return Finding("lost", 0.0, "no pair of grains overlaps without a contact")

@@ -32,13 +32,13 @@ from patterns.snapshots.files import (
 )
 
 FLOAT = pyarrow.float64()
-SHOWN = 12  # number of names in a message
+NAMES_SHOWN = 12  # number of names in a message
 
 
 def listed(names: Sequence[str]) -> str:
     """Names for a message; of many the first ones."""
-    shown = ", ".join(name if len(name) < 60 else f"{name[:57]}..." for name in names[:SHOWN])
-    return shown if len(names) <= SHOWN else f"{shown}, ... ({len(names)} in all)"
+    shown = ", ".join(name if len(name) < 60 else f"{name[:57]}..." for name in names[:NAMES_SHOWN])
+    return shown if len(names) <= NAMES_SHOWN else f"{shown}, ... ({len(names)} in all)"
 
 
 def read_body(
@@ -198,7 +198,7 @@ SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 # Squares of larger numbers overflow.
 HUGE = 1e150
 # A float64 rounds larger whole numbers.
-WHOLE = 2.0**53
+LARGEST_WHOLE = 2.0**53
 
 
 class Table:
@@ -309,7 +309,7 @@ class Table:
             if (whole == stored).all() and (stored.dtype.kind == "i" or whole.min() >= 0):
                 return whole
         values = self.column(name)
-        fractions, large = np.rint(values) != values, np.abs(values) > WHOLE
+        fractions, large = np.rint(values) != values, np.abs(values) > LARGEST_WHOLE
         if not (fractions.any() or large.any()):
             return values.astype(np.int64)
         if self._exact is not None and not fractions.any():

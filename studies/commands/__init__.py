@@ -30,7 +30,7 @@ FORMAT_NAMES = (
 # File endings that are removed where a result folder is named after its input.
 NAME_ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
 # Seconds before the clock is first shown.
-PATIENCE = 2.0
+CLOCK_PATIENCE = 2.0
 # Seconds between two changes of it.
 TICK = 0.5
 CLEAR = "\r\x1b[K"
@@ -317,7 +317,7 @@ def clock(name: str) -> Iterator[Callable[[str], None]]:
     done, text = threading.Event(), [""]
 
     def show() -> None:
-        start, wait = time.monotonic(), PATIENCE
+        start, wait = time.monotonic(), CLOCK_PATIENCE
         while not done.wait(wait):
             wait = TICK
             line = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text[0]}"

@@ -39,7 +39,7 @@ STATUS_WORDS = {
     "not converged": "not converged",
     "nearest": "nearest regimes (contacts that soften are kept from sliding)",
 }
-WAYS = {"events": "followed from event to event", "increment": "each in one solve"}
+BY_WORDS = {"events": "followed from event to event", "increment": "each in one solve"}
 
 # Folds that one line names at most.
 SHOWN_FOLDS = 8
@@ -51,7 +51,7 @@ def _probe_lines(summary: Summary) -> list[str]:
     )
     driven = "H'" if summary["control"] == "strain" else "P'"
     how = (
-        f"{WAYS[summary['by']]} up to {summary['amplitude']:g}; numbers are increments over "
+        f"{BY_WORDS[summary['by']]} up to {summary['amplitude']:g}; numbers are increments over "
         f"it; boundary: {summary['boundary']}"
         if summary["amplitude"] is not None
         else f"{summary['candidates']} contacts are allowed to slide (yield band "

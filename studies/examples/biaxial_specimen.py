@@ -30,8 +30,8 @@ from studies.examples import run_example, save
 from studies.style import BLUE, GREY, SEQUENTIAL, new_panels, styled
 
 # Elements of the mesh.
-COLUMNS = 5
-ROWS = 8
+MESH_COLUMNS = 5
+MESH_ROWS = 8
 # Size of the specimen.
 WIDTH = 1.0
 HEIGHT = 1.6
@@ -41,16 +41,16 @@ CONFINING = 1e-2
 WEAK = 0.3, 0.9
 WEAK_SIZE = 0.2
 # Axial strain at the end, and steps up to it.
-END = 0.068
-STEPS = 68
+END_STRAIN = 0.068
+STRAIN_STEPS = 68
 # Share of a step to which it is halved where there is no equilibrium.
 SHORTEST = 1.0 / 16.0
 # Residual over the first one of a step at which it is solved.
-SOLVED = 1e-9
+NEWTON_SOLVED = 1e-9
 # Newton steps of a step, at most.
 MOST_NEWTON = 12
 # Residual that is rounding, over kn.
-ROUNDING = 1e-13
+NEWTON_ROUNDING = 1e-13
 
 
 def law(phi: float) -> LinearFrictional:
@@ -67,7 +67,9 @@ def weak_elements(mesh: skfem.MeshQuad) -> NDArray[np.intp]:
 class Specimen:
     """The mesh, its two materials and the state of their points."""
 
-    def __init__(self, columns: int = COLUMNS, rows: int = ROWS, orientations: int = 36) -> None:
+    def __init__(
+        self, columns: int = MESH_COLUMNS, rows: int = MESH_ROWS, orientations: int = 36
+    ) -> None:
         mesh = skfem.MeshQuad.init_tensor(
             np.linspace(0.0, WIDTH, columns + 1), np.linspace(0.0, HEIGHT, rows + 1)
         )
@@ -127,7 +129,7 @@ class Specimen:
             out = self.load - inner
             if residuals:
                 residuals.append(float(np.linalg.norm(out[free])))
-                if residuals[-1] <= max(SOLVED * residuals[0], ROUNDING):
+                if residuals[-1] <= max(NEWTON_SOLVED * residuals[0], NEWTON_ROUNDING):
                     self.u, self.states = u, states
                     return residuals
             step = change if not residuals else np.zeros_like(u)
@@ -151,7 +153,7 @@ class Specimen:
 
 
 def compute(
-    end: float = END, steps: int = STEPS, until: float = 0.0, **mesh: Any
+    end: float = END_STRAIN, steps: int = STRAIN_STEPS, until: float = 0.0, **mesh: Any
 ) -> dict[str, Any]:
     """Compress a specimen; return its curve, the residuals of its steps and its last state.
 
@@ -207,7 +209,7 @@ def draw(found: dict[str, Any]) -> Figure:
     for k in (1, len(found["residuals"]) // 2, len(found["residuals"]) - 1):
         residuals = np.array(found["residuals"][k])
         two.semilogy(residuals / residuals[0], "o-", label=f"step {k}", markersize=3)
-    two.axhline(SOLVED, color=GREY, linewidth=0.6)
+    two.axhline(NEWTON_SOLVED, color=GREY, linewidth=0.6)
     two.set_xlabel("step of Newton's method")
     two.set_ylabel("residual over the first (–)")
     two.legend()

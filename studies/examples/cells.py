@@ -26,11 +26,11 @@ from studies.reading import cell_reader
 from studies.snapshot.quadrons import BINS, DRAWN_ORDERS, densities, quadron_columns
 from studies.style import BLACK, BLUE, GREY, ORDER_COLOURS, VERMILION, new_panels, styled
 
-# Intervals that begin at an axial strain below START, and those beyond.
+# Intervals that begin at an axial strain below START_STRAIN, and those beyond.
 STRETCHES = "start", "beyond"
-START = 1.95e-3
+START_STRAIN = 1.95e-3
 LOOKS = dict(zip(STRETCHES, ((BLUE, "o"), (VERMILION, "s")), strict=True))
-SAMPLES = "yade-small", "yade-medium", "yade-periodic", "yade-slow"
+YADE_SAMPLES = "yade-small", "yade-medium", "yade-periodic", "yade-slow"
 LAST_ORDER = 10
 FEWEST_EVENTS = 10
 ORDERS = np.arange(3, LAST_ORDER + 1)
@@ -47,7 +47,7 @@ def read(path: Path) -> Snapshot:
     return planar(read_snapshot(path, cell=cell))
 
 
-class Series(NamedTuple):
+class SampleIntervals(NamedTuple):
     """Intervals of a sample by stretch, their shear strains; neighbours by order, all snapshots."""
 
     events: dict[str, list[OrderEvents]]
@@ -55,7 +55,7 @@ class Series(NamedTuple):
     neighbours: Floats
 
 
-def series(folder: Path) -> Series:
+def intervals_of(folder: Path) -> SampleIntervals:
     """Return the events of a sample between successive snapshots."""
     macro = pd.read_csv(folder / "macro.csv").set_index("snap")
     sheared = 0.5 * (macro.eps_y_eng - macro.eps_x_eng + macro.get("gamma", 0.0))
@@ -70,11 +70,11 @@ def series(folder: Path) -> Series:
         if before is not None:
             match = match_contacts(before[1].graph, before[1].ids, state.graph, state.ids)
             one = order_events(loop_fates(match, before[2], faces))
-            name = STRETCHES[int(macro.eps_y_eng[before[0]] > START)]
+            name = STRETCHES[int(macro.eps_y_eng[before[0]] > START_STRAIN)]
             events[name].append(one)
             strains[name].append(abs(sheared[number] - sheared[before[0]]))
         before = number, state, faces
-    return Series(events, strains, neighbours)
+    return SampleIntervals(events, strains, neighbours)
 
 
 def short(packings: list[Given]) -> list[Given]:
@@ -126,7 +126,7 @@ def transitions(packings: list[Given]) -> tuple[pd.DataFrame, OrderKinetics]:
     return table, whole
 
 
-def likeness(packings: list[Series]) -> tuple[Floats, Floats]:
+def likeness(packings: list[SampleIntervals]) -> tuple[Floats, Floats]:
     """Return `P(n | m)/P(n)` (orders, orders) of neighbours, mean of packings, and its error."""
     ratios = []
     for one in packings:
@@ -228,14 +228,14 @@ def draw_quadrons(parts: dict[int, Floats], by_order: pd.DataFrame) -> Figure:
 
 def main(out: Path, collection: Path) -> dict[str, Any]:
     """Measure kinetics and quadrons; write tables, numbers and both figures."""
-    found = {name: series(collection / name) for name in SAMPLES}
+    found = {name: intervals_of(collection / name) for name in YADE_SAMPLES}
     given = {name: [(one.events[name], one.strains[name]) for one in found.values()]
              for name in STRETCHES}  # fmt: skip
     given[STRETCHES[0]] = short(given[STRETCHES[0]])
     pairs, wholes = {}, {}
     for name, packings in given.items():
         pairs[name], wholes[name] = transitions(packings)
-    tables = {name: quadrons_of(collection / name) for name in SAMPLES}
+    tables = {name: quadrons_of(collection / name) for name in YADE_SAMPLES}
     parts, by_order = means(tables)
     ratio, spread = likeness([*found.values()])
     numbers: dict[str, Any] = {

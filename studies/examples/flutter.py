@@ -24,8 +24,8 @@ from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
 
 ORDERS = (3, 4, 5, 6, 7, 8)
-FORCES = ("assigned", "balanced")
-CONTACTS = ("elastic", "sliding")
+BALANCES = ("assigned", "balanced")
+REGIMES = ("elastic", "sliding")
 # Entries of K are taken as known to this: what rounding splits does not count.
 UNCERTAINTY = 1e-10
 
@@ -63,7 +63,7 @@ def flutter_loops(
     order: int, forces: str, contacts: str, loops: int, seed: int = 1
 ) -> tuple[GrainGraph, LinearFrictional, Regimes]:
     """Loops with the largest |T|/N uniform from 0.01 to 1.2, N/l log-uniform from 1e-4 to 0.5."""
-    rng = np.random.default_rng([seed, order, FORCES.index(forces), CONTACTS.index(contacts)])
+    rng = np.random.default_rng([seed, order, BALANCES.index(forces), REGIMES.index(contacts)])
     x = corners(rng, loops, order)
     (N, T), (dN, dT) = (np.moveaxis(f, -1, 0) for f in random_forces(rng, x, forces))
     friction = rng.uniform(0.01, 1.2, (loops, 1))
@@ -97,7 +97,7 @@ def flutter_of(K: Floats) -> tuple[Floats, Any]:
 def search(orders: tuple[int, ...] = ORDERS, loops: int = 4000) -> list[dict[str, Any]]:
     """Shares with flutter, and with flutter while W2 > 0, by closure, forces, contacts, order."""
     rows, closures = [], ("affine", "traction")
-    for forces, contacts, order in product(FORCES, CONTACTS, orders):
+    for forces, contacts, order in product(BALANCES, REGIMES, orders):
         graph, law, regime = flutter_loops(order, forces, contacts, loops)
         for closure in closures:
             name: Any = closure

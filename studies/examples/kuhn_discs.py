@@ -31,7 +31,7 @@ from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, new_panels, styled
 
 SIDE = 5.718438216717316
-STIFFNESS = 1.0
+DISC_STIFFNESS = 1.0
 FRICTION = 0.5
 # Strain over which the geometry is kept.
 INTERVAL = 5e-6
@@ -45,7 +45,7 @@ TOUCH = 1e-12
 ANSWERS = {"symmetric": "symmetric", "definite": "positive definite", "p_matrix": "P-matrix"}
 
 
-def discs(folder: Path, shear_increment: ShearIncrement = "branch") -> Scene:
+def discs_in_cell(folder: Path, shear_increment: ShearIncrement = "branch") -> Scene:
     """Return the discs in their cell: all overlapping pairs are contacts, without shear forces."""
     radii, *places = np.loadtxt(folder / "discs.txt").T
     x = np.column_stack(places)
@@ -56,7 +56,7 @@ def discs(folder: Path, shear_increment: ShearIncrement = "branch") -> Scene:
         found += [(a, b, *image) for a, b in zip(i, j, strict=True) if a < b]
     contacts, images = np.split(np.array(found), 2, axis=1)
     graph = GrainGraph(x=x, radii=radii, contacts=contacts, images=images, cell=SIDE * np.eye(2))
-    law = LinearFrictional(STIFFNESS, STIFFNESS, FRICTION, shear_increment)
+    law = LinearFrictional(DISC_STIFFNESS, DISC_STIFFNESS, FRICTION, shear_increment)
     N = law.normal_force(contact_state(graph))
     return Scene(graph.replace(normal_force=N, shear_force=0.0 * N), law)
 
@@ -69,7 +69,7 @@ def compressed(
     return follow(held, stage, rows=rows, interval=interval, pathologies=pathologies)
 
 
-def row_table(path: FollowedPath) -> pd.DataFrame:
+def compression_table(path: FollowedPath) -> pd.DataFrame:
     """Return strain, Cauchy stresses, extension across, lost area and the answers of each row."""
     F = np.eye(2) - path.H.reshape(-1, 2, 2)
     sigma = path.P.reshape(-1, 2, 2) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
@@ -126,7 +126,7 @@ def structure(state: PackingState) -> dict[str, Any]:
     }
 
 
-def event_table(path: FollowedPath) -> pd.DataFrame:
+def compression_events(path: FollowedPath) -> pd.DataFrame:
     """Return kind, strain and grains of each event, with the answers at the row behind it."""
     table = []
     answers = pd.DataFrame(columns(path.pathologies))
@@ -196,13 +196,13 @@ def _strip(axes: Axes, rows: pd.DataFrame) -> None:
 
 def main(out: Path, folder: Path) -> dict[str, Any]:
     """Follow the discs, compare, and write tables, numbers and the figure."""
-    scene, oval = discs(folder), pd.read_csv(folder / "oval.csv")
+    scene, oval = discs_in_cell(folder), pd.read_csv(folder / "oval.csv")
     held = hold(scene)
     path = compressed(held)
-    rows, events = row_table(path), event_table(path)
+    rows, events = compression_table(path), compression_events(path)
     table = compared(rows, oval)
-    radii = compressed(hold(discs(folder, "radii")), 4e-4, pathologies=False)
-    other = compared(row_table(radii), oval[oval.strain_11 <= 4e-4])
+    radii = compressed(hold(discs_in_cell(folder, "radii")), 4e-4, pathologies=False)
+    other = compared(compression_table(radii), oval[oval.strain_11 <= 4e-4])
     numbers = {
         "start": structure(path.states[0]),
         "stress_before": held.stress_before.ravel().tolist(),

@@ -54,17 +54,17 @@ CHORDS = 6
 MOST_BENT = 1.3
 # Their stretch, at most.
 MOST_STRETCHED = 4.0
-NEWTON_STEPS = 12
+CLOSING_STEPS = 12
 CENTRE_STEPS = 60
 # Random loops that a real one is ranked among.
 NEIGHBOURS = 100
 # How far off they may be: natural logarithm of the elongation and mobilisation.
-NEAR = 0.15
+NEAR_SHAPES = 0.15
 RESAMPLES = 400
 # Loops of a bin that is drawn, at least.
-FEWEST = 100
+FEWEST_DRAWN = 100
 # Order whose shapes are compared.
-SHOWN = 5
+SHOWN_ORDER = 5
 
 
 class Draw(NamedTuple):
@@ -97,7 +97,7 @@ def random_rings(
         headings = np.cumsum(turns, axis=1) + rng.uniform(0.0, 2.0 * np.pi, (count, 1))
         stretch = np.exp(rng.uniform(0.0, np.log(MOST_STRETCHED), (count, 1)))
         headings = np.arctan2(np.sin(headings), stretch * np.cos(headings))
-    for _ in range(NEWTON_STEPS):
+    for _ in range(CLOSING_STEPS):
         c, s = np.cos(headings), np.sin(headings)
         slope = np.stack([-lengths * s, lengths * c], axis=1)
         gap = np.stack([(lengths * c).sum(axis=1), (lengths * s).sum(axis=1)], axis=1)
@@ -294,7 +294,7 @@ def ranked(real: pd.DataFrame, random: pd.DataFrame) -> pd.DataFrame:
             continue
         tree, at = (np.column_stack([np.log(t.elongation), t.mobilisation]) for t in (like, own))
         distance, near = cKDTree(tree).query(at, NEIGHBOURS)
-        good = (distance[:, -1] <= NEAR) & np.isfinite(own.lambda_min.to_numpy())
+        good = (distance[:, -1] <= NEAR_SHAPES) & np.isfinite(own.lambda_min.to_numpy())
         for name, column in places.items():
             values, here = like[column].to_numpy()[near], own[column].to_numpy()[:, None]
             rank = ((values < here) + 0.5 * (values == here)).mean(axis=1)
@@ -302,7 +302,9 @@ def ranked(real: pd.DataFrame, random: pd.DataFrame) -> pd.DataFrame:
     return real
 
 
-def table_of(real: pd.DataFrame, random: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
+def order_medians(
+    real: pd.DataFrame, random: pd.DataFrame, rng: np.random.Generator
+) -> pd.DataFrame:
     """By order: medians and unstable shares of both, ranks with 95 % intervals by resampling."""
     rows: list[dict[str, Any]] = []
     for order, own in real.groupby("order"):
@@ -345,7 +347,7 @@ def ensembles(snapshots: Sequence[Snapshot], loops: int, seed: int) -> tuple[pd.
             parts.append(pd.DataFrame(found).assign(order=order, stress=stress))
     random = pd.concat(parts, ignore_index=True)
     real = ranked(real_loops(snapshots), random)
-    return random, real, table_of(real, random, rng)
+    return random, real, order_medians(real, random, rng)
 
 
 def binned(data: pd.DataFrame, by: str, edges: Floats) -> pd.DataFrame:
@@ -355,7 +357,7 @@ def binned(data: pd.DataFrame, by: str, edges: Floats) -> pd.DataFrame:
     for x, (_, part) in zip(
         middle, data.groupby(pd.cut(data[by], edges), observed=False), strict=True
     ):
-        if len(part) < FEWEST:
+        if len(part) < FEWEST_DRAWN:
             continue
         low, mid, high = part.lambda_min.quantile([0.05, 0.5, 0.95])
         rows.append((x, low, mid, high, part.unstable.mean(), 1.96 * part.unstable.sem()))
@@ -377,7 +379,7 @@ def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figur
     for (by, label), (top, below) in zip(labels.items(), axes[:2].T, strict=True):
         for data, colour, name, shift in groups:
             # Over shape and mobilisation loops of one order are compared.
-            same = data if by == "order" else data[data.order == SHOWN]
+            same = data if by == "order" else data[data.order == SHOWN_ORDER]
             found = binned(same, by, edges[by])
             at = found.x + shift * np.diff(edges[by]).min()
             spread = [found.mid - found.low, found.high - found.mid]
@@ -388,8 +390,8 @@ def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figur
         top.set(yscale="log", xlabel=label)
         below.set(xlabel=label)
         if by != "order":
-            top.set_title(f"$n$ = {SHOWN}")
-            below.set_title(f"$n$ = {SHOWN}")
+            top.set_title(f"$n$ = {SHOWN_ORDER}")
+            below.set_title(f"$n$ = {SHOWN_ORDER}")
     axes[0, 0].set_ylabel(r"$\lambda_{\min}(K_s)/k_n$ (–): 5, 50, 95 %")
     axes[1, 0].set_ylabel(r"unstable directions ($10^{-3}$)")
     bins, ranks = np.linspace(0.0, 1.0, 11), axes[2, 0]

@@ -23,8 +23,8 @@ from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
-LOW = np.array([5.0, 0.05, 1.0, 1e-4])
-HIGH = np.array([85.0, 1.5, 35.0, 0.5])
+LOWEST = np.array([5.0, 0.05, 1.0, 1e-4])
+HIGHEST = np.array([85.0, 1.5, 35.0, 0.5])
 INTEGRATORS = (("RK45", 1e-3), ("DOP853", 1e-8), ("DOP853", 1e-12))
 
 
@@ -79,7 +79,7 @@ def by_scipy(
 
 def random_diamonds(count: int, seed: int = 1) -> Floats:
     """(count, 4): alpha0, kappa, phi, confinement; radians."""
-    drawn = np.random.default_rng(seed).uniform(LOW, HIGH, (count, 4))
+    drawn = np.random.default_rng(seed).uniform(LOWEST, HIGHEST, (count, 4))
     drawn[:, [0, 2]] = np.radians(drawn[:, [0, 2]])
     return drawn
 

@@ -32,8 +32,7 @@ SUPPORT = Support(held=[True, False, True], motion=[[0, 0, 0], [0, 0, 0], [0, -1
 CASES = 20.0, float(np.degrees(np.arctan(LAW.mu))), 40.0
 SWEEP = np.concatenate([np.linspace(10.0, 60.0, 101), np.linspace(25.0, 29.0, 81)])
 # The paper's middle case lies between both angles at which the kind of answer changes.
-NEAR = np.linspace(26.5, 26.68, 37)
-KINDS = {"stick, line": BLUE, "line": VERMILION, "none": GREY}
+NEAR_ANGLES = np.linspace(26.5, 26.68, 37)
 
 
 def discs(beta: float) -> GrainGraph:
@@ -67,7 +66,7 @@ def changing_angles() -> tuple[float, float]:
     return float(np.degrees(np.arctan(first))), float(np.degrees(np.arctan(second)))
 
 
-def answer(beta: float) -> dict[str, Any]:
+def response_at(beta: float) -> dict[str, Any]:
     """Return status, kind, `q`, `M` and the sum of both slips on the line at an angle (degrees)."""
     graph = discs(beta)
     q, M = slip_problem(graph, LAW, SUPPORT)
@@ -87,8 +86,8 @@ def answer(beta: float) -> dict[str, Any]:
 
 def located() -> tuple[float, float]:
     """Return the angles (degrees) at which the platform's `q` and `M` change sign."""
-    first = brentq(lambda beta: answer(beta)["q"], 20.0, 40.0, xtol=1e-13)
-    second = brentq(lambda beta: answer(beta)["M"], 20.0, 40.0, xtol=1e-13)
+    first = brentq(lambda beta: response_at(beta)["q"], 20.0, 40.0, xtol=1e-13)
+    second = brentq(lambda beta: response_at(beta)["M"], 20.0, 40.0, xtol=1e-13)
     return float(first), float(second)
 
 
@@ -109,7 +108,7 @@ def draw(rows: pd.DataFrame, ends: tuple[float, float]) -> Figure:
         ylabel="sum of both slips over approach (–)",
         ylim=(-0.3, 8),
     )
-    close = rows[rows.beta_deg.between(NEAR[0], NEAR[-1])]
+    close = rows[rows.beta_deg.between(NEAR_ANGLES[0], NEAR_ANGLES[-1])]
     near.axhline(0.0, color=GREY, linewidth=0.6)
     near.plot(close.beta_deg, 1e3 * close.q, color=BLUE, label=r"$10^3\,q$")
     near.plot(close.beta_deg, 1e3 * close.M, color=VERMILION, label=r"$10^3\,M$", dashes=(4, 2))
@@ -120,11 +119,11 @@ def draw(rows: pd.DataFrame, ends: tuple[float, float]) -> Figure:
 
 def main(out: Path) -> dict[str, Any]:
     """Ask over the angle; write the answers, the paper's cases and the figure."""
-    angles = np.unique(np.concatenate([SWEEP, NEAR]))
-    rows = pd.DataFrame([answer(beta) for beta in angles.tolist()])
+    angles = np.unique(np.concatenate([SWEEP, NEAR_ANGLES]))
+    rows = pd.DataFrame([response_at(beta) for beta in angles.tolist()])
     ends, found = changing_angles(), located()
     numbers = {
-        "cases": [answer(beta) for beta in CASES],
+        "cases": [response_at(beta) for beta in CASES],
         "changes_deg": {"closed_form": list(ends), "located": list(found)},
         "largest_difference": max(
             float(np.abs(rows[name] - exact).max())

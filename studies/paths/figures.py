@@ -17,7 +17,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
 from loops import Regime
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Floats, Integers, Regimes, true_runs
 from patterns.diamond.states import isotropic_tangents
 from stability import PolarDiagram, alpha_e, spectrum, symmetric_spectrum
 from studies.paths.comparison import Compared
@@ -210,12 +210,6 @@ def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
         text, (x, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha="center", va="bottom", **look,
     )  # fmt: skip
-
-
-def true_runs(where: Flags) -> list[slice]:
-    """Slices of consecutive True values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int64), [0]])))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 # ---- polar diagrams

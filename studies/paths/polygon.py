@@ -47,7 +47,7 @@ SUBSPACES = ("diagonal", "symmetric", "full")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
 TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up with the status `lost`.
-MOST_STEPS = 2000
+PATH_STEPS = 2000
 # Contacts are at yield if |T| lacks at most this share of mu N.
 YIELD_RTOL = 1e-9
 # Slopes of s1 over E1 up to this are zero.
@@ -57,7 +57,7 @@ STEP_ATOL = 1e-12
 # Strains between which the threshold is bracketed: the first, the last, and their count.
 FIRST_STRAIN = 1e-6
 LAST_STRAIN = 0.99
-STRAINS = 100
+BRACKETS = 100
 # Parts in which they are tried.
 STRAIN_PARTS = 9
 # Values printed of an event.
@@ -229,7 +229,7 @@ def follow_path(
         subspace=subspaces,
         contact_on_touch=options.contact_on_touch,
         **TOLERANCES,
-        max_steps=MOST_STEPS,
+        max_steps=PATH_STEPS,
         rows=options.rows,
         model=options.model,
     )
@@ -317,7 +317,7 @@ def isotropic_threshold(
     """First isotropic strain at which Ks of a loop that keeps its shape isn't positive definite.
 
     0 where Ks is not definite from the first load on, None where it stays so up to `LAST_STRAIN`.
-    A root is refined to 1e-15 where an eigenvalue changes sign between two of `STRAINS` strains;
+    A root is refined to 1e-15 where an eigenvalue changes sign between two of `BRACKETS` strains;
     one that is gained again between them is missed.
 
     >>> from loops import boundary_of, LinearFrictional
@@ -341,7 +341,7 @@ def isotropic_threshold(
     if not float(smallest(FIRST_STRAIN)) > DEFINITE_RTOL:
         return 0.0
     below = FIRST_STRAIN
-    for strains in np.array_split(np.linspace(0.0, LAST_STRAIN, STRAINS)[1:], STRAIN_PARTS):
+    for strains in np.array_split(np.linspace(0.0, LAST_STRAIN, BRACKETS)[1:], STRAIN_PARTS):
         lost = np.flatnonzero(~(smallest(strains) > 0.0))
         if len(lost):
             k = int(lost[0])

@@ -63,7 +63,7 @@ EVENT_FIELDS = {
 }
 OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # Fields of the response in the row of an interval.
-INCREMENT = (
+RESPONSE_FIELDS = (
     *("proof", "residual", "reached", "disagreeing", "beyond", "sliding", "candidates"),
     "settled",
 )
@@ -72,7 +72,7 @@ PASSED = 1000
 # Inertial number of a replay where the series tells none.
 DEFAULT_RATE = 2e-6
 # Steps after which a replay is given up.
-MOST_STEPS = 1_000_000
+REPLAY_STEPS = 1_000_000
 # A replay that ends farther from the stress of the later snapshot, over its mean stress, is not
 # believed: three of 83 intervals of Yade did, the others by 0.0028 at most
 # (docs/evidence/series.md).
@@ -133,13 +133,13 @@ def interval_rate(
         return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
     state = contacts_at_start(before.scene)
     step = step_of(*masses_of(before.graph.radii, masses), state)
-    longest = MOST_STEPS * step
+    longest = REPLAY_STEPS * step
     duration = min(end - start, longest)
     size = float(np.linalg.norm(H)) if loading is None else loading.size
     inertial_number = duration_of(size, masses, state, 1.0) / duration
     options = {"duration": duration, "mass": masses}
     if duration < end - start:
-        return Rate(inertial_number, f"slower in fact: {MOST_STEPS} steps at most", options)
+        return Rate(inertial_number, f"slower in fact: {REPLAY_STEPS} steps at most", options)
     if before.velocity is None:
         return Rate(inertial_number, "times and masses", options)
     velocity = velocity_beyond(before, after, H if loading is None else loading.start, duration)
@@ -236,7 +236,7 @@ def packing_predictions(
     columns["packing_lambda_min"] = place_columns(place, before.mean_kn)["packing_lambda_min"]
     row = {
         "packing_status": response.status,
-        **{f"packing_{name}": getattr(response, name) for name in INCREMENT},
+        **{f"packing_{name}": getattr(response, name) for name in RESPONSE_FIELDS},
         "packing_rattlers": response.system.carrying.rattlers,
         "packing_boundary": response.system.boundary,
         **by_events,

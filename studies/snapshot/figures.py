@@ -25,7 +25,7 @@ from patterns import Snapshot
 from studies.output import Columns, Summary
 from studies.snapshot.in_packing import PLACE
 from studies.snapshot.summary import (
-    FINE,
+    FINE_BIN,
     JUDGE_TITLES,
     Groups,
     axes_density,
@@ -442,7 +442,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
         for closure, rows in unstable.items():
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]
-            width = FINE if len(angles) >= FEW_AXES else COARSE_BIN
+            width = FINE_BIN if len(angles) >= FEW_AXES else COARSE_BIN
             label = f"{JUDGE_TITLES[closure]}, {len(angles)} loops"
             density = axes_density(angles, width)["density"]
             _bars(ax, density, CLOSURE_COLOURS[closure], label, filled=False)

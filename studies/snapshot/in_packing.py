@@ -116,7 +116,7 @@ def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
 # Above this unbalanced force the rates of a state are not those of an equilibrium.
 MOVING = 5e-4
 # Above this spread of the stress the state at rest depends on the way to it.
-SPREAD = 0.03
+REST_SPREAD = 0.03
 
 
 def hold_control(hold: bool, hold_stress: bool) -> HoldControl | None:
@@ -165,7 +165,7 @@ def held_snapshot(
     held = hold(replace(scene, boundary=boundary), control=control)
     _require_rest(held)
     notes = [str(held)]
-    if held.spread > SPREAD:
+    if held.spread > REST_SPREAD:
         notes.append(
             "the state at rest depends on how it is reached: with two values of damping the "
             f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "

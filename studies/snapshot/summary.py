@@ -45,7 +45,7 @@ JUDGE_TITLES = {
 TENSOR = ("stress_11", "stress_12", "stress_21", "stress_22")
 PLACES = ("beside", "elsewhere")
 # Width of the bins of contact directions (degrees), which divides 180.
-FINE = 10.0
+FINE_BIN = 10.0
 QUARTILES = {"q25": 0.25, "median": 0.5, "q75": 0.75}
 
 
@@ -436,7 +436,7 @@ def axes_block(angles: Floats) -> dict[str, Any]:
 def fabric_table(graph: GrainGraph, summary: Summary) -> Columns:
     """Density of the contact directions, one row per bin, and its series of second order."""
     d = graph.branches
-    columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE)
+    columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE_BIN)
     second = second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}
 

@@ -10,7 +10,7 @@ import pytest
 
 from loops.kinetics import over_packings
 from studies.examples import cells, kuhn_discs
-from studies.examples.three_discs import CASES, answer, changing_angles, located
+from studies.examples.three_discs import CASES, changing_angles, located, response_at
 from tests.docs.pages import DOCS, page, says, section, tables
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_PUBLISHED") or "none")
@@ -25,7 +25,7 @@ COLLECTION = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
 
 @pytest.mark.parametrize(("beta", "told"), list(zip(CASES, KINDS, strict=True)))
 def test_cases_are_those_of_the_table(beta, told):
-    found = answer(beta)
+    found = response_at(beta)
     assert told["status"] == f"`{found['status']}`"
     for name in ("q", "M"):
         assert says(told[f"`{name}`"], found[name]) or abs(found[name]) < 1e-3
@@ -39,7 +39,7 @@ def test_cases_are_those_of_the_table(beta, told):
 
 def test_differences_of_the_overview():
     for beta, told in zip(CASES, OVERVIEW, strict=False):
-        found = answer(beta)
+        found = response_at(beta)
         theirs, ours, differences = (
             [float(one) for one in told[name].split(",")]
             for name in ("theirs", "ours", "difference")
@@ -96,10 +96,13 @@ def test_kuhns_discs_are_within_the_bounds_of_oval(kuhn):
 @pytest.mark.published
 def test_half_the_interval_has_the_same_events_of_kuhns_discs(kuhn):
     _, _, _, events = kuhn
-    held, interval = kuhn_discs.hold(kuhn_discs.discs(FOLDER / "kuhn49")), kuhn_discs.INTERVAL
+    held, interval = (
+        kuhn_discs.hold(kuhn_discs.discs_in_cell(FOLDER / "kuhn49")),
+        kuhn_discs.INTERVAL,
+    )
     path = kuhn_discs.compressed(held, interval=0.5 * interval, pathologies=False)
     table = pd.read_csv(FOLDER / "kuhn49" / "oval.csv")
-    assert kuhn_discs.within(kuhn_discs.compared(kuhn_discs.row_table(path), table))
+    assert kuhn_discs.within(kuhn_discs.compared(kuhn_discs.compression_table(path), table))
     pairs = [path.states[-1].contacts[event.contacts[0]].tolist() for event in path.events]
     assert [event.kind for event in path.events] == events.kind.tolist()
     assert pairs == events[["grain_1", "grain_2"]].to_numpy().tolist()
@@ -153,7 +156,7 @@ def named(*numbers):
 @pytest.fixture(scope="module")
 def samples():
     """Series of the four packings of the collection."""
-    return [cells.series(COLLECTION / name) for name in cells.SAMPLES]
+    return [cells.intervals_of(COLLECTION / name) for name in cells.YADE_SAMPLES]
 
 
 @pytest.mark.collection
@@ -200,7 +203,7 @@ def test_steady_state_and_neighbours_of_the_page(samples):
 
 @pytest.mark.collection
 def test_quadrons_of_the_page():
-    found = {name: cells.quadrons_of(COLLECTION / name) for name in cells.SAMPLES}
+    found = {name: cells.quadrons_of(COLLECTION / name) for name in cells.YADE_SAMPLES}
     assert sum(len(one["area"]) for one in found.values()) == 369_092
     _, by_order = cells.means(found)
     mean, error = ([value for name, value in row.items() if name != "order"] for row in QUADRONS)

@@ -157,7 +157,7 @@ def test_chiral_regular_loops_flutter_in_closed_form(order):
 
 
 def test_flutter_needs_shear_and_comes_with_positive_work():
-    for forces in flutter.FORCES:
+    for forces in flutter.BALANCES:
         graph, law, regime = flutter.flutter_loops(5, forces, "elastic", 300)
         N, T = graph.normal_force, graph.shear_force
         assert (N > 0).all() and (np.abs(T) <= law.mu * N * (1 + 1e-12)).all()

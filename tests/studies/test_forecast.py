@@ -11,7 +11,15 @@ import grainloops as gl
 from loops import find_faces
 from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from studies.calibration import KINDS, NEVER, PARTS, Calibration, calibration, cells_of, parts_of
+from studies.calibration import (
+    KINDS,
+    NEVER,
+    PARTS,
+    Calibration,
+    calibration,
+    parts_cells,
+    parts_of,
+)
 from studies.evolve import Evolution, evolve
 from studies.forecast import forecast_reach, next_of, opening_places, places, since, spread_of
 from studies.reading import cells_by_number
@@ -183,7 +191,11 @@ def test_parts_and_cells():
     every = np.arange(-1, PARTS + 1)
     path, again = (side.ravel() for side in np.meshgrid(every, every))
     cells = dict(
-        zip(zip(path.tolist(), again.tolist(), strict=True), cells_of(path, again), strict=True)
+        zip(
+            zip(path.tolist(), again.tolist(), strict=True),
+            parts_cells(path, again),
+            strict=True,
+        )
     )
     assert cells[0, 2] == cells[2, 0] == cells[2, 2] == 2
     assert cells[1, NEVER] == cells[NEVER, 1] == PARTS + 1 and cells[NEVER, NEVER] == 2 * PARTS

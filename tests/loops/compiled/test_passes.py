@@ -147,7 +147,7 @@ def test_touching_lengths(both):
 def test_whole_snapshots(both, monkeypatch, tmp_path, name, shuffles):
     """Arrays, law, walls, notes and all findings."""
     monkeypatch.setattr("loops.compiled.COMPILED_FROM", 100)
-    monkeypatch.setattr("patterns.snapshots.geometry.FAR", 4.0)
+    monkeypatch.setattr("patterns.snapshots.geometry.FAR_IN_LISTS", 4.0)
     path = shuffled_copy(sample_path(name), tmp_path) if shuffles else sample_path(name)
     cell = sample_cell() if "periodic" in name else None
     one, other = both(lambda: read_snapshot(path, cell=cell))

@@ -19,7 +19,7 @@ WALLS, PERIODIC = sample_path(), sample_path("grains_periodic.parquet")
 def sorts(monkeypatch):
     """The samples count as large, and a jump across them as far."""
     monkeypatch.setattr("loops.compiled.COMPILED_FROM", 100)
-    monkeypatch.setattr("patterns.snapshots.geometry.FAR", 4.0)
+    monkeypatch.setattr("patterns.snapshots.geometry.FAR_IN_LISTS", 4.0)
 
 
 def table_of(path):

@@ -94,7 +94,7 @@ def test_the_kind_changes_at_two_angles_in_closed_form():
     np.testing.assert_allclose(three_discs.located(), ends, rtol=0, atol=1e-10)
     assert ends == pytest.approx([26.55072723249814, 26.622204339169247], abs=1e-12)
     # Closer than that q and M are rounding.
-    kinds = [three_discs.answer(b)["kind"] for e in ends for b in (e - 1e-6, e + 1e-6)]
+    kinds = [three_discs.response_at(b)["kind"] for e in ends for b in (e - 1e-6, e + 1e-6)]
     assert kinds == ["stick, line", "none", "none", "line"]
 
 
