@@ -69,8 +69,9 @@ def number(name: str, value: object, low: float, *, open_low: bool = False) -> N
         raise InputError(name, repr(value), expected, "Correct it.")
 
 
-def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+def check_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
     """Raise `InputError` unless `value` is one of the choices."""
     if value not in choices:
-        expected = " or ".join(repr(choice) for choice in choices)
+        *others, last = map(str, choices)
+        expected = f"{', '.join(others)} or {last}"
         raise InputError(name, repr(value), expected, "Pick one of these.")

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
+from loops.errors import check_choice
 from loops.validation import acute_angle, finite, nonnegative, positive, whole
 from loops.validation import strain as compressive
 from patterns.diamond import overlap_ratio
@@ -127,10 +128,7 @@ def regular_polygon(
     ([0.9, 0.0], 0.1)
     """
     order = whole("order", order, 3)
-    if orientation not in get_args(Orientation):
-        raise InputError(
-            "orientation", repr(orientation), "'vertex' or 'edge'", "Pick one of these."
-        )
+    check_choice("orientation", orientation, get_args(Orientation))
     half = np.pi / order
     angles = 2 * half * np.arange(order) + (half if orientation == "edge" else 0.0)
     radius = float(positive("radius", radius))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from loops import Faces, InputError
 from loops.arrays import Floats, Integers
+from loops.errors import check_choice
 from loops.scene import Scene, Subject
 from loops.shown import Shown
 from patterns import planar
@@ -31,7 +32,7 @@ from studies.series.evolution import components
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons
-from studies.study import one_of, study
+from studies.study import study
 
 By = Literal["events", "replay", "both"]
 Options = TypeVar("Options")
@@ -61,7 +62,7 @@ class Evolving:
     damping: float = 0.3
 
     def __post_init__(self) -> None:
-        one_of("--by", self.by, get_args(By))
+        check_choice("--by", self.by, get_args(By))
         for name in ("pathologies", "spread"):
             if getattr(self, name) and self.by == "replay":
                 remedy = "Follow by events, or both."
@@ -307,9 +308,9 @@ def run_evolve(
             from studies.packing_figures import path_figures
             from studies.snapshot.table import loops_for_map
 
-            pictures = results.save_figures(path_figures(snapshot, tables, summary))
-            title = f"Path of {readable(planned[0].name)}"
-            results.write_report(title, summary, pictures, loops_for_map(snapshot, tables["loops"]))
+            drawn, title = path_figures(snapshot, tables, summary), readable(planned[0].name)
+            maps = loops_for_map(snapshot, tables["loops"])
+            results.write_report(f"Path of {title}", summary, drawn, maps)
     return summary
 
 
@@ -372,7 +373,7 @@ def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> S
 
     `numbers` are those that the programme asks for (`programme_named`).
     """
-    one_of("--programme", programme, EVOLVED)
+    check_choice("--programme", programme, EVOLVED)
     if not (np.isfinite(to) and to):
         remedy = "Give the strain to reach, negative in extension."
         raise InputError("--to", f"{to:g}", "a finite number other than zero", remedy)

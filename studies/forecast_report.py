@@ -59,9 +59,8 @@ def run_forecast(
 
             drawn = [("forecast", forecast_figure(found))]
             maps = loops_for_map(snapshot, found.loops)
-            pictures = results.save_figures(drawn)
             title = f"Forecast of {readable(path.name)}"
-            results.write_report(title, summary, pictures, maps)
+            results.write_report(title, summary, drawn, maps)
     return summary
 
 

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from loops import GrainGraph, InputError, Regime
 from loops.arrays import Floats
+from loops.errors import check_choice
 from patterns.polygons import opposite_gap
 from stability.paths.fan import Control, Fan
 from stability.paths.fan_limits import LIMITS, FanLimits
@@ -32,7 +33,7 @@ from studies.present_domain import (
     stresses_of,
     virgin_domain,
 )
-from studies.study import one_of, study
+from studies.study import study
 from studies.style import BLACK, LINE_COLOURS, key_columns, new_panels, styled
 
 # Strain at which the programmes of a virgin loop end.
@@ -59,7 +60,7 @@ class LoopDomainParameters:
     directions: int = 361
 
     def __post_init__(self) -> None:
-        one_of("--programmes", self.control, get_args(Control))
+        check_choice("--programmes", self.control, get_args(Control))
         require_odd(self.directions)
         for loop in self.loops:
             if loop.order > LONGEST:

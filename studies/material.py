@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from loops import GrainGraph, InputError, LinearFrictional
-from loops.errors import number, whole_number
+from loops.errors import check_choice, number, whole_number
 from patterns import hexagon, regular_polygon
 from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, restrict
 from stability.material import LoopMaterial, MaterialPath, march, oriented
@@ -21,7 +21,7 @@ from stability.material.loop_set import LoopSet, loops_of
 from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
-from studies.study import one_of, study
+from studies.study import study
 from studies.style import BLUE, GREY, VERMILION, new_panels, say_empty, styled
 
 UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
@@ -68,8 +68,8 @@ class MaterialOptions:
         if self.end >= 1.0 and self.programme != "isotropic-stress":
             expected = "a strain below 1: there the loops have no length left"
             raise InputError("--end", f"{self.end:g}", expected, "Give 0.1, for example.")
-        one_of("--closure", self.closure, get_args(MaterialClosure))
-        one_of("--programme", self.programme, get_args(ProgrammeName))
+        check_choice("--closure", self.closure, get_args(MaterialClosure))
+        check_choice("--programme", self.programme, get_args(ProgrammeName))
         self.loading_programme()
         number("--phi", self.phi_deg, 0.0)
         if not self.phi_deg <= 90.0:
@@ -127,9 +127,9 @@ def run_material(
             material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
         )
         if figures:
-            pictures = results.save_figures(material_figures(table))
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
-            results.write_report(f"Loops of {name} as a material", summary, pictures, [])
+            title = f"Loops of {name} as a material"
+            results.write_report(title, summary, material_figures(table), [])
     return summary
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.errors import number
+from loops.errors import check_choice, number
 from loops.scene import Scene, Subject
 from patterns import Snapshot
 from stability import Path as FollowedPath
@@ -37,7 +37,7 @@ from studies.snapshot.in_packing import (
     sample_edge,
     scene_at_rest,
 )
-from studies.study import one_of, study
+from studies.study import study
 
 # Way to an amplitude.
 By = Literal["events", "increment"]
@@ -89,7 +89,7 @@ def run_probe(
         "candidates_from": candidates if by == "increment" else None,
         "past": past,
     }
-    one_of("--past", past, get_args(Past))
+    check_choice("--past", past, get_args(Past))
     held_control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
     with study("probe", out, configuration, UNITS["probe"], force=force, csv=csv) as results:
@@ -132,15 +132,15 @@ def run_probe(
             from studies.packing_figures import probe_figures
             from studies.snapshot.table import loops_for_map
 
-            pictures = results.save_figures(probe_figures(snapshot, found, loops, summary))
+            drawn = probe_figures(snapshot, found, loops, summary)
             title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
-            results.write_report(title, summary, pictures, maps)
+            results.write_report(title, summary, drawn, maps)
     return summary
 
 
 def _require_followed(amplitude: float | None, by: By, *, shared: bool) -> None:
     """Raise `InputError` for a way without an amplitude, and for work that cannot be `shared`."""
-    one_of("--by", by, get_args(By))
+    check_choice("--by", by, get_args(By))
     if amplitude is not None:
         number("amplitude", amplitude, 0.0, open_low=True)
     elif by == "increment":

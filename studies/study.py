@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError
 from studies.output import (
     Summary,
     folder_within,
@@ -75,17 +74,18 @@ class Results:
         self,
         title: str,
         summary: Mapping[str, Any],
-        pictures: Sequence[Path],
+        drawn: Iterable[tuple[str, Figure]],
         maps: Sequence[LoopsForMap],
         largest: int | None = None,
+        animation: Sequence[Path] = (),
     ) -> None:
-        """Write `report.html` with the pictures under their captions, and the maps of loops.
+        """Save the figures, and write `report.html` with their captions and the maps of loops.
 
         `largest` is the number of loops of the largest snapshot, by default `summary["loops"]`.
         """
         told = captions(self.source["command"].split()[1])
         figures = []
-        for picture in pictures:
+        for picture in (*self.save_figures(drawn), *animation):
             name, caption = told[picture.stem]
             figures.append((name, caption.format(**summary), picture))
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
@@ -144,14 +144,6 @@ def captions(command: str) -> dict[str, tuple[str, str]]:
     """
     text = (Path(__file__).parent / "captions.toml").read_text(encoding="utf-8")
     return {name: (title, said) for name, (title, said) in tomllib.loads(text)[command].items()}
-
-
-def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Raise `InputError` for a word that is none of the choices."""
-    if value not in choices:
-        *others, last = (str(choice) for choice in choices)
-        expected = f"{', '.join(others)} or {last}"
-        raise InputError(name, repr(value), expected, "Pick one of these.")
 
 
 # Pixels on the page for one pixel of a figure, which has 300 to the inch.

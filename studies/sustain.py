@@ -120,10 +120,9 @@ def run_sustain(
             from studies.snapshot.table import loops_for_map
 
             drawn = sustain_figures(snapshot, found, rates, tables, summary)
-            pictures = results.save_figures(drawn)
             maps = loops_for_map(snapshot, tables["loops"])
             title = f"Loads that {readable(path.name)} sustains"
-            results.write_report(title, summary, pictures, maps)
+            results.write_report(title, summary, drawn, maps)
     parts.remove()
     return summary
 
@@ -304,10 +303,9 @@ class _Parts:
             told: list[dict[str, Any]] = json.loads(str(kept["events"]))
             values = {name: _plain(kept[name]) for name in KEPT}
         # JSON has no tuples.
-        values["events"] = tuple(
-            Event(**{key: tuple(v) if isinstance(v, list) else v for key, v in one.items()})
-            for one in told
-        )
+        for event in told:
+            event |= {key: tuple(v) for key, v in event.items() if isinstance(v, list)}
+        values["events"] = tuple(Event(**event) for event in told)
         return LoadedPath(motions=tuple(motions), **values)
 
     def write(self, number: int, path: LoadedPath) -> None:

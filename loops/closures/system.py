@@ -78,7 +78,7 @@ def with_law(subject: GrainGraph | HasLaw, law: ContactLaw | None) -> tuple[Grai
 def named_closure(closure: Closure | None) -> Closure:
     """Return the closure of one loop; `InputError` without one: the answer depends on it."""
     if closure is None:
-        expected, remedy = "'affine' or 'traction'", "Name how the surroundings drive the loop."
+        expected, remedy = "affine or traction", "Name how the surroundings drive the loop."
         raise InputError("closure", "none", expected, remedy)
     check_choice("closure", closure, get_args(Closure))
     return closure

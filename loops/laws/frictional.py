@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.errors import InputError
+from loops.errors import InputError, check_choice
 from loops.graph import ContactState
 from loops.shown import Shown
 
@@ -447,10 +447,7 @@ def friction_and_increment(
 
 def checked_increment(increment: str) -> ShearIncrement:
     """Return a known shear increment, or raise `InputError`."""
-    if increment not in get_args(ShearIncrement):
-        raise InputError(
-            "shear_increment", repr(increment), "'branch' or 'radii'", "See the docstring."
-        )
+    check_choice("shear_increment", increment, get_args(ShearIncrement))
     return cast(ShearIncrement, increment)
 
 

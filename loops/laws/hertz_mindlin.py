@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import check_choice
 from loops.graph import ContactState
 from loops.laws.frictional import (
     FrictionalLaw,
@@ -118,9 +118,7 @@ class HertzMindlin(FrictionalLaw):
         poisson = parameter("poisson", poisson, expected, -1.0, open_low=True, high=0.5)
         object.__setattr__(self, "poisson", poisson)
         friction_and_increment(self, mu, shear_increment, phi)
-        if shear_history not in get_args(ShearHistory):
-            expected = "'force' or 'displacement'"
-            raise InputError("shear_history", repr(shear_history), expected, "See the docstring.")
+        check_choice("shear_history", shear_history, get_args(ShearHistory))
         object.__setattr__(self, "shear_history", shear_history)
         if ratio is not None:
             ratio = parameter("ratio", ratio, "a ratio, zero or more", 0.0, open_low=False)

@@ -58,7 +58,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     if not needed.any():
         return None
     sign = np.where(match.reversed[first], -1, 1)[:, None]
-    pairs, arms, moved = _moved(before, after, first, sign * after.graph.branches[second])
+    pairs, arms, moved = _moved(before, first, sign * after.graph.branches[second])
     spare = len(first)
     if before.rotation is None or after.rotation is None:
         strip = np.argsort(before.graph.x[pairs[:, 0], 0])[:FITTED]
@@ -87,9 +87,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     )
 
 
-def _moved(
-    before: Snapshot, after: Snapshot, contacts: Integers, later: Floats
-) -> tuple[Integers, Floats, Floats]:
+def _moved(before: Snapshot, contacts: Integers, later: Floats) -> tuple[Integers, Floats, Floats]:
     """Grains of some contacts, their arms, and the slip by the turn of the branches to `later`."""
     d = before.graph.branches[contacts]
     turn = np.arctan2(

@@ -139,7 +139,7 @@ def _shear(
 
 @kernel
 def _since_touch(
-    touching: float, far: float, px: float, py: float, dx: float, dy: float
+    far: float, px: float, py: float, dx: float, dy: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return where an open branch that goes from `p` to `d` touches, and its derivatives over `d`.
 
@@ -208,7 +208,7 @@ def _contact(
     xx, xy, yx, yy = 0.0, 0.0, 0.0, 0.0
     if opened:
         before = 0.0
-        px, py, xx, xy, yx, yy = _since_touch(touching, far, px, py, dx, dy)
+        px, py, xx, xy, yx, yy = _since_touch(far, px, py, dx, dy)
     lost, lost_x, lost_y = _shear(kind, by_radii, touching, kt, px, py, dx, dy)
     if opened:
         _, back_x, back_y = _shear(kind, by_radii, touching, kt, dx, dy, px, py)

@@ -76,7 +76,7 @@ class Draw(NamedTuple):
 
 
 def random_rings(
-    rng: np.random.Generator, radii: Floats, lengths: Floats, headings: Floats | None = None
+    rng: np.random.Generator, lengths: Floats, headings: Floats | None = None
 ) -> Floats:
     """(L, n, 2) centres of rings with these branch lengths; nan where none closes.
 
@@ -215,7 +215,7 @@ def random_loops(
         size = min(2 * left + 64, 20_000)
         r = rng.choice(radii, (size, order))
         touching = r + np.roll(r, -1, axis=1)
-        x = random_rings(rng, r, touching)
+        x = random_rings(rng, touching)
         x, r, touching = (each[is_loop(x, r)] for each in (x, r, touching))
         share, turn = rng.uniform(0.0, deviator, len(x)), rng.uniform(0.0, np.pi, len(x))
         half = np.stack([np.cos(2 * turn), np.sin(2 * turn)])
@@ -234,7 +234,7 @@ def random_loops(
             N = (force * n).sum(axis=-1)
             scale = float(law.kn) * overlap * touching.mean(axis=1) / np.abs(N).mean(axis=1)
             lengths = touching - N * scale[:, None] / float(law.kn)
-            x = random_rings(rng, r, lengths, np.arctan2(d[..., 1], d[..., 0]))
+            x = random_rings(rng, lengths, np.arctan2(d[..., 1], d[..., 0]))
             good &= np.isfinite(x).all(axis=(1, 2))
         T = (force * np.stack([-n[..., 1], n[..., 0]], axis=-1)).sum(axis=-1)
         kept = np.flatnonzero(good & is_loop(x, r))[:left]

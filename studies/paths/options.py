@@ -23,6 +23,7 @@ from loops import (
 )
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
+from loops.errors import check_choice
 from loops.laws.movable import require_linear_springs
 from patterns.diamond import (
     TABLE_1,
@@ -36,7 +37,6 @@ from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
 from stability import Programme, Stage, programmes
 from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
-from studies.study import one_of
 
 if TYPE_CHECKING:
     from patterns import Snapshot
@@ -130,10 +130,10 @@ class DiamondOptions:
 
     def __post_init__(self) -> None:
         _check_shared(self)
-        one_of("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
+        check_choice("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
         own = [name for name in DIAMOND_PARAMETERS if getattr(self, name) is not None]
         if self.table is not None:
-            one_of("--table", self.table, tuple(TABLES))
+            check_choice("--table", self.table, tuple(TABLES))
             if own:
                 where, remedy = "--table", "Leave --table out to choose parameters of your own."
                 raise InputError(where, f"a table and {', '.join(own)}", "one or the other", remedy)
@@ -245,14 +245,14 @@ class PolygonOptions:
             expected = f"a whole number from 3 to {LARGEST_ORDER}"
             where = "--order" if self.radii is None else "number of --radii"
             raise InputError(where, str(self.order), expected, "Correct it.")
-        one_of("--orientation", self.orientation, get_args(Orientation))
-        one_of("--spins", self.spins, get_args(Spins))
-        one_of("--programme", self.programme, get_args(ProgrammeName))
+        check_choice("--orientation", self.orientation, get_args(Orientation))
+        check_choice("--spins", self.spins, get_args(Spins))
+        check_choice("--programme", self.programme, get_args(ProgrammeName))
         self.loading_programme()
         _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
-        one_of("--law", self.contact_law, get_args(LawName))
+        check_choice("--law", self.contact_law, get_args(LawName))
         inside("--rolling", self.rolling, lambda k: k >= 0.0, "a stiffness of zero or more")
         if self.rolling > 0.0 and self.spins != "free":
             expected = "--spins free: a rolling spring acts only if grains rotate on their own"
@@ -462,8 +462,8 @@ def orders_of(text: str) -> tuple[int, ...]:
 
 def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
     """Check the options that a diamond and a polygon share."""
-    one_of("--closure", options.closure, ("affine", "traction"))
-    one_of("--model", options.model, get_args(ModelOption))
+    check_choice("--closure", options.closure, ("affine", "traction"))
+    check_choice("--model", options.model, get_args(ModelOption))
     inside("--kappa", options.kappa, lambda k: k >= 0.0, "a ratio of zero or more")
     inside("--phi", options.phi_deg, lambda p: 0.0 <= p <= 90.0, "degrees in [0, 90]")
     inside("--confine", options.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")

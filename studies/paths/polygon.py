@@ -543,6 +543,3 @@ def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, Polar
         operators = {"critical": restrict(A, "diagonal"), **operators}
     finite = {name: K for name, K in operators.items() if np.isfinite(K).all()}
     return {name: operator_diagram(K) for name, K in finite.items()}
-
-
-# ---- orders side by side

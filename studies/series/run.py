@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 
 from loops import InputError, order_kinetics
-from loops.errors import number, whole_number
+from loops.errors import check_choice, number, whole_number
 from loops.kinetics import FATES, OrderEvents
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
@@ -48,7 +48,7 @@ from studies.series.tasks import (
 )
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import PLACE
-from studies.study import Results, one_of, study
+from studies.study import Results, study
 
 
 def run_series(
@@ -96,7 +96,7 @@ def run_series(
     planned = plan_series(paths, cells, how, times)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     in_packing = in_packing or indicators
-    one_of("--in-packing", in_packing, (False, True, "rates", "events"))
+    check_choice("--in-packing", in_packing, (False, True, "rates", "events"))
     share, by_events = None, in_packing == "events"
     if in_packing:
         share = checked_band(candidates, "candidates", CANDIDATES)
@@ -156,7 +156,7 @@ def _following(
     past: Past, rate: Mapping[str, float | None], damping: float, programme: str | Path
 ) -> Following:
     """Return how paths and replays go on, from the options of a series."""
-    one_of("--past", past, get_args(Past))
+    check_choice("--past", past, get_args(Past))
     for name, value in rate.items():
         if value is not None:
             number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
@@ -189,11 +189,10 @@ def _draw(
         mapped = mapped_interval(evolution)
         interval = None if mapped is None else drawing.map_data(series.intervals[mapped])
         drawn = drawing.series_figures(tables, drawing.joined_increments(series), interval)
-        pictures = results.save_figures(drawn) + pictures
         maps = drawing.maps_of(series, evolution["loops"].tolist(), mapped or 0)
         largest = int(evolution["loops"].max())
         title = f"Loops of {summary['snapshots']} snapshots"
-        results.write_report(title, summary, pictures, maps, largest)
+        results.write_report(title, summary, drawn, maps, largest, pictures)
 
 
 def finished_parts(series: Series) -> dict[str, list[dict[str, Any]]]:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from loops import force_chains
+from loops.errors import check_choice
 from studies.output import UNITS, Summary, readable
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
 from studies.snapshot.table import loop_columns
-from studies.study import one_of, study
+from studies.study import study
 
 if TYPE_CHECKING:
     from loops.in_place import Method
@@ -40,7 +41,7 @@ def run_snapshot(
     if in_packing is not None:
         from loops.in_place import METHODS
 
-        one_of("--in-packing", in_packing, METHODS)
+        check_choice("--in-packing", in_packing, METHODS)
         configuration["in_packing"] = in_packing
     with study("snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
@@ -85,8 +86,7 @@ def run_snapshot(
                 from studies.snapshot.quadrons import quadron_figure
 
                 drawn = chain(drawn, [("quadrons", quadron_figure(tables["quadrons"]))])
-            pictures = results.save_figures(drawn)
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)
-            results.write_report(title, summary, pictures, maps)
+            results.write_report(title, summary, drawn, maps)
     return summary

@@ -37,7 +37,7 @@ Groups = dict[str, Integers | slice]
 
 # Judges of a loop, the one to believe first: the loop in its packing if that was asked for, both
 # closures with blocked spins, the traction closure with free spins.
-JUDGE_TITLES = {
+JUDGE_TITLES: dict[str, str] = {
     PLACE: "in its packing",
     **{closure: f"{closure}, spins blocked" for closure in CLOSURES},
     FREE: "traction, spins free",

@@ -41,8 +41,8 @@ def test_figures_stand_under_their_captions_with_numbers_of_the_summary(tmp_path
     monkeypatch.setattr("studies.style.save_figure", save)
     with study("probe", tmp_path / "out", {}, "") as results:
         summary = results.write_summary({"softest_theta_deg": 12.34, "loops": 0})
-        pictures = results.save_figures((name, new_figure()) for name in ("orders", "map"))
-        results.write_report("Title", summary, pictures, [])
+        drawn = ((name, new_figure()) for name in ("orders", "map"))
+        results.write_report("Title", summary, drawn, [])
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("Softest direction, 12.3 degrees") == 4  # captions, and texts for the blind
     assert page.index("<b>Orders.</b>") < page.index("<b>Loops.</b>")

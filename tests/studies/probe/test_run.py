@@ -258,8 +258,8 @@ AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}
     ("arguments", "said"),
     [
         (["--directions", "0"], "directions: got 0, expected a whole number, 1 or more"),
-        (["--subspace", "full"], "subspace: got 'full', expected 'diagonal' or 'symmetric'"),
-        (["--control", "both"], "control: got 'both', expected 'strain' or 'stress'"),
+        (["--subspace", "full"], "subspace: got 'full', expected diagonal or symmetric"),
+        (["--control", "both"], "control: got 'both', expected strain or stress"),
         (["--workers", "2"], "--workers, --scheduler: got rates alone"),
         (["--amplitude", "0"], "amplitude: got 0"),
         (["--amplitude", "-1e-5"], "amplitude: got -1e-05"),
