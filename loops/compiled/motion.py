@@ -323,8 +323,7 @@ def _add_forces(motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, su
     first_wall = len(motion.x) - len(discs.walls)
     resultant[:] = motion.load
     for p in range(len(discs.pairs)):
-        i, j = discs.pairs[p, 0], discs.pairs[p, 1]
-        length = motion.place[2, p]
+        i, j, length = discs.pairs[p, 0], discs.pairs[p, 1], motion.place[2, p]
         if length < 0.0:
             slipped = _let_go(motion.shear[p], motion.kt[p], slipped)
             slipped = _let_go(motion.rolled[p], discs.k_r[p], slipped)
@@ -363,8 +362,7 @@ def _add_forces(motion: MovingDiscs, discs: Discs, dt: float, by_radii: bool, su
         if discs.k_r[p] > 0.0:
             limit = discs.rolling_reach[p] * (normal - discs.at_touch[p])
             moment, lost = _rolled(motion.rolled[p], w[j] - w[i], discs.k_r[p], dt, limit)
-            slipped += lost
-            motion.rolled[p] = moment
+            slipped, motion.rolled[p] = slipped + lost, moment
             resultant[j, 2] += moment
             resultant[i, 2] -= moment
         if summed:

@@ -139,15 +139,9 @@ def replay(
     at = _shares(sizes, shares)
     gradients = {} if servo.on else _gradients(ends, at, steps, dt)
     moving = Moving(
-        start,
-        masses,
-        inertias,
-        servo,
-        velocity=0.0 if velocity is None else velocity,
-        spin=0.0 if spin is None else spin,
-        gradient=gradients.get(0),
-        steps=steps,
-    )
+        start, masses, inertias, servo, velocity=0.0 if velocity is None else velocity,
+        spin=0.0 if spin is None else spin, gradient=gradients.get(0), steps=steps,
+    )  # fmt: skip
     motion = moving.motion
     if balanced:
         moving.load(-motion.resultant)

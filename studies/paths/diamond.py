@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -65,7 +65,6 @@ LISTED_KINDS = (
     "opposite_contact", *DETERMINANTS, "programme_change", "yield", "unloading", "opening",
     "control_limit",
 )  # fmt: skip
-CLOSURES: tuple[Closure, ...] = ("affine", "traction")
 # Compression of Fig. 4 if the confinement is zero.
 COMPRESSION = 0.2
 # Largest turn of the branch in Fig. 4.
@@ -168,7 +167,7 @@ class FollowedDiamond(Followed):
     @cached_property
     def generic(self) -> dict[str, Floats]:
         """Tangent (R, 4, 4) of any loop applied to every state, by closure; NaN if not trusted."""
-        return {closure: self.tangents_of(self.states, closure) for closure in CLOSURES}
+        return {closure: self.tangents_of(self.states, closure) for closure in get_args(Closure)}
 
     def tangents_of(self, states: DiamondStates, closure: Closure) -> Floats:
         """Tangents (n, 4, 4) of any loop applied to states, over `L10 L20`."""

@@ -72,8 +72,9 @@ PREDICTORS = {
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
 # persistence the interval before. The grains' own motion is known afterwards.
-CLOSURES = ("affine", "affine_free", "traction", "traction_free")
-CLOSURE_PREDICTORS = {name: f"{name}_W2" for name in CLOSURES}
+CLOSURE_PREDICTORS = {
+    name: f"{name}_W2" for name in ("affine", "affine_free", "traction", "traction_free")
+}
 EIGENVALUE_PREDICTORS = (
     *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
     "packing_lambda_min",
@@ -81,18 +82,13 @@ EIGENVALUE_PREDICTORS = (
 # The strain of a loop that came apart is unknown: closures have no prediction there.
 SURVIVED_TARGETS = ("W2_negative", "nonaffine")
 EVENT_PREDICTORS = {"packing_path": "path", "replay": "replay"}
-PACKING_PREDICTORS = ("packing", "own_motion", "persistence")
+IN_PACKING = ("packing", "own_motion", "persistence", *EVENT_PREDICTORS)
 # Predictors whose score is positive where they predict the target.
 SIGNED: dict[str, tuple[str, ...]] = {
-    "W2_negative": (
-        *PACKING_PREDICTORS,
-        *EVENT_PREDICTORS,
-        *CLOSURE_PREDICTORS,
-        *EIGENVALUE_PREDICTORS,
-    ),
+    "W2_negative": (*IN_PACKING, *CLOSURE_PREDICTORS, *EIGENVALUE_PREDICTORS),
     "nonaffine": (),
-    "contact_lost": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
-    "topology": (*PACKING_PREDICTORS, *EVENT_PREDICTORS),
+    "contact_lost": IN_PACKING,
+    "topology": IN_PACKING,
 }
 # Columns of the structural indicators; `EXPECTED` has the sign of each as a predictor, fixed by its
 # meaning before anything was compared.
@@ -105,15 +101,8 @@ READ = (
     *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
     *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
     *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
-    *(
-        "own_w2",
-        "own_opening",
-        "own_closing",
-        *GRADIENT,
-        *CLOSURE_PREDICTORS.values(),
-        *EIGENVALUE_PREDICTORS,
-        *INDICATORS.values(),
-    ),
+    *("own_w2", "own_opening", "own_closing", *GRADIENT, *CLOSURE_PREDICTORS.values()),
+    *(*EIGENVALUE_PREDICTORS, *INDICATORS.values()),
 )
 # Principal strain of an interval beyond which no rate of its start speaks for it: 1e-4, and a tenth
 # for codes that write after whole time steps (docs/evidence/packing.md, table of the steps).
