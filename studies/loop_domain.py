@@ -222,11 +222,6 @@ def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.loc[first].sort_values("programme_deg")
 
 
-def contact_forces_of(stress: Any, order: int) -> Any:
-    """Stress of a regular loop as the force `s l0/(2 tan(pi/n))` of a contact across its axis."""
-    return stress / (2.0 * np.tan(np.pi / order))
-
-
 def loop_figures(
     table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
 ) -> list[tuple[str, Figure]]:
@@ -269,7 +264,8 @@ def domains_figure(
                             & (table.order == order) & (table.kappa == kappa)]  # fmt: skip
                 bound = domain_boundary(own)
                 values = bound[list(plane)].to_numpy()
-                values = contact_forces_of(values, order) if regular else values
+                # The force `s l0/(2 tan(pi/n))` of a contact across the axis of a regular loop.
+                values = values / (2.0 * np.tan(np.pi / order)) if regular else values
                 lost = bound.kind.isin(STABILITY_LIMITS).to_numpy()
                 ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
                 ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -129,7 +128,7 @@ def run_material(
         if figures:
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
             title = f"Loops of {name} as a material"
-            results.write_report(title, summary, material_figures(table), [])
+            results.write_report(title, summary, [("material", draw_material(table))], [])
     return summary
 
 
@@ -265,11 +264,6 @@ def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
     for key, rows_there in (("w2_negative_strain", negative), ("cone_strain", open_cone)):
         told[key] = float(run["strain"][rows_there].iloc[0]) if rows_there.any() else None
     return told
-
-
-def material_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
-    """Yield the figure of the path: stress ratio, volume change, work, cone."""
-    yield "material", draw_material(table)
 
 
 @styled()

@@ -111,11 +111,6 @@ def programmes_of(spins: Spins, *, linear: bool) -> int:
     return TOGETHER if spins == "blocked" and linear else ONE_BY_ONE
 
 
-def circle_of_programmes(directions: int) -> Floats:
-    """Angles of programmes in all directions, 45 degrees (isotropic for equal sides) among them."""
-    return np.asarray(0.25 * np.pi + np.linspace(-np.pi, np.pi, directions, endpoint=False))
-
-
 def present_fan(
     graph: GrainGraph,
     law: ContactLaw,
@@ -129,7 +124,9 @@ def present_fan(
     contacts = contact_state(graph)
     overlap = float(np.mean(contacts.overlap / contacts.touching_length))
     model = model_along_axes(graph, law, closure, spins)
-    fan = Fan(model, control, circle_of_programmes(directions), REACH_OVERLAPS * overlap)
+    # All directions, 45 degrees among them: the isotropic one for equal sides.
+    around = 0.25 * np.pi + np.linspace(-np.pi, np.pi, directions, endpoint=False)
+    fan = Fan(model, control, around, REACH_OVERLAPS * overlap)
     if present_tangent(graph, fan, spins)[1] == "unstable":
         return fan, FanLimits.none(directions, model.contact_count)
     return fan, limits_along(fan, graph, spins)

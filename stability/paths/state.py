@@ -253,7 +253,7 @@ def contact_rates(
     return un, ut, normal, -(stiffness[:, 1, 0] * un + stiffness[:, 1, 1] * ut)
 
 
-def nominal_stress(model: PathModel, contacts: ContactState) -> Floats:
+def path_stress(model: PathModel, contacts: ContactState) -> Floats:
     """(4,) nominal stress `P = (1/V0) sum f (x) d0`."""
     return (forces(contacts).T @ model.d0).ravel() / model.volume
 
@@ -279,7 +279,7 @@ def power(model: PathModel, mode: Mode, contacts: ContactState, rates: Rates) ->
     if sliding.any():
         elastic = -rates.shear_force / shear_stiffness(model, contacts)
         slipped = np.where(sliding, -T * (rates.ut - elastic), 0.0)
-    external = model.volume * (nominal_stress(model, contacts) @ rates.H)
+    external = model.volume * (path_stress(model, contacts) @ rates.H)
     return np.array([external, T @ rolled, -T @ shear, slipped.sum()])
 
 

@@ -25,8 +25,8 @@ from stability.paths.state import (
     contacts_at,
     displacement_gradient,
     forces,
-    nominal_stress,
     pack,
+    path_stress,
     power,
     velocities,
     with_signs,
@@ -67,7 +67,7 @@ class StateRates:
     @cached_property
     def P(self) -> Floats:
         """(4,) nominal stress."""
-        return nominal_stress(self.model, self.contacts)
+        return path_stress(self.model, self.contacts)
 
     @cached_property
     def x(self) -> Floats:

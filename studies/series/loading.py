@@ -98,7 +98,7 @@ def read_strains(path: Path) -> StrainTable:
     return StrainTable(path.name, time, F)
 
 
-class Loading(NamedTuple):
+class IntervalLoading(NamedTuple):
     """Loading of an interval: what `replay` is given, and the stages of a path.
 
     `start` is the strain that the whole interval would have at the velocity gradient of its
@@ -119,7 +119,7 @@ def loading_between(
     programme: str,
     table: StrainTable | None = None,
     times: Sequence[float | None] = (None, None),
-) -> Loading:
+) -> IntervalLoading:
     """Loading that strains the sample by `H` from one snapshot to the next; `times` are theirs."""
     size = float(np.linalg.norm(H))
     if table is not None:
@@ -143,27 +143,27 @@ def loading_between(
         rate = np.where(on > 0, change, H.ravel())
         name = f"H{driven} and P{held} of the interval"
         mixed = Stage(Programme(name, np.diag(on), np.diag(1.0 - on), rate), "parameter", 1.0)
-        return Loading(mixed, None, [mixed], H, size)
+        return IntervalLoading(mixed, None, [mixed], H, size)
     if programme.endswith("first"):
         k = int(programme[0]) - 1
         first_part = np.zeros((2, 2))
         first_part[k, k] = H[k, k]
         return in_parts(np.array([first_part, H]), None)
-    return Loading(H, None, strain_stages(H[None]), H, size)
+    return IntervalLoading(H, None, strain_stages(H[None]), H, size)
 
 
-def in_parts(ends: Floats, shares: Floats | None) -> Loading:
+def in_parts(ends: Floats, shares: Floats | None) -> IntervalLoading:
     """Loading through displacement gradients (K, 2, 2), at shares of the time or at one speed."""
     sizes = np.linalg.norm(np.diff(ends, axis=0, prepend=0.0), axis=(1, 2))
     moving = np.flatnonzero(sizes > 0)
     if not len(moving):
-        return Loading(ends[-1], None, strain_stages(ends[-1:]), ends[-1], 0.0)
+        return IntervalLoading(ends[-1], None, strain_stages(ends[-1:]), ends[-1], 0.0)
     size, first = float(sizes.sum()), int(moving[0])
     if shares is None:
         # Parts without a strain take no time.
         ends, start = ends[moving], ends[first] * size / sizes[first]
-        return Loading(ends, None, strain_stages(ends), start, size)
-    return Loading(ends, shares, strain_stages(ends[moving]), ends[0] / shares[0], size)
+        return IntervalLoading(ends, None, strain_stages(ends), start, size)
+    return IntervalLoading(ends, shares, strain_stages(ends[moving]), ends[0] / shares[0], size)
 
 
 def strain_stages(ends: Floats) -> list[Stage]:

@@ -41,7 +41,7 @@ from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from studies.output import Columns, Row
 from studies.series.evolution import sample_strain
-from studies.series.loading import Loading, StrainTable, loading_between, stress_of
+from studies.series.loading import IntervalLoading, StrainTable, loading_between, stress_of
 from studies.snapshot.in_packing import balance_notes, fixed_point, place_columns, sample_edge
 
 # Field of `LoopRates` of each column of predictions.
@@ -110,7 +110,7 @@ def interval_rate(
     H: Floats,
     times: Sequence[float | None],
     asked: Following,
-    loading: Loading | None = None,
+    loading: IntervalLoading | None = None,
 ) -> Rate:
     """Rate at which the code strained its sample by `H` from one snapshot to the next.
 

@@ -167,12 +167,6 @@ def require_about(path: Path) -> dict[str, Any]:
     return about
 
 
-def is_finished(path: Path, fingerprint: str) -> bool:
-    """Whether the part exists and was made from the same input with the same configuration."""
-    about = read_about(path)
-    return about is not None and about.get("fingerprint") == fingerprint
-
-
 def keep_only(folder: Path, parts: set[str]) -> None:
     """Remove parts with other names, and unfinished files of interrupted runs."""
     for path in folder.glob("part-*.parquet"):
@@ -279,7 +273,8 @@ class PartTask:
         parts = [self.part]
         if len(self.snapshots) > 1:
             parts += [self.fates_part, *([] if self.band is None else [self.packing_part])]
-        return all(is_finished(part, self.fingerprint) for part in parts)
+        told = (read_about(part) or {} for part in parts)
+        return all(about.get("fingerprint") == self.fingerprint for about in told)
 
     @property
     def name(self) -> str:

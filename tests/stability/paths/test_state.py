@@ -38,8 +38,8 @@ from stability.paths.state import (
     displacement_gradient,
     first_state,
     initial_state,
-    nominal_stress,
     pack,
+    path_stress,
     power,
     relative_displacements,
     shear_stiffness,
@@ -113,7 +113,7 @@ def test_forces_of_contacts_by_their_regime(length, kn):
     np.testing.assert_allclose(found.shear_force, wanted, rtol=1e-12, atol=1e-14 * kn * length)
     f = N[:, None] * found.n + wanted[:, None] * np.column_stack([-found.n[:, 1], found.n[:, 0]])
     P = sum(np.outer(one, d) for one, d in zip(f, model.d0, strict=True)) / model.volume
-    np.testing.assert_allclose(nominal_stress(model, found), P.ravel(), atol=1e-13 * kn)
+    np.testing.assert_allclose(path_stress(model, found), P.ravel(), atol=1e-13 * kn)
 
 
 def random_rates(model, rng, length, kn):
@@ -146,7 +146,7 @@ def test_powers_contact_by_contact(length, kn):
             sheared -= force * (contacts.t[c] @ rates.motion[c, :2] - spins)
             if regimes[c] == SLIDE:
                 slipped -= force * (rates.ut[c] + rates.shear_force[c] / law.kt[c])
-        work = model.volume * nominal_stress(model, contacts) @ rates.H
+        work = model.volume * path_stress(model, contacts) @ rates.H
         unit = kn * length**2
         wanted = np.array([work, turned, sheared, slipped]) / unit
         found = power(model, mode, contacts, rates) / unit
