@@ -35,12 +35,16 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, received: str, expected: str, remedy: str) -> None:
-        message = f"{where}: got {received}, expected {expected}. {remedy}"
-        super().__init__(" ".join(message.split()))
+        # The arguments as they came: so the error can be sent between processes.
+        super().__init__(where, received, expected, remedy)
         self.where = where
         self.received = received
         self.expected = expected
         self.remedy = remedy
+
+    def __str__(self) -> str:
+        message = f"{self.where}: got {self.received}, expected {self.expected}. {self.remedy}"
+        return " ".join(message.split())
 
 
 def out_of_memory(error: BaseException) -> bool:

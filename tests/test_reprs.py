@@ -1,5 +1,6 @@
 """Every public object of the sample prints one short line, and a small table in a notebook."""
 
+import pickle
 from dataclasses import is_dataclass
 from xml.etree import ElementTree
 
@@ -149,3 +150,9 @@ def test_every_dataclass_that_a_room_shows_prints_so():
     results |= {Carrying, Changed, Factor, LoopsInPlace, PlaneContacts, System}
     assert len(results) > 30
     assert not sorted(one.__name__ for one in results if not issubclass(one, Shown))
+
+
+def test_an_error_can_be_sent_between_processes():
+    error = gl.InputError("radius of grain 3", "-0.1", "a positive length", "Correct the file.")
+    sent = pickle.loads(pickle.dumps(error))
+    assert str(sent) == str(error) and sent.remedy == error.remedy

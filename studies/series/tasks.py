@@ -200,29 +200,25 @@ def write_csv(paths: list[Path], out: Path) -> None:
 
 @dataclass(frozen=True)
 class Failure:
-    """Reason of a failed task: the parts of an `InputError`, to send between processes."""
+    """Reason of a failed task."""
 
     number: int
     name: str
-    where: str
-    received: str
-    expected: str
-    remedy: str
+    cause: InputError
     skippable: bool = True
 
     @property
     def reason(self) -> str:
         """Place of the error, and the value received there."""
-        return f"{self.where}: got {self.received}"
+        return f"{self.cause.where}: got {self.cause.received}"
 
     def error(self) -> InputError:
         """Return the error to raise in the main process."""
+        where, received, expected, remedy = self.cause.args
         skip = "; --skip-bad leaves this one out" if self.skippable else ""
+        remedy = f"{remedy} Finished snapshots are kept{skip}."
         return InputError(
-            f"snapshot {self.number} ({self.name}): {self.where}",
-            self.received,
-            self.expected,
-            f"{self.remedy} Finished snapshots are kept{skip}.",
+            f"snapshot {self.number} ({self.name}): {where}", received, expected, remedy
         )
 
 
@@ -366,12 +362,12 @@ def do_task(task: PartTask) -> Failure | None:
         with one_blas_thread():
             (_write_snapshot if len(task.snapshots) == 1 else _write_pair)(task)
     except InputError as error:
-        parts = error.where, error.received, error.expected, error.remedy
-        return Failure(last.number, last.name, *parts)
+        return Failure(last.number, last.name, error)
     except OSError as error:
         # Errors of reading are InputErrors already.
-        parts = str(task.part), error.strerror or str(error), "a place to write", "Make room."
-        return Failure(last.number, last.name, *parts, skippable=False)
+        said = error.strerror or str(error)
+        full = InputError(str(task.part), said, "a place to write", "Make room.")
+        return Failure(last.number, last.name, full, skippable=False)
     return None
 
 
