@@ -32,12 +32,14 @@ LIGHT_SHARE = 1e-2
 CAUGHT_SHARE = 2e-3
 # Halvings by which that place is found.
 CATCH_HALVINGS = 20
-# Rounds in which the grains that carry nothing move out of overlap.
-MOST_ROUNDS = 30
-# Dampings of Newton's step (Levenberg's), over the stiffness, tried until the energy falls.
+# Most steps in which grains that carry nothing move out of overlap, or into balance.
+MOST_ROUNDS = 100
+# Dampings of a step (Levenberg's), over the stiffness, tried until the energy falls.
 DAMPINGS = (1e-6, 1e-4, 1e-2, 1.0, 1e2)
 # Falls of the energy below this share are rounding.
 ENERGY_RTOL = 1e-14
+# A balance with a mode of a stiffness below this share of `-N/l` is left along it.
+BENDS = 1e-3
 # A grain whose resultant is below this share of its largest force is in balance. One that is not
 # still moves out of overlap, as a chain of two discs does, which no friction holds.
 IN_BALANCE = 1e-3
@@ -115,12 +117,13 @@ def _held(state: Contacts, idle: Flags, least: float) -> Flags:
     """Return the idle grains (B,) with a load of `least`, in balance with the others that have."""
     rows = np.flatnonzero(idle[state.contacts].any(axis=1) & (state.normal_force != 0))
     ends, load = state.contacts[rows], (state.normal_force - state.law.at_touch)[rows]
-    held = idle
+    arms, held = np.ones((len(idle), 3)), idle
+    arms[idle, 2] = state.radii[idle]
     while True:
         carries = ~(idle & ~held)[ends].any(axis=1)
         of, largest = rows[carries], np.zeros(len(idle))
         np.maximum.at(largest, ends[carries], load[carries, None])
-        left = np.abs(_at(state, of).resultants).max(axis=1)
+        left = np.abs(_at(state, of).resultants / arms).max(axis=1)
         found = held & (largest >= least) & (left <= IN_BALANCE * largest)
         if (found == held).all():
             return held
@@ -164,121 +167,118 @@ def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flag
 class _Cages:
     """Springs of the pairs (R,) of grains that carry nothing, at centres and turns from the start.
 
-    Pressed contacts stick while friction can hold them: a grain between two others stays where the
-    line between its contacts lies in both friction cones, and slips out where it does not. `T` (P,)
-    are the shear forces of those that stick.
+    `load` and `T` are forces on them, above those at touch. Contacts stick while friction can hold
+    them, and slide with their strength where it can't: a grain between two others stays where the
+    line between its contacts lies in both friction cones, and slips out where it does not.
     """
 
     def __init__(self, state: Contacts, idle: Flags, free: Flags) -> None:
         self.state, self.idle, self.rows = state, idle, np.flatnonzero(free)
         self.ends, self.listed = state.contacts[self.rows], _at(state, self.rows)
-        touching, self.T = state.law.touching, np.zeros(len(free))
+        touching = state.law.touching
         kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
         self.ratio, self.touching = (kt / kn)[self.rows], touching[self.rows]
-        self.sticks = np.ones(len(self.rows), dtype=bool)
+        # Contacts that only touch, by rounding, are open.
+        self.rounding = 4.0 * np.finfo(float).eps * float(np.abs(state.x).max())
         self.place(state.x, np.zeros(len(state.x)))
-        self.weigh()
 
     def place(self, x: Floats, turned: Floats) -> None:
         """Set the centres (B, 2), and the turns times the radii (B,)."""
-        self.x, self.turned = x, turned
+        self.x, self.turned, law = x, turned, self.state.law
         d = replace(self.listed, x=x).branches
-        length = np.linalg.norm(d, axis=1)
-        self.overlap, self.n = self.touching - length, d / length[:, None]
-
-    def weigh(self) -> None:
-        """Weigh pairs by the secant stiffness, `N` over the overlap: least energy is balance."""
-        law = self.state.law
-        if law.linear:
-            secant = np.where(law.kn > 0, law.kn, 1.0)[self.rows]
-        else:
-            overlap = SMALL_OVERLAP * law.touching
-            overlap[self.rows[self.overlap > 0]] = self.overlap[self.overlap > 0]
-            secant = ((law.normal_force(overlap) - law.at_touch) / overlap)[self.rows]
-        weight = np.sqrt(secant)
-        self.weight = weight / weight.max(initial=0.0)
-
-    @property
-    def stuck(self) -> Flags:
-        """(R,) pressed contacts that stick."""
-        return np.asarray(self.sticks & (self.overlap > 0))
-
-    def slid(self, n: Floats) -> Floats:
-        """Return the shear (R,) since the start across normals (R, 2)."""
-        (i, j), u = self.ends.T, self.x - self.state.x
-        across = n[:, 0] * (u[j] - u[i])[:, 1] - n[:, 1] * (u[j] - u[i])[:, 0]
-        return np.asarray(across - self.turned[i] - self.turned[j])
-
-    def energy(self, n: Floats, stuck: Flags) -> float:
-        """Return the energy with shear across normals of contacts that stick."""
-        shear = np.where(stuck, self.ratio, 0.0) * self.slid(n) ** 2
-        return float(np.sum(self.weight**2 * (np.maximum(self.overlap, 0.0) ** 2 + shear)))
-
-    def step(self, rounding: float) -> bool:
-        """Take a step of Newton's, damped until the energy falls; whether it did."""
-        pressed, stuck, n = np.flatnonzero(self.overlap > 0), self.stuck, self.n
-        grains = np.unique(self.ends[pressed])
-        grains = grains[self.idle[grains]]
-        shear = np.where(stuck, np.sqrt(self.ratio), 0.0)[pressed]
-        matrix = _parting_and_slip(self.ends[pressed], n[pressed], grains, len(self.x))
-        weight = self.weight[pressed]
-        matrix *= (weight * np.stack([np.ones(len(pressed)), shear]))[..., None]
-        matrix = matrix.reshape(2 * len(pressed), -1)
-        # Contacts that only touch, by rounding, are open.
-        parting = self.overlap[pressed] + 4.0 * rounding
-        right = weight * np.stack([parting, -shear * self.slid(n)[pressed]])
-        stiffness, force = matrix.T @ matrix, matrix.T @ right.ravel()
-        before, start = self.energy(n, stuck), (self.x, self.turned)
-        for damping in DAMPINGS:
-            moves = np.linalg.solve(stiffness + damping * np.eye(len(force)), force).reshape(-1, 3)
-            x, turned = start[0].copy(), start[1].copy()
-            x[grains] += moves[:, :2]
-            turned[grains] += moves[:, 2]
-            self.place(x, turned)
-            if self.energy(n, stuck) < (1.0 - ENERGY_RTOL) * before:
-                return True
-        self.place(*start)
-        return False
-
-    def settle(self, rounding: float) -> bool:
-        """Take a step, and steps until weights of springs that vary settle; whether it moved."""
-        moved = self.step(rounding)
-        if not self.state.law.linear:
-            for _ in range(MOST_ROUNDS):
-                self.weigh()
-                if not ((self.overlap > 0).any() and self.step(rounding)):
-                    break
-        return moved
-
-    def slip(self) -> bool:
-        """Find the shear forces, and let contacts beyond their strength slip; whether any do."""
-        rows, stuck, law = self.rows, self.stuck, self.state.law
-        every = np.zeros(len(self.T))
-        every[rows] = np.maximum(self.overlap, 0.0)
+        self.length = np.linalg.norm(d, axis=1)
+        self.overlap, self.n = self.touching - self.length, d / self.length[:, None]
+        self.pressed = np.flatnonzero(self.overlap > 0)
+        every = np.zeros(len(law))
+        every[self.rows] = np.maximum(self.overlap, 0.0)
         N = law.normal_force(every)
-        carried = (N - law.at_touch)[rows] / np.where(stuck, self.overlap, 1.0)
-        self.T[rows] = np.where(stuck, -self.ratio * self.slid(self.n) * carried, 0.0)
-        most = law.strength(every, N)
-        slips = np.abs(self.T[rows]) > most[rows]
-        self.T[rows[slips]] = 0.0
-        self.sticks &= ~slips
-        return bool(slips.any())
+        self.stored = float(np.sum((law.normal_energy(every) - law.at_touch * every)[self.rows]))
+        self.load = np.where(self.overlap > 0, (N - law.at_touch)[self.rows], 0.0)
+        # Secants, with which springs that stiffen leave an overlap in one step.
+        self.kn = self.load / np.where(self.overlap > 0, self.overlap, 1.0)
+        self.kt = self.ratio * self.kn
+        self.strength = np.where(self.overlap > 0, law.strength(every, N)[self.rows], 0.0)
+        (i, j), u = self.ends.T, x - self.state.x
+        across = self.n[:, 0] * (u[j] - u[i])[:, 1] - self.n[:, 1] * (u[j] - u[i])[:, 0]
+        self.slid = across - turned[i] - turned[j]
+        shear = self.kt * self.slid
+        self.side = np.where(np.abs(shear) > self.strength, np.sign(shear), 0.0)
+        self.T = -np.clip(shear, -self.strength, self.strength)
+
+    def work(self, kt: Floats, strength: Floats) -> float:
+        """Return the energy stored, with what shear stores and takes at given springs (R,)."""
+        kt, most, slid = kt[self.pressed], strength[self.pressed], np.abs(self.slid[self.pressed])
+        T = np.minimum(kt * slid, most)
+        back = np.divide(T, 2.0 * kt, out=np.zeros(len(T)), where=kt > 0)
+        return self.stored + float(np.sum(T * (slid - back)))
+
+    def step(self) -> bool:
+        """Take a step towards balance in which the energy falls; whether there was one.
+
+        Newton's where no contact changes its regime; else one with secants, damped until the
+        energy falls, which is that at the strengths of the start; at rest one along a mode that
+        has no stiffness.
+        """
+        c = self.pressed
+        if not len(c):
+            return False
+        kn, kt, load, T = self.kn[c], self.kt[c], self.load[c], self.T[c]
+        slid, strength = np.abs(self.slid[c]), self.strength[c]
+        overlap, length = self.overlap[c], self.length[c]
+        grains = np.unique(self.ends[c])
+        grains = grains[self.idle[grains]]
+        part, slip = _parting_and_slip(self.ends[c], self.n[c], grains, len(self.x))
+        left = part.T @ (load + kn * self.rounding) + slip.T @ T
+        side = self.side[c]
+        squeezed = part.T @ (kn[:, None] * part)
+        stuck = squeezed + slip.T @ (np.where(side, 0.0, kt)[:, None] * slip)
+        secant = np.where(side, strength / np.where(side, slid, 1.0), kt)
+        secants = squeezed + slip.T @ (secant[:, None] * slip)
+        # The shear force of a contact that slides goes with its normal force.
+        friction = side * self.state.law.friction[self.rows[c]] * kn
+        newton = stuck - slip.T @ (friction[:, None] * part)
+        unit = float(kn.max()) * np.eye(len(left))
+        start = self.x, self.turned, self.kt, self.strength
+        least = (1.0 - ENERGY_RTOL) * self.work(*start[2:])
+
+        def falls(moves: Floats) -> bool:
+            x, turned = start[0].copy(), start[1].copy()
+            x[grains] += moves.reshape(-1, 3)[:, :2]
+            turned[grains] += moves.reshape(-1, 3)[:, 2]
+            self.place(x, turned)
+            return self.work(*start[2:]) < least
+
+        if side.any() and falls(np.linalg.solve(newton + DAMPINGS[0] * unit, left)):
+            if np.array_equal(self.pressed, c) and np.array_equal(self.side[c], side):
+                return True
+        if any(falls(np.linalg.solve(secants + d * unit, left)) for d in DAMPINGS):
+            return True
+        # At rest. Forces turn with the branches: a row of grains may roll away all the same.
+        across = slip.copy()
+        across.reshape(len(c), -1, 3)[..., 2] = 0.0
+        turns = (load / length)[:, None] * across - (T / length)[:, None] * part
+        turns = across.T @ turns
+        values, modes = np.linalg.eigh(stuck - 0.5 * (turns + turns.T))
+        mode = float(overlap.max()) * modes[:, 0]
+        bends = values[0] < -BENDS * float((load / length).max())
+        if bends and (falls(mode) or falls(-mode)):
+            return True
+        self.place(*start[:2])
+        return False
 
 
 def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, Floats]:
-    """Return centres (B, 2) where grains that carry nothing have least energy, and `T` (P,) there.
+    """Return centres (B, 2) where grains that carry nothing are in balance, and `T` (P,) there.
 
     All these grains move together, the others stay.
     """
     cages = _Cages(state, idle, free)
-    rounding = np.finfo(float).eps * float(np.abs(state.x).max())
     for _ in range(MOST_ROUNDS):
-        if not (cages.overlap > 0).any():
+        if not cages.step():
             break
-        moved = cages.settle(rounding)
-        if not cages.slip() and not moved:
-            break
-    return cages.x, cages.T
+    T = np.zeros(len(free))
+    T[cages.rows] = cages.T
+    return cages.x, T
 
 
 def _parting_and_slip(ends: Integers, n: Floats, grains: Integers, bodies: int) -> Floats:

@@ -176,7 +176,7 @@ def chain_of_two(degrees, second, overlap):
     return contacts_of(start_state(graph), LinearFrictional(1.0, 0.5, 0.7))
 
 
-@pytest.mark.parametrize("degrees", [0.5, 2.0, 10.0])
+@pytest.mark.parametrize("degrees", [0.0, 0.5, 2.0, 10.0])
 @pytest.mark.parametrize("second", ["above", "below"])
 def test_friction_holds_no_chain_of_two_grains(second, degrees):
     """Six forces, six balances: an arch of two carries nothing, however flat, and rolls away.
@@ -189,6 +189,84 @@ def test_friction_holds_no_chain_of_two_grains(second, degrees):
     assert state.overlap[4:] == pytest.approx([overlap] * 3, rel=1e-6)
     assert not freed.normal_force[4:].any() and not freed.shear_force.any()
     assert freed.overlap[4:].max() < 1e-3 * overlap
+
+
+# A disc of three contacts and one of two that presses it, between three others that stand.
+ARCH_NORMALS = [[0.957, -0.290], [0.0136, 1.0], [0.358, -0.934], [-0.585, 0.811]]
+ARCH_ENDS = np.array([[0, 2], [2, 1], [2, 3], [4, 3]])
+
+
+def arch(law):
+    """Two discs of an arch, of which the fourth contact is open at first."""
+    n = np.array(ARCH_NORMALS) / np.linalg.norm(ARCH_NORMALS, axis=1, keepdims=True)
+    r, gap = np.array([0.12, 0.12, 0.1, 0.2, 0.12]), 1e-5 * np.array([5.1, 4.9, 0.3, -4.2])
+    i, j = ARCH_ENDS.T
+    d = (r[i] + r[j] - gap)[:, None] * n
+    x = np.array([-d[0], d[1], 0 * d[0], d[2], d[2] - d[3]])
+    none, cell = np.zeros((4, 2), dtype=int), 9.0 * np.eye(2)
+    graph = GrainGraph(
+        x=x, radii=r, contacts=ARCH_ENDS, images=none, cell=cell, normal_force=[1.0] * 4
+    )
+    return contacts_of(start_state(graph), law), n, gap
+
+
+def balances(n, r):
+    """(6, 8) forces on both discs and moments over their radii, of 4 normal and 4 shear forces."""
+    rows = np.zeros((2, 3, 2, 4))
+    for k, ends in enumerate(ARCH_ENDS):
+        for grain, sense in zip(ends, (-1.0, 1.0), strict=True):
+            if grain in (2, 3):
+                rows[grain - 2, :2, 0, k] = sense * n[k]
+                rows[grain - 2, :2, 1, k] = sense * np.array([-n[k, 1], n[k, 0]])
+                rows[grain - 2, 2, 1, k] = -1.0
+    return rows.reshape(6, 8)
+
+
+@pytest.mark.parametrize("ratio, mu", [(0.2, 0.5), (0.5, 0.5), (1.0, 0.5), (0.5, 0.3), (0.5, 0.2)])
+def test_an_arch_of_two_grains_stands_with_a_contact_that_slides(ratio, mu):
+    """In closed form: seven forces of six balances, as large as their ways are compatible.
+
+    Forces are those of the null space with `T = -mu N` where it slides; ways of the seven springs
+    do no work on the forces of the null space without friction there. To the ways over lengths.
+    """
+    state, n, gap = arch(LinearFrictional(1.0, ratio, mu))
+    idle = np.isin(np.arange(5), [2, 3])
+    x, T = rattlers._out_of_overlap(state, idle, np.ones(4, dtype=bool))
+    moved = replace(state, x=x)
+    B, slides, signs = balances(n, state.radii), 1, np.sign(T[1])
+    assert (np.abs(T) > 0.999 * mu * moved.overlap).tolist() == [False, True, False, False]
+    springs = np.delete(np.arange(8), 4 + slides)
+    smooth = np.linalg.svd(B[:, springs])[2][-1]
+    B[:, slides] += signs * mu * B[:, 4 + slides]
+    forces = np.linalg.svd(B[:, springs])[2][-1]
+    ways = forces / np.where(springs < 4, 1.0, ratio)
+    forces *= (smooth[:4] @ gap) / (smooth @ ways)
+    np.testing.assert_allclose(moved.overlap, forces[:4], rtol=1e-3)
+    np.testing.assert_allclose(np.delete(T, slides), forces[4:], rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(T[slides], signs * mu * moved.overlap[slides], rtol=1e-9)
+
+
+@pytest.mark.parametrize("mu, stands", [(0.1, False), (0.135, True)])
+def test_an_arch_falls_where_its_second_disc_is_beyond_its_cones(mu, stands):
+    """Its two contacts turn by 14.8 degrees: their forces by half of it from the normals."""
+    state, n, gap = arch(LinearFrictional(1.0, 0.5, mu))
+    assert np.tan(0.5 * np.arccos(-n[2] @ n[3])) == pytest.approx(0.13, abs=1e-3)
+    x, T = rattlers._out_of_overlap(state, np.isin(np.arange(5), [2, 3]), np.ones(4, dtype=bool))
+    overlap = replace(state, x=x).overlap
+    assert (overlap > 0.01 * gap.max()).all() if stands else overlap.max() < 1e-9 * gap.max()
+    assert stands or not T.any()
+
+
+def test_an_arch_of_springs_that_stiffen_stands_too():
+    """Hertz's: in balance, and one contact slides with its strength."""
+    state, _, _ = arch(HertzMindlin(1.0, 0.0, 0.5))
+    x, T = rattlers._out_of_overlap(state, np.isin(np.arange(5), [2, 3]), np.ones(4, dtype=bool))
+    moved = replace(state, x=x).with_normal_forces()
+    N = moved.normal_force
+    assert (np.abs(T) / N > 0.999 * 0.5).tolist() == [False, True, False, False]
+    left = replace(moved, shear_force=T).resultants[2:4]
+    # To the ways over lengths.
+    assert np.abs(left[:, :2]).max() < 3e-4 * N.max() and (N > 0).all()
 
 
 @pytest.mark.parametrize("share", [0.5, 2.0])
