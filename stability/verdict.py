@@ -274,9 +274,9 @@ def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability
 def loop_spectra(tangents: Floats, *, compiled: bool = False) -> Floats:
     """(L, 3) eigenvalues of Ks in the symmetric subspace alone, as `loop_stability` has them."""
     if compiled:
-        from stability.compiled.modes import loop_modes
+        from stability.compiled.modes import spectra
 
-        return np.asarray(loop_modes(np.ascontiguousarray(tangents))[0])
+        return np.asarray(spectra(np.ascontiguousarray(tangents)))
     return symmetric_spectrum(restrict(tangents, "symmetric"))
 
 

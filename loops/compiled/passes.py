@@ -34,6 +34,41 @@ def fill_frames(d: Floats, length: Floats, n: Floats, t: Floats) -> None:
 
 
 @kernel
+def fill_branches(
+    x: Floats,
+    radii: Floats,
+    contacts: Integers,
+    across: Floats,
+    d: Floats,
+    length: Floats,
+    n: Floats,
+    reach: Floats,
+) -> None:
+    """Fill in branches, lengths and normals, and each length over the sum of the radii.
+
+    `across` (C, 2) is the way across the border of a cell, without rows in the plane. A branch of no
+    length is its own normal.
+    """
+    for c in range(len(contacts)):
+        i, j = contacts[c, 0], contacts[c, 1]
+        d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        if len(across):
+            d0, d1 = d0 + across[c, 0], d1 + across[c, 1]
+        size = math.hypot(d0, d1)
+        d[c, 0], d[c, 1], length[c] = d0, d1, size
+        size = size if size > 0.0 else 1.0
+        n[c, 0], n[c, 1] = d0 / size, d1 / size
+        reach[c] = size / (radii[i] + radii[j])
+
+
+@kernel
+def fill_distances(a: Floats, b: Floats, out: Floats) -> None:
+    """Fill in the distances of two lists of points."""
+    for c in range(len(a)):
+        out[c] = math.hypot(a[c, 0] - b[c, 0], a[c, 1] - b[c, 1])
+
+
+@kernel
 def fill_reach(radii: Floats, contacts: Integers, reach: Floats) -> None:
     """Fill in the sum of the radii of both grains."""
     for c in range(len(contacts)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
-from loops.compiled import on_parts, use_passes
+from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.tables import HUGE, Table
 
 WALL = 1
@@ -79,7 +79,6 @@ def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
         # Successive grains lie many mean spacings apart, as after a random insertion.
         spacing = np.sqrt(np.ptp(x[:, 0]) * np.ptp(x[:, 1]) / len(x))
         if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR_IN_LISTS * spacing:
-            from loops.compiled import given
             from loops.compiled.network import spatial_order
 
             order = spatial_order(given(x, np.float64))
@@ -274,25 +273,24 @@ def read_branches(
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = {name: np.zeros(count) for name in of_file}
+    fill_branches, fill_distances = _branch_passes(count)
+    grains = given(bodies.x, np.float64), given(bodies.radii, np.float64)
+    contacts = given(pairs, np.int64)
 
     def fill(at: int) -> None:
         part = slice(at, at + BRANCH_BLOCK)
-        one, two = pairs[part].T
-        gap = bodies.x[two] - bodies.x[one]
+        across = np.zeros((0, 2))
         if cell is not None and made is not None:
             if images is None:
-                near = of_file["branch"][part] - gap if "branch" in of_file else -gap
+                near = bodies.x[pairs[part, 0]] - bodies.x[pairs[part, 1]]
+                near = of_file["branch"][part] + near if "branch" in of_file else near
                 made[part] = np.rint(np.linalg.solve(cell, near.T).T)
-            gap += made[part] @ cell.T
-        d[part] = gap
-        length[part] = size = np.hypot(gap[:, 0], gap[:, 1])
-        # Coincident grains are refused by the graph.
-        size = np.where(size > 0, size, 1.0)
-        n[part] = gap / size[:, None]
-        reach[part] = size / (bodies.radii[one] + bodies.radii[two])
+            across = made[part] @ cell.T
+        fill_branches(*grains, contacts[part], across, d[part], length[part], n[part], reach[part])
         for name, values in of_file.items():
-            wanted, unit = (gap, size) if name == "branch" else (n[part], 1.0)
-            off[name][part] = np.hypot(*(values[part] - wanted).T) / unit
+            fill_distances(values[part], (d if name == "branch" else n)[part], off[name][part])
+        if "branch" in of_file:
+            off["branch"][part] /= np.where(length[part] > 0, length[part], 1.0)
 
     in_threads(fill, range(0, count, BRANCH_BLOCK))
     made_branches = ContactBranches(
@@ -302,6 +300,41 @@ def read_branches(
     )
     _require_fitting(table, rows, pairs, bodies, made_branches, of_file, off, reach)
     return made_branches
+
+
+def _branch_passes(count: int) -> tuple[Callable[..., None], Callable[..., None]]:
+    """The passes over so many contacts that fill in branches and distances."""
+    if use_passes(count):
+        from loops.compiled import passes
+
+        return passes.fill_branches, passes.fill_distances
+    return _fill_branches, _fill_distances
+
+
+def _fill_branches(
+    x: Floats,
+    radii: Floats,
+    contacts: Integers,
+    across: Floats,
+    d: Floats,
+    length: Floats,
+    n: Floats,
+    reach: Floats,
+) -> None:
+    """Fill in branches, lengths and normals, and each length over the sum of the radii."""
+    one, two = contacts.T
+    d[:] = x[two] - x[one]
+    if len(across):
+        d += across
+    length[:] = np.hypot(d[:, 0], d[:, 1])
+    # Coincident grains are refused by the graph.
+    size = np.where(length > 0, length, 1.0)
+    n[:] = d / size[:, None]
+    reach[:] = size / (radii[one] + radii[two])
+
+
+def _fill_distances(a: Floats, b: Floats, out: Floats) -> None:
+    out[:] = np.hypot(*(a - b).T)
 
 
 def _require_fitting(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers, in_threads
+from loops.compiled import load_ahead
 from patterns.snapshots.files import (
     Text,
     line_at,
@@ -521,6 +522,7 @@ def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
         require_once(str(path), names)
         read = names if wanted is None else [name for name in names if name in set(wanted)]
         require_room(path, 8 * len(read) * file.metadata.num_rows, path.stat().st_size)
+        load_ahead(file.metadata.num_rows)
         table = file.read(columns=read)
         # The table has rows but none of the wanted columns.
         none: dict[str, Any] = {} if file.metadata.num_rows else {"": np.zeros(0)}

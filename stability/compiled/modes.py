@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from loops.compiled import inlined, kernel
 
 Floats = NDArray[np.float64]
-Triple = tuple[float, float, float]
 HALF = math.sqrt(0.5)
+LANES = 32  # matrices side by side: loops over them become the processor's vectors
 SWEEPS = 30  # four or five are enough
 SPLITTER = 2.0**27 + 1.0
 CONVERGED = (
@@ -24,68 +24,122 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
     """Spectrum, softest direction and plane cone of every tangent."""
     count = len(tangents)
     values, softest, opening = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-    for loop in range(count):
-        a = tangents[loop]
-        k00, k11 = a[0, 0], a[3, 3]
-        k22 = 0.5 * (a[1, 1] + a[2, 2] + (a[1, 2] + a[2, 1]))
-        k01 = 0.5 * (a[0, 3] + a[3, 0])
-        k02 = 0.5 * HALF * ((a[0, 1] + a[1, 0]) + (a[0, 2] + a[2, 0]))
-        k12 = 0.5 * HALF * ((a[3, 1] + a[1, 3]) + (a[3, 2] + a[2, 3]))
-        if not math.isfinite(k00 + k11 + k22 + k01 + k02 + k12):
-            values[loop], softest[loop], opening[loop] = np.nan, np.nan, np.nan
-            continue
-        (k00, k11, k22), modes = _jacobi(k00, k11, k22, k01, k02, k12)
-        low, high = min(k00, k11, k22), max(k00, k11, k22)
-        values[loop, 0], values[loop, 2] = low, high
-        values[loop, 1] = max(min(k00, k11), min(max(k00, k11), k22))
-        first = modes[0] if k00 == low else (modes[1] if k11 == low else modes[2])
-        softest[loop, 0], softest[loop, 1], softest[loop, 2] = first
-        opening[loop] = _opening(a[0, 0], a[3, 3], a[0, 3], a[3, 0])
+    k, axes, scratch = np.empty((6, LANES)), np.empty((3, 3, LANES)), np.empty((5, LANES))
+    for start in range(0, count, LANES):
+        some = tangents[start : start + LANES]
+        _fill_symmetric_parts(some, k)
+        _diagonalise(k, axes, scratch)
+        for r in range(len(some)):
+            loop, a = start + r, some[r]
+            low = _fill_ascending(k[0, r], k[1, r], k[2, r], values[loop])
+            first = 0 if k[0, r] == low else (1 if k[1, r] == low else 2)
+            for i in range(3):
+                softest[loop, i] = axes[first, i, r] if low == low else np.nan
+            opening[loop] = np.nan
+            if low == low:
+                opening[loop] = _opening(a[0, 0], a[3, 3], a[0, 3], a[3, 0])
     return values, softest, opening
 
 
+@kernel
+def spectra(tangents: Floats) -> Floats:
+    """Spectrum of every tangent, as `loop_modes` has it."""
+    values = np.empty((len(tangents), 3))
+    k, axes, scratch = np.empty((6, LANES)), np.empty((0, 3, LANES)), np.empty((5, LANES))
+    for start in range(0, len(tangents), LANES):
+        some = tangents[start : start + LANES]
+        _fill_symmetric_parts(some, k)
+        _diagonalise(k, axes, scratch)
+        for r in range(len(some)):
+            _fill_ascending(k[0, r], k[1, r], k[2, r], values[start + r])
+    return values
+
+
 @inlined
-def _jacobi(
-    k00: float, k11: float, k22: float, k01: float, k02: float, k12: float
-) -> tuple[Triple, tuple[Triple, Triple, Triple]]:
-    """Diagonalise a symmetric matrix in place, pair of axes by pair; return the turned axes."""
-    v0, v1, v2 = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    size = abs(k00) + abs(k11) + abs(k22) + abs(k01) + abs(k02) + abs(k12)
+def _fill_symmetric_parts(some: Floats, k: Floats) -> None:
+    """Fill in Ks in (11, 22, (12 + 21)/sqrt 2): diagonal, then 01, 02, 12; nan if not finite."""
+    for r in range(LANES):
+        a = some[min(r, len(some) - 1)]
+        k[0, r], k[1, r] = a[0, 0], a[3, 3]
+        k[2, r] = 0.5 * (a[1, 1] + a[2, 2] + (a[1, 2] + a[2, 1]))
+        k[3, r] = 0.5 * (a[0, 3] + a[3, 0])
+        k[4, r] = 0.5 * HALF * ((a[0, 1] + a[1, 0]) + (a[0, 2] + a[2, 0]))
+        k[5, r] = 0.5 * HALF * ((a[3, 1] + a[1, 3]) + (a[3, 2] + a[2, 3]))
+        if not math.isfinite(k[0, r] + k[1, r] + k[2, r] + k[3, r] + k[4, r] + k[5, r]):
+            k[0, r], k[1, r], k[2, r] = np.nan, np.nan, np.nan
+            k[3, r], k[4, r], k[5, r] = 0.0, 0.0, 0.0
+
+
+@inlined
+def _fill_ascending(a: float, b: float, c: float, out: Floats) -> float:
+    """Sort three numbers; return the least, nan if they are none."""
+    low = min(a, b, c) if a == a else a
+    out[0], out[2] = low, max(a, b, c) if a == a else a
+    out[1] = max(min(a, b), min(max(a, b), c)) if a == a else a
+    return low
+
+
+@inlined
+def _diagonalise(k: Floats, axes: Floats, scratch: Floats) -> None:
+    """Diagonalise symmetric matrices in place, pair of axes by pair; turn the axes, if any.
+
+    Matrices lie side by side, for the processor's vectors; each is left alone once it is done.
+    """
+    least, going = scratch[0], scratch[1]
+    axes[:] = 0.0
+    for i in range(len(axes)):
+        axes[i, i] = 1.0
+    for r in range(LANES):
+        size = abs(k[0, r]) + abs(k[1, r]) + abs(k[2, r]) + abs(k[3, r]) + abs(k[4, r])
+        least[r] = CONVERGED * (size + abs(k[5, r]))
     for _ in range(SWEEPS):
-        if abs(k01) + abs(k02) + abs(k12) <= CONVERGED * size:
+        some = 0.0
+        for r in range(LANES):
+            off = abs(k[3, r]) + abs(k[4, r]) + abs(k[5, r])
+            going[r] = 1.0 if off > least[r] else 0.0
+            some += going[r]
+        if some == 0.0:
             break
-        tangent, c, s = _rotation(k00, k11, k01)
-        k00, k11, k01 = k00 - tangent * k01, k11 + tangent * k01, 0.0
-        k02, k12 = c * k02 - s * k12, s * k02 + c * k12
-        v0, v1 = _turned(v0, v1, c, s)
-        tangent, c, s = _rotation(k00, k22, k02)
-        k00, k22, k02 = k00 - tangent * k02, k22 + tangent * k02, 0.0
-        k01, k12 = c * k01 - s * k12, s * k01 + c * k12
-        v0, v2 = _turned(v0, v2, c, s)
-        tangent, c, s = _rotation(k11, k22, k12)
-        k11, k22, k12 = k11 - tangent * k12, k22 + tangent * k12, 0.0
-        k01, k02 = c * k01 - s * k02, s * k01 + c * k02
-        v1, v2 = _turned(v1, v2, c, s)
-    return (k00, k11, k22), (v0, v1, v2)
+        _rotate(k[0], k[1], k[3], k[4], k[5], axes, 0, 1, scratch)
+        _rotate(k[0], k[2], k[4], k[3], k[5], axes, 0, 2, scratch)
+        _rotate(k[1], k[2], k[5], k[3], k[4], axes, 1, 2, scratch)
 
 
 @inlined
-def _rotation(first: float, second: float, off: float) -> Triple:
-    """Tangent, cosine and sine of the angle that uncouples two axes."""
-    if off == 0.0:
-        return 0.0, 1.0, 0.0
-    ratio = 0.5 * (second - first) / off
-    tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
-    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    return tangent, cosine, tangent * cosine
+def _rotate(
+    one: Floats,
+    two: Floats,
+    off: Floats,
+    first: Floats,
+    second: Floats,
+    axes: Floats,
+    i: int,
+    j: int,
+    scratch: Floats,
+) -> None:
+    """Uncouple two axes of the matrices that are not done: turn them by the angle that does."""
+    going, tangent, c, s = scratch[1], scratch[2], scratch[3], scratch[4]
+    for r in range(LANES):
+        ratio = 0.5 * (two[r] - one[r]) / off[r]
+        value = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
+        tangent[r] = value if (going[r] != 0.0) & (off[r] != 0.0) else 0.0
+    for r in range(LANES):
+        c[r] = 1.0 / math.sqrt(1.0 + tangent[r] * tangent[r])
+        s[r] = tangent[r] * c[r]
+    for r in range(LANES):
+        change = tangent[r] * off[r]
+        one[r], two[r] = one[r] - change, two[r] + change
+    for r in range(LANES):
+        off[r] = 0.0 if going[r] != 0.0 else off[r]
+    _turn(first, second, c, s)
+    for q in range(3 if len(axes) else 0):
+        _turn(axes[i, q], axes[j, q], c, s)
 
 
 @inlined
-def _turned(a: Triple, b: Triple, c: float, s: float) -> tuple[Triple, Triple]:
-    return (
-        (c * a[0] - s * b[0], c * a[1] - s * b[1], c * a[2] - s * b[2]),
-        (s * a[0] + c * b[0], s * a[1] + c * b[1], s * a[2] + c * b[2]),
-    )
+def _turn(a: Floats, b: Floats, c: Floats, s: Floats) -> None:
+    for r in range(LANES):
+        a[r], b[r] = c[r] * a[r] - s[r] * b[r], s[r] * a[r] + c[r] * b[r]
 
 
 @inlined
@@ -95,7 +149,7 @@ def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     if largest == 0.0:
         return 0.0
     # A power of two: exact, and products neither overflow nor vanish.
-    scale = 2.0 ** -math.frexp(largest)[1]
+    scale = math.ldexp(1.0, -math.frexp(largest)[1])
     k11, k22, k12, k21 = k11 * scale, k22 * scale, k12 * scale, k21 * scale
     outer = 0.5 * (k11 + k22)
     outer += math.copysign(0.5 * math.hypot(k11 - k22, k12 + k21), outer)
@@ -109,7 +163,9 @@ def _opening(k11: float, k22: float, k12: float, k21: float) -> float:
     errors = _product_error(k11, k22, product) - _product_error(half, half, square)
     inner = ((product - square) + (errors - half * lost)) / outer
     low, high = min(inner, outer), max(inner, outer)
-    return 2.0 * math.atan2(math.sqrt(max(-low, 0.0)), math.sqrt(max(high, 0.0)))
+    if low >= 0.0:
+        return 0.0
+    return 2.0 * math.atan2(math.sqrt(-low), math.sqrt(max(high, 0.0)))
 
 
 @inlined

@@ -7,8 +7,10 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from loops import force_chains
+from loops import ForceChains, force_chains
+from loops.arrays import Integers
 from loops.errors import check_choice
+from patterns import Snapshot
 from studies.output import UNITS, Summary, readable
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
@@ -46,14 +48,14 @@ def run_snapshot(
     with study("snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
-            found = other.submit(force_chains, snapshot.graph) if snapshot.mechanical else None
+            found = other.submit(chains_on_loops, snapshot) if snapshot.mechanical else None
             table = loop_columns(snapshot)
-        chains = None if found is None else found.result()
+        chains, on_loops = (None, None) if found is None else found.result()
         in_place, notes = None, list[str]()
         if in_packing is not None:
             in_place, notes = add_in_packing(snapshot, table, in_packing)
-        if chains is not None:
-            table["chain_contacts"] = chains.on_loops(snapshot.faces)
+        if on_loops is not None:
+            table["chain_contacts"] = on_loops
         # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(results.write_tables, {"loops": table})
@@ -90,3 +92,9 @@ def run_snapshot(
             maps = loops_for_map(snapshot, table, **links)
             results.write_report(title, summary, drawn, maps)
     return summary
+
+
+def chains_on_loops(snapshot: Snapshot) -> tuple[ForceChains, Integers]:
+    """Find the force chains, and count the links of each loop."""
+    chains = force_chains(snapshot.graph)
+    return chains, chains.on_loops(snapshot.faces)

@@ -85,17 +85,18 @@ def snapshot_summary(
     """
     area, groups = outline_area(snapshot.graph, snapshot.faces), group_rows(table["order"])
     # numpy releases the interpreter on arrays as long as these: the threads share the work.
-    with ThreadPoolExecutor(2) as pool:
-        fabric = pool.submit(_fabric, snapshot, table, groups)
-        forces = None
+    with ThreadPoolExecutor(3) as pool:
+        parts = [pool.submit(_fabric, snapshot, table, groups)]
         if snapshot.mechanical:
-            forces = pool.submit(_mechanics, snapshot, table, groups, area)
-        summary = _network(snapshot) | _orders(table, groups) | fabric.result()
-        summary |= {} if forces is None else forces.result()
-    parts = ["snapshot", *(["snapshot_forces"] if snapshot.mechanical else [])]
+            parts += [pool.submit(_mechanics, snapshot, table, groups, area)]
+            parts += [pool.submit(_stability, table, groups)]
+        summary = _network(snapshot) | _orders(table, groups)
+        for part in parts:
+            summary |= part.result()
+    keys = ["snapshot", *(["snapshot_forces"] if snapshot.mechanical else [])]
     if in_packing is not None:
         summary |= packing_summary(table, groups, in_packing)
-        parts.append("snapshot_in_packing")
+        keys.append("snapshot_in_packing")
     if chains is not None:
         summary["force_chains"] = chains_summary(chains, table)
     return {
@@ -103,7 +104,7 @@ def snapshot_summary(
         "area": area,
         "area_sum": float(table["area"].sum()),
         "notes": list(snapshot.notes),
-        "definitions": definitions(*parts),
+        "definitions": definitions(*keys),
     }
 
 
@@ -183,7 +184,7 @@ def _fabric(snapshot: Snapshot, table: Columns, groups: Groups) -> dict[str, Any
 def _mechanics(
     snapshot: Snapshot, table: Columns, groups: Groups, outline: float
 ) -> dict[str, Any]:
-    """Stress, sliding and stability of a snapshot with forces."""
+    """Stress and sliding of a snapshot with forces."""
     _, regime = snapshot.mechanics()
     sliding, area = regime == Regime.SLIDING, table["area"]
     sums = [float(np.dot(table[name], area)) for name in TENSOR]
@@ -206,7 +207,6 @@ def _mechanics(
         "sliding_contacts": share(sliding),
         "sliding_by_order": spread_by_group(groups, table["sliding_contacts"] / table["order"]),
         "stress_by_order": stress_by_order,
-        **_stability(table, groups),
         **wall_summary(snapshot),
     }
 

@@ -12,7 +12,7 @@ from stability import (
     symmetric_part,
     unstable_fraction,
 )
-from stability.compiled.modes import loop_modes
+from stability.compiled.modes import loop_modes, spectra
 from stability.verdict import loop_stability, soft_angle
 
 
@@ -40,6 +40,17 @@ def test_modes_against_numpy():
     assert (np.linalg.norm(rest, axis=1) / size).max() < 2e-15
     np.testing.assert_allclose(np.linalg.norm(softest, axis=1), 1.0, rtol=1e-14)
     np.testing.assert_allclose(opening, plane_cone(restrict(a, "diagonal")).opening, atol=1e-14)
+    np.testing.assert_array_equal(spectra(a), values)
+
+
+@pytest.mark.parametrize("count", [0, 1, 31, 33])
+def test_a_tangent_has_one_spectrum_whatever_stands_beside_it(count):
+    a = tangents()[500 : 500 + count]
+    a[::3] = np.nan
+    alone = [loop_modes(one[None]) for one in a]
+    for together, each in zip(loop_modes(a), zip(*alone, strict=True), strict=False):
+        np.testing.assert_array_equal(together, np.concatenate(each))
+    np.testing.assert_array_equal(np.isnan(spectra(a)).all(axis=1), np.isnan(a).any(axis=(1, 2)))
 
 
 def test_eigenvalues_against_fifty_digits():
