@@ -181,15 +181,17 @@ class CompiledPacking:
     """Arrays shared by the kernels, contiguous and read-only.
 
     `rows` (C, 8): branch vector, tangent block in the frame (n, t) row by row (zero without a law),
-    N and T; `shear` (C,) the shear stiffness; `regime` (C,). `by_radii`: whether spins shear by the
-    radii (or by the arms to the contact point); None for a law that does neither, which the kernel
-    does not treat. `faces`: offsets, grains, contacts and forward of `Faces`.
+    N and T; `length` (C,) those of the branches; `shear` (C,) the shear stiffness; `regime` (C,).
+    `by_radii`: whether spins shear by the radii (or by the arms to the contact point); None for a
+    law that does neither, which the kernel does not treat. `faces`: offsets, grains, contacts and
+    forward of `Faces`.
     """
 
     graph: GrainGraph
     law: ContactLaw | None
     by_radii: bool | None
     rows: Floats
+    length: Floats
     shear: Floats
     regime: Regimes
     x: Floats
@@ -200,7 +202,8 @@ class CompiledPacking:
         """(L, 11) shape and stress of faces, columns as in `loop_shapes`."""
         from loops.compiled.tangents import loop_shapes
 
-        return np.asarray(loop_shapes(self.rows, self.x, self.regime, *self.faces, loops))
+        rows = self.rows, self.length, self.x, self.regime
+        return np.asarray(loop_shapes(*rows, *self.faces, loops))
 
     def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
         """Affine and traction tangents with spins blocked, traction with spins free; poor loops.
@@ -211,8 +214,9 @@ class CompiledPacking:
         """
         from loops.compiled.tangents import tangents_of_faces
 
+        rows = self.rows, self.length, self.shear, self.radii
         matrices, conditions, smallest, sensitivity, area = tangents_of_faces(
-            self.rows, self.shear, self.radii, *self.faces, loops, self.by_radii is True
+            *rows, *self.faces, loops, self.by_radii is True
         )
         if self.by_radii is None:
             conditions[2] = np.inf
@@ -241,15 +245,16 @@ def compiled_packing(
     """
     count = graph.contact_count
     regime = graph.regime if regime is None else regime
-    rows, shear = np.zeros((count, 8)), np.zeros(count)
+    rows, length, shear = np.zeros((count, 8)), np.empty(count), np.zeros(count)
     regimes = np.zeros(count, dtype=np.int8)
 
     def fill(start: int) -> tuple[bool, bool]:
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
         rows[part, :2] = graph.branches[part]
+        state = state_of(graph, part)
+        length[part] = state.length
         if law is None:
             return True, True
-        state = state_of(graph, part)
         own = law.take(np.arange(part.start, part.stop))
         regimes[part] = own.regime(state) if regime is None else regime[part]
         stiffness = own.local_stiffness(state, regimes[part])
@@ -270,6 +275,7 @@ def compiled_packing(
         law=law,
         by_radii=by_radii if by_radii or by_arms else None,
         rows=given(rows, np.float64),
+        length=given(length, np.float64),
         shear=given(shear, np.float64),
         regime=given(regimes, np.int8),
         x=given(graph.x, np.float64),

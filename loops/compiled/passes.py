@@ -46,8 +46,8 @@ def fill_branches(
 ) -> None:
     """Fill in branches, lengths and normals, and each length over the sum of the radii.
 
-    `across` (C, 2) is the way across the border of a cell, without rows in the plane. A branch of no
-    length is its own normal.
+    `across` (C, 2) is the way across the border of a cell, without rows in the plane. A branch of
+    no length is its own normal.
     """
     for c in range(len(contacts)):
         i, j = contacts[c, 0], contacts[c, 1]

@@ -50,6 +50,7 @@ BEFORE, OWN, REST = range(3)
 @kernel
 def loop_shapes(
     rows: Floats,
+    length: Floats,
     x: Floats,
     regime: Regimes,
     offsets: Integers,
@@ -79,13 +80,12 @@ def loop_shapes(
             x0, y0 = x1, y1
             c = contacts[h]
             dx, dy, fn, ft = rows[c, DX], rows[c, DY], rows[c, FN], rows[c, FT]
-            length = math.hypot(dx, dy)
-            f0, f1 = (fn * dx - ft * dy) / length, (fn * dy + ft * dx) / length
+            f0, f1 = (fn * dx - ft * dy) / length[c], (fn * dy + ft * dx) / length[c]
             out[loop, S11] += f0 * dx
             out[loop, S12] += f0 * dy
             out[loop, S21] += f1 * dx
             out[loop, S22] += f1 * dy
-            out[loop, PERIMETER] += length
+            out[loop, PERIMETER] += length[c]
             out[loop, SLIDING] += regime[contacts[h]] == 2
         out[loop, AREA] = 0.5 * double
         out[loop, X] /= 3.0 * double
@@ -123,6 +123,7 @@ def _add_moments(
 @kernel
 def tangents_of_faces(
     rows: Floats,
+    length: Floats,
     shear: Floats,
     radii: Floats,
     offsets: Integers,
@@ -134,11 +135,11 @@ def tangents_of_faces(
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Tangents of the given faces: affine and traction with spins blocked, traction with them free.
 
-    `shear` (C,) is the shear stiffness, zero where a contact slides; `by_radii` tells whether spins
-    shear by the radii or by the arms to the contact point. Returns the tangents (3, L, 4, 4) in the
-    order (11, 12, 21, 22), their conditions (3, L), infinite where `macroscopic_tangent` is needed,
-    the smallest eigenvalues of Ks in the symmetric subspace (3, L), the sensitivity of the third
-    (L,), and the areas (L,).
+    `length` (C,) are those of the branches, `shear` the shear stiffness, zero where a contact
+    slides; `by_radii` tells whether spins shear by the radii or by the arms to the contact point.
+    Returns the tangents (3, L, 4, 4) in the order (11, 12, 21, 22), their conditions (3, L),
+    infinite where `macroscopic_tangent` is needed, the smallest eigenvalues of Ks in the symmetric
+    subspace (3, L), the sensitivity of the third (L,), and the areas (L,).
     """
     count = len(loops)
     tangents, own, other = np.full((3, count, 4, 4), np.nan), np.empty((4, 4)), np.empty((4, 4))
@@ -149,7 +150,7 @@ def tangents_of_faces(
     slip = np.empty(LONGEST_LOOP, dtype=np.int64)
     for loop in range(count):
         begin, end = offsets[loops[loop]], offsets[loops[loop] + 1]
-        area[loop], growth, stiff = _affine(rows, contacts, forward, begin, end, own)
+        area[loop], growth, stiff = _affine(rows, length, contacts, forward, begin, end, own)
         _store(own, tangents, 0, loop)
         smallest[0, loop] = _smallest(own)
         norm = _norm(own)
@@ -158,7 +159,7 @@ def tangents_of_faces(
         n = end - begin
         if n > LONGEST_LOOP:
             continue
-        scale_x, scale_y, stiffness = _ring(rows, contacts, forward, begin, n, geometry)
+        scale_x, scale_y, stiffness = _ring(rows, length, contacts, forward, begin, n, geometry)
         if not stiffness > 0.0:
             continue
         for free in range(2):
@@ -204,7 +205,13 @@ def tangents_of_faces(
 
 @inlined
 def _affine(
-    rows: Floats, contacts: Integers, forward: Flags, begin: int, end: int, out: Floats
+    rows: Floats,
+    lengths: Floats,
+    contacts: Integers,
+    forward: Flags,
+    begin: int,
+    end: int,
+    out: Floats,
 ) -> tuple[float, float, float]:
     """`A = (1/V0) sum k_ik d0_j d0_l`; V0, its `area_growth`, the sizes of the terms of A."""
     x, y, double, terms, stiff = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -215,7 +222,7 @@ def _affine(
         double += x * next_y - y * next_x
         terms += abs(x * next_y) + abs(y * next_x)
         x, y = next_x, next_y
-        length = math.hypot(rows[c, DX], rows[c, DY])
+        length = lengths[c]
         dx, dy = rows[c, DX] / length, rows[c, DY] / length
         nn, nt, tn, tt = rows[c, KNN], rows[c, KNT], rows[c, KTN], rows[c, KTT]
         turn_n, turn_t = rows[c, FN] / length, rows[c, FT] / length
@@ -311,7 +318,13 @@ def _smallest(a: Floats) -> float:
 
 @inlined
 def _ring(
-    rows: Floats, contacts: Integers, forward: Flags, begin: int, n: int, out: Floats
+    rows: Floats,
+    lengths: Floats,
+    contacts: Integers,
+    forward: Flags,
+    begin: int,
+    n: int,
+    out: Floats,
 ) -> tuple[float, float, float]:
     """Fill in the geometry of a ring's contacts; return sizes of m, and the stiffness."""
     x, y, double, moment_x, moment_y, stiffness = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -342,7 +355,7 @@ def _ring(
         row = contacts[begin + c]
         out[c, MX] /= scale_x
         out[c, MY] /= scale_y
-        branch = math.hypot(rows[row, DX], rows[row, DY])
+        branch = lengths[row]
         out[c, NX] /= branch
         out[c, NY] /= branch
         out[c, TURN_N] = rows[row, FN] / (branch * stiffness)

@@ -177,10 +177,8 @@ class Checked:
         needed = needed / scale
         off, size = needed - overlap, np.maximum(needed, overlap)
         pushed = (self.pressed > 0) & (size > 0)
-        noise = [
-            quantiles(np.abs(off[pushed]) / of, [1 - FEW_WRONG])[0]
-            for of in (size[pushed], typical)
-        ]
+        apart = np.abs(off[pushed])
+        noise = [quantiles(apart / of, [1 - FEW_WRONG])[0] for of in (size[pushed], typical)]
         # The median of ratios is off by their scatter, and where overlaps are in the denominator.
         error = power * (ERRORS * (rest - quarter) / np.sqrt(len(rows)) + noise[1] ** 2)
         return OverlapFit(

@@ -164,7 +164,7 @@ def balance(state: Checked) -> Finding | None:
         return None
     normal, shear = state.residuals
     mean = float(np.hypot(state.normal, state.shear).mean())
-    both = [normal + sign * shear for sign in (1, -1)]
+    both = normal + shear, normal - shear
     rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
     says = f"the resultant force on a grain is {rest:.2g} of the mean contact force"
     found = Finding("balance", rest, says)
@@ -273,7 +273,7 @@ def friction(state: Checked) -> Finding | None:
         )
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], state.mu[rows]
     beyond = float(np.mean(ratio > BEYOND_COULOMB * mu))
-    worst = float((ratio / np.where(mu > 0, mu, np.inf)).max())
+    worst = float(np.divide(ratio, mu, out=np.zeros(len(mu)), where=mu > 0).max())
     says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
     return Finding("friction", beyond, says).doubt(
         ": friction too small, or forces of another snapshot or law",
@@ -356,10 +356,10 @@ def flags(state: Checked) -> Finding | None:
     if state.sliding is None:
         return None
     limit = state.strength
-    rows = np.flatnonzero(np.isfinite(limit) & (limit > 0))
-    at_limit = np.abs(state.shear[rows]) >= SLIDING_SHARE * limit[rows]
+    at_limit = np.isfinite(limit) & (limit > 0)
+    at_limit &= np.abs(state.shear) >= SLIDING_SHARE * limit
     count = int(np.count_nonzero(at_limit))
-    missing = int(np.count_nonzero(at_limit & ~state.sliding[rows]))
+    missing = int(np.count_nonzero(at_limit & ~state.sliding))
     says = f"{missing} of {count} contacts at |T| = mu N are not flagged as sliding"
     return Finding("flags", missing, says).doubt(
         ": an empty column, or another mu",
