@@ -315,13 +315,14 @@ def force_chains(
     strong = touched & (major > major[touched].mean() if touched.any() else touched)
     near = np.flatnonzero(strong[i] & strong[j])
     n = branches[near] / np.hypot(*branches[near].T)[:, None]
-    cosines = np.stack([np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j)], axis=1)
-    deviation = np.arccos(np.clip(np.abs(cosines), 0.0, 1.0)).max(axis=1)
+    one, two = (np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j))
+    # The larger of the deviations from both axes.
+    deviation = np.arccos(np.clip(np.minimum(np.abs(one), np.abs(two)), 0.0, 1.0))
     along_axis = np.flatnonzero(deviation <= angle)
     # By falling deviation: the last contact written at a side of a grain deviates least.
     order = along_axis[np.argsort(deviation[along_axis], kind="stable")[::-1]]
     good = near[order]
-    sides = 2 * graph.contacts[good] + (cosines[order] * [1.0, -1.0] > 0)
+    sides = 2 * graph.contacts[good] + np.column_stack([one[order] > 0, two[order] < 0])
     choice = np.full(2 * graph.grain_count, -1)
     choice[sides.ravel()] = np.repeat(good, 2)
     links = good[(choice[sides] == good[:, None]).all(axis=1)]

@@ -355,16 +355,19 @@ def definitions(*parts: str) -> dict[str, str]:
 
 
 @cache
+def _column_words() -> dict[str, tuple[str, str]]:
+    """Unit and meaning of all columns, by their names and patterns."""
+    parts = words("columns").values()
+    return {name: (said[0], said[1]) for part in parts for name, said in part.items()}
+
+
+@cache
 def described(place: str, column: str) -> tuple[str, str] | None:
     """Unit and meaning of a column of `command/table`; None if it has no description."""
     command, _, table = place.partition("/")
     if command not in DESCRIBED_COMMANDS:
         return None
-    known = {
-        name: (said[0], said[1])
-        for part in words("columns").values()
-        for name, said in part.items()
-    }
+    known = _column_words()
     for name in (f"{command}:{column}", f"{table}:{column}", column):
         if name in known:
             return known[name]

@@ -188,6 +188,8 @@ class Checked:
 
     def goes_with_root(self, stiffness: Floats, rows: Integers) -> bool:
         """Whether stiffnesses of some contacts go with the root of their overlaps."""
+        if not np.ptp(stiffness):
+            return False
         return goes_with_root(stiffness, self.radii[self.contacts[rows]], self.overlap[rows])
 
     @property
