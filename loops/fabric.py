@@ -257,7 +257,10 @@ class ForceChains(Shown):
 
         In the order of `faces.loops`, of the faces of the same graph.
         """
-        linked = np.concatenate([[0], np.cumsum(np.isin(faces.contacts, self.links))])
+        link = np.zeros(1 + max(np.max(of, initial=0) for of in (faces.contacts, self.links)), bool)
+        link[self.links] = True
+        linked = np.zeros(1 + len(faces.contacts), dtype=np.int64)
+        np.cumsum(link[faces.contacts], out=linked[1:])
         counts: Integers = np.diff(linked[faces.offsets])
         return counts[faces.loops]
 

@@ -42,7 +42,7 @@ def crossing_pairs(
     """
     start, vector, reach = _branches(grain, number, ends, u, home, images)
     pairs = np.empty((min(limit, 1024), 2), dtype=np.int64)
-    if np.abs(reach).max() > FARTHEST:
+    if len(home) and np.abs(reach).max() > FARTHEST:
         return -1, pairs[:0]
     begin, contact, shift = _pieces(start, vector, counts, len(home) > 0)
     largest, work = 0, 0

@@ -235,7 +235,8 @@ class Checked:
         for rest in self._sums():
             if not found and self.walls is not None:
                 np.add.at(rest, *self.walls)
-            found.append(rest - touched[:, None] * ((area @ rest) / (area @ area or 1.0)))
+            rest -= touched[:, None] * ((area @ rest) / (area @ area or 1.0))
+            found.append(rest)
         return found[0], found[1]
 
     @cached_property

@@ -143,9 +143,10 @@ def index_of(ids: Integers, named: Integers) -> Integers:
     low, high = int(ids.min()), int(ids.max())
     if high - low < SPARSE * len(ids):
         place = named - low
-        known = (place >= 0) & (place <= high - low)
-        every = bool(known.all())
-        place = place if every else np.where(known, place, 0)
+        every = bool(place.min(initial=0) >= 0 and place.max(initial=0) <= high - low)
+        if not every:
+            known = (place >= 0) & (place <= high - low)
+            place = np.where(known, place, 0)
         # Consecutive ids are places themselves.
         if high - low >= len(ids) or (ids[1:] < ids[:-1]).any():
             at = np.full(high - low + 1, -1)
