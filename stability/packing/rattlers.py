@@ -202,7 +202,7 @@ class _Cages:
         across = self.n[:, 0] * (u[j] - u[i])[:, 1] - self.n[:, 1] * (u[j] - u[i])[:, 0]
         self.slid = across - turned[i] - turned[j]
         shear = self.kt * self.slid
-        self.side = np.where(np.abs(shear) > self.strength, np.sign(shear), 0.0)
+        self.slides = np.abs(shear) > self.strength
         self.T = -np.clip(shear, -self.strength, self.strength)
 
     def work(self, kt: Floats, strength: Floats) -> float:
@@ -215,9 +215,8 @@ class _Cages:
     def step(self) -> bool:
         """Take a step towards balance in which the energy falls; whether there was one.
 
-        Newton's where no contact changes its regime; else one with secants, damped until the
-        energy falls, which is that at the strengths of the start; at rest one along a mode that
-        has no stiffness.
+        With secants of springs and of friction, damped until the energy falls, which is that at the
+        strengths of the start; at rest along a mode that has no stiffness.
         """
         c = self.pressed
         if not len(c):
@@ -229,14 +228,10 @@ class _Cages:
         grains = grains[self.idle[grains]]
         part, slip = _parting_and_slip(self.ends[c], self.n[c], grains, len(self.x))
         left = part.T @ (load + kn * self.rounding) + slip.T @ T
-        side = self.side[c]
+        slides = self.slides[c]
+        secant = np.where(slides, strength / np.where(slides, slid, 1.0), kt)
         squeezed = part.T @ (kn[:, None] * part)
-        stuck = squeezed + slip.T @ (np.where(side, 0.0, kt)[:, None] * slip)
-        secant = np.where(side, strength / np.where(side, slid, 1.0), kt)
-        secants = squeezed + slip.T @ (secant[:, None] * slip)
-        # The shear force of a contact that slides goes with its normal force.
-        friction = side * self.state.law.friction[self.rows[c]] * kn
-        newton = stuck - slip.T @ (friction[:, None] * part)
+        stiffness = squeezed + slip.T @ (secant[:, None] * slip)
         unit = float(kn.max()) * np.eye(len(left))
         start = self.x, self.turned, self.kt, self.strength
         least = (1.0 - ENERGY_RTOL) * self.work(*start[2:])
@@ -248,18 +243,16 @@ class _Cages:
             self.place(x, turned)
             return self.work(*start[2:]) < least
 
-        if side.any() and falls(np.linalg.solve(newton + DAMPINGS[0] * unit, left)):
-            if np.array_equal(self.pressed, c) and np.array_equal(self.side[c], side):
-                return True
-        if any(falls(np.linalg.solve(secants + d * unit, left)) for d in DAMPINGS):
+        if any(falls(np.linalg.solve(stiffness + d * unit, left)) for d in DAMPINGS):
             return True
         # At rest. Forces turn with the branches: a row of grains may roll away all the same.
         across = slip.copy()
         across.reshape(len(c), -1, 3)[..., 2] = 0.0
         turns = (load / length)[:, None] * across - (T / length)[:, None] * part
         turns = across.T @ turns
+        stuck = squeezed + slip.T @ (np.where(slides, 0.0, kt)[:, None] * slip)
         values, modes = np.linalg.eigh(stuck - 0.5 * (turns + turns.T))
-        mode = float(overlap.max()) * modes[:, 0]
+        mode = float(overlap.max()) * np.sign(modes[:, 0] @ left) * modes[:, 0]
         bends = values[0] < -BENDS * float((load / length).max())
         if bends and (falls(mode) or falls(-mode)):
             return True
