@@ -188,9 +188,10 @@ def _operators(
         return np.full((count, 4, 4), np.nan), np.full(count, unknown)
     fronts = dissection(block.x[grains], number[np.concatenate([edges, regular.coupled])])
     lu = frontal_lu(regular.matrix, fronts, freedom[grains], threads)
-    lu.entries(
-        [Rows(number[g], freedom[g, :2], moves[g].all(axis=1)) for g in polygons.grains], use
-    )
+    groups = [
+        Rows(number[g], freedom[g, :2], np.asarray(moves[g].all(axis=1))) for g in polygons.grains
+    ]
+    lu.entries(groups, use)
     found = solve_sketches(regular.matrix, lu)
     found += slip_sketches(lu, regular.amplitudes, regular.rounding)
     sketches = [_projected(polygons, freedom, one) for one in found]

@@ -85,6 +85,9 @@ class PackingPathSolver:
         self.F = np.eye(2)
         self.volume = abs(float(np.linalg.det(self.state.cell)))
         self.first_stress = float(np.linalg.norm(start.stress))
+        # Of the pairs, then of their springs against rolling.
+        self.regime: Regimes
+        self.side: Floats
         self.state, self.rattlers, _ = free_rattlers(self.state)
         self._find_regimes()
         self.first_resultants, self.unbalanced_share = self.state.resultants, 1.0
@@ -104,18 +107,15 @@ class PackingPathSolver:
         self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
 
     def _find_regimes(self) -> None:
-        """Mark closed contacts on the friction limit as sliding, on the side of their force.
-
-        Regimes are of the pairs, then of their springs against rolling.
-        """
+        """Mark closed contacts on the friction limit as sliding, on the side of their force."""
         law, state = self.state.law, self.state
         T = law.of_springs(state.shear_force, state.rolling_moment)
         most = law.of_springs(state.strength, state.rolling_strength)
         slides = np.abs(T) >= AT_YIELD * most
         regime = np.where(slides, SLIDING, ELASTIC)
         closed = np.resize(self.state.closed, len(T))
-        self.regime: Regimes = np.where(closed, regime, OPEN).astype(np.int8)
-        self.side: Floats = np.sign(T)
+        self.regime = np.where(closed, regime, OPEN).astype(np.int8)
+        self.side = np.sign(T)
 
     def _start_stage(self, number: int) -> None:
         """Measure strains, stresses and the loading parameter of a stage from this state."""

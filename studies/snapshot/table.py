@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -50,7 +50,7 @@ MECHANICS = (
     "traction_condition",
     *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
-Tangents = Callable[[Snapshot, LoopBatch], Columns]
+Wanted = Literal["all", "tangents", "free"]  # columns of loops that closures compute
 LOOPS_AT_A_TIME = 2**13  # loops that a thread computes at a time
 
 # Loops of this order and beyond form one group, in every table, figure and report.
@@ -90,7 +90,7 @@ def loop_columns(
     if use_compiled(compiled, snapshot.graph.contact_count):
         parts = _compiled_parts(snapshot, threads)
     else:
-        parts = _plain_parts(snapshot)
+        parts = _parts_by_closures(snapshot, faces.loops)
     count = len(faces.loops)
     table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
     for name in (*SHAPE, *(MECHANICS if snapshot.mechanical else ())):
@@ -104,48 +104,37 @@ def loop_columns(
     return table
 
 
-def _plain_parts(snapshot: Snapshot) -> Iterator[tuple[Any, Columns]]:
-    """Rows and columns, order by order, in numpy."""
-    for batch in loop_batches(snapshot.graph, snapshot.faces):
-        x = batch.graph.x
-        centre = polygon_centroid(x) + batch.origin
-        elongation, orientation = polygon_shape(x)
-        columns = {
-            "x": centre[:, 0],
-            "y": centre[:, 1],
-            "area": polygon_area(x),
-            "perimeter": polygon_perimeter(x),
-            "elongation": elongation,
-            "orientation": np.degrees(orientation),
-        }
+def _parts_by_closures(
+    snapshot: Snapshot, loops: Integers, wanted: Wanted = "all"
+) -> Iterator[tuple[Integers, Columns]]:
+    """Rows and columns of some loops, order by order, in numpy."""
+    for batch in loop_batches(snapshot.graph, snapshot.faces, loops=loops):
+        columns = _shapes(batch) if wanted == "all" else {}
         if snapshot.mechanical:
-            _, regime = snapshot.mechanics()
-            slides = regime[batch.contacts] == Regime.SLIDING
-            columns["sliding_contacts"] = np.count_nonzero(slides, axis=1)
-            columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
-            columns |= _tangents(snapshot, batch)
+            law, regime = snapshot.mechanics()
+            own, kn, regimes = law.take(batch.contacts), snapshot.mean_kn, regime[batch.contacts]
+            if wanted == "all":
+                columns["sliding_contacts"] = np.count_nonzero(regimes == Regime.SLIDING, axis=1)
+                columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
+            if wanted != "free":
+                for closure in CLOSURES:
+                    tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
+                    found = _stability(tangent.matrix / kn, tangent.error / kn, compiled=False)
+                    columns |= _named(closure, found)
+                columns["traction_condition"] = tangent.condition
+            free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
+            columns |= _eigenvalues(free, kn, compiled=False)
         yield batch.row, columns
 
 
-def _tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
-    """Stability columns of a batch of loops of one order, by the closures in numpy."""
-    law, regime = snapshot.mechanics()
-    own, kn, regimes = law.take(batch.contacts), snapshot.mean_kn, regime[batch.contacts]
-    columns: Columns = {}
-    for closure in CLOSURES:
-        tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
-        found = _stability(tangent.matrix / kn, tangent.error / kn, compiled=False)
-        columns |= _named(closure, found)
-    columns["traction_condition"] = tangent.condition
-    return columns | _free_tangents(snapshot, batch)
-
-
-def _free_tangents(snapshot: Snapshot, batch: LoopBatch) -> Columns:
-    """Eigenvalues with spins free of a batch of loops of one order, by the closure in numpy."""
-    law, regime = snapshot.mechanics()
-    own, regimes = law.take(batch.contacts), regime[batch.contacts]
-    free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
-    return _eigenvalues(free, snapshot.mean_kn, compiled=False)
+def _shapes(batch: LoopBatch) -> Columns:
+    """Columns `SHAPE` of loops of one order."""
+    x = batch.graph.x
+    centre = polygon_centroid(x) + batch.origin
+    elongation, orientation = polygon_shape(x)
+    long_axis = elongation, np.degrees(orientation)
+    values = (*centre.T, polygon_area(x), polygon_perimeter(x), *long_axis)
+    return dict(zip(SHAPE, values, strict=True))
 
 
 def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[Any, Columns]]:
@@ -159,20 +148,18 @@ def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[A
     work = partial(_compiled_columns, packing, faces.loops, kn)
     rest = np.zeros((2, len(faces.loops)), dtype=bool)
 
-    def again(task: tuple[Tangents, Integers]) -> list[tuple[Integers, Columns]]:
-        find, loops = task
-        batches = loop_batches(snapshot.graph, faces, loops=loops)
-        return [(batch.row, find(snapshot, batch)) for batch in batches]
+    def again(task: tuple[Integers, Wanted]) -> list[tuple[Integers, Columns]]:
+        return list(_parts_by_closures(snapshot, *task))
 
     with ThreadPoolExecutor(threads) as pool:
         for block, (columns, rest[:, block]) in zip(blocks, pool.map(work, blocks), strict=True):
             yield block, columns
         blocked, free = rest
         # Most have a gear mode, which only spins that are free have.
-        tasks = ((_tangents, blocked), (_free_tangents, free & ~blocked))
+        tasks: tuple[tuple[Flags, Wanted], ...] = (blocked, "tangents"), (free & ~blocked, "free")
         parts = [
-            (find, some)
-            for find, poor in tasks
+            (some, wanted)
+            for poor, wanted in tasks
             for some in np.array_split(faces.loops[poor], threads)
         ]
         for some in pool.map(again, parts):
