@@ -17,7 +17,6 @@ from loops import (
     GrainGraph,
     InputError,
     LoopBatch,
-    MacroTangent,
     Regime,
     loop_batches,
     love_weber_stress,
@@ -26,11 +25,10 @@ from loops import (
     polygon_centroid,
     polygon_perimeter,
     polygon_shape,
-    traction_tangent,
 )
 from loops.arrays import Flags, Floats, Integers, available_cores
 from loops.compiled import use_compiled
-from loops.loop_batches import compiled_packing
+from loops.loop_batches import TANGENTS, compiled_packing
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns, as_arrow, as_json
@@ -87,15 +85,12 @@ def loop_columns(
     the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
     """
     faces = snapshot.faces
-    if use_compiled(compiled, snapshot.graph.contact_count):
-        parts = _compiled_parts(snapshot, threads)
-    else:
-        parts = _parts_by_closures(snapshot, faces.loops)
     count = len(faces.loops)
     table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
     for name in (*SHAPE, *(MECHANICS if snapshot.mechanical else ())):
         table[name] = np.empty(count, dtype=np.int64 if name == "sliding_contacts" else np.float64)
-    for at, columns in parts:
+    by_kernels = use_compiled(compiled, snapshot.graph.contact_count)
+    for at, columns in _parts(snapshot, by_kernels, threads or available_cores()):
         for name, values in columns.items():
             table[name][at] = values
     ids = snapshot.ids[faces.grains[np.repeat(faces.row >= 0, faces.order)]]
@@ -104,8 +99,35 @@ def loop_columns(
     return table
 
 
-def _parts_by_closures(
-    snapshot: Snapshot, loops: Integers, wanted: Wanted = "all"
+def _parts(snapshot: Snapshot, compiled: bool, threads: int) -> Iterator[tuple[Any, Columns]]:
+    """Rows and columns: by the kernels block by block, by the closures order by order.
+
+    Closures compute the loops that the kernels leave as ill-conditioned, or all without kernels.
+    """
+    loops = snapshot.faces.loops
+    tasks: list[tuple[Integers, Wanted]] = [(loops, "all")]
+    with ThreadPoolExecutor(threads) as pool:
+        if compiled:
+            law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
+            packing = compiled_packing(snapshot.graph, snapshot.faces, law, regime, threads)
+            kn = np.nan if law is None else snapshot.mean_kn
+            work = partial(_compiled_columns, packing, loops, kn)
+            starts = range(0, len(loops), LOOPS_AT_A_TIME)
+            blocks = [slice(start, start + LOOPS_AT_A_TIME) for start in starts]
+            poor = np.zeros((2, len(loops)), dtype=bool)
+            for block, found in zip(blocks, pool.map(work, blocks), strict=True):
+                columns, poor[:, block] = found
+                yield block, columns
+            blocked, free = poor
+            # Most have a gear mode, which only spins that are free have.
+            tasks = [(some, "tangents") for some in np.array_split(loops[blocked], threads)]
+            tasks += [(some, "free") for some in np.array_split(loops[free & ~blocked], threads)]
+        for part in pool.map(lambda task: list(_by_closures(snapshot, *task)), tasks):
+            yield from part
+
+
+def _by_closures(
+    snapshot: Snapshot, loops: Integers, wanted: Wanted
 ) -> Iterator[tuple[Integers, Columns]]:
     """Rows and columns of some loops, order by order, in numpy."""
     for batch in loop_batches(snapshot.graph, snapshot.faces, loops=loops):
@@ -116,14 +138,16 @@ def _parts_by_closures(
             if wanted == "all":
                 columns["sliding_contacts"] = np.count_nonzero(regimes == Regime.SLIDING, axis=1)
                 columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
-            if wanted != "free":
-                for closure in CLOSURES:
-                    tangent = macroscopic_tangent(batch.graph, own, closure, regime=regimes)
-                    found = _stability(tangent.matrix / kn, tangent.error / kn, compiled=False)
-                    columns |= _named(closure, found)
-                columns["traction_condition"] = tangent.condition
-            free = traction_tangent(batch.graph, own, spins="free", regime=regimes)
-            columns |= _eigenvalues(free, kn, compiled=False)
+            for name, (closure, spins) in zip((*CLOSURES, FREE), TANGENTS, strict=True):
+                if wanted == "free" and name != FREE:
+                    continue
+                tangent = macroscopic_tangent(
+                    batch.graph, own, closure, spins=spins, regime=regimes
+                )
+                over_kn = tangent.matrix / kn, tangent.error / kn
+                columns |= _judged(name, *over_kn, compiled=False)
+                if name == "traction":
+                    columns["traction_condition"] = tangent.condition
         yield batch.row, columns
 
 
@@ -135,35 +159,6 @@ def _shapes(batch: LoopBatch) -> Columns:
     long_axis = elongation, np.degrees(orientation)
     values = (*centre.T, polygon_area(x), polygon_perimeter(x), *long_axis)
     return dict(zip(SHAPE, values, strict=True))
-
-
-def _compiled_parts(snapshot: Snapshot, threads: int | None) -> Iterator[tuple[Any, Columns]]:
-    """Rows and columns, block by block, by the kernels; ill-conditioned loops by the closures."""
-    faces = snapshot.faces
-    law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
-    threads = threads or available_cores()
-    packing = compiled_packing(snapshot.graph, faces, law, regime, threads)
-    blocks = [slice(k, k + LOOPS_AT_A_TIME) for k in range(0, len(faces.loops), LOOPS_AT_A_TIME)]
-    kn = np.nan if law is None else snapshot.mean_kn
-    work = partial(_compiled_columns, packing, faces.loops, kn)
-    rest = np.zeros((2, len(faces.loops)), dtype=bool)
-
-    def again(task: tuple[Integers, Wanted]) -> list[tuple[Integers, Columns]]:
-        return list(_parts_by_closures(snapshot, *task))
-
-    with ThreadPoolExecutor(threads) as pool:
-        for block, (columns, rest[:, block]) in zip(blocks, pool.map(work, blocks), strict=True):
-            yield block, columns
-        blocked, free = rest
-        # Most have a gear mode, which only spins that are free have.
-        tasks: tuple[tuple[Flags, Wanted], ...] = (blocked, "tangents"), (free & ~blocked, "free")
-        parts = [
-            (some, wanted)
-            for poor, wanted in tasks
-            for some in np.array_split(faces.loops[poor], threads)
-        ]
-        for some in pool.map(again, parts):
-            yield from some
 
 
 def _compiled_columns(
@@ -182,16 +177,15 @@ def _compiled_columns(
     columns["sliding_contacts"] = shape[kernel.SLIDING]
     columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
     (affine, traction, free), poor = packing.tangents(chosen)
-    found = _stability(affine.matrix / kn, affine.error / kn, compiled=True)
+    columns |= _judged("affine", affine.matrix / kn, affine.error / kn, compiled=True)
     # Both closures give the same tangent for a triangle.
     own = packing.faces[0][chosen + 1] - packing.faces[0][chosen] != 3
-    other = [values.copy() for values in found]
-    others = _stability(traction.matrix[own] / kn, traction.error[own] / kn, compiled=True)
-    for values, changed in zip(other, others, strict=True):
-        values[own] = changed
-    columns |= _named("affine", found) | _named("traction", other)
+    over_kn = traction.matrix[own] / kn, traction.error[own] / kn
+    for name, values in _judged("traction", *over_kn, compiled=True).items():
+        columns[name] = columns[name.replace("traction", "affine")].copy()
+        columns[name][own] = values
     columns["traction_condition"] = traction.condition
-    return columns | _eigenvalues(free, kn, compiled=True), poor
+    return columns | _judged(FREE, free.matrix / kn, free.error / kn, compiled=True), poor
 
 
 def _stress(whole: Floats) -> Columns:
@@ -202,30 +196,22 @@ def _stress(whole: Floats) -> Columns:
     return dict(zip(STRESS_COLUMNS, values, strict=True))
 
 
-def _stability(matrix: Floats, error: Floats, *, compiled: bool) -> list[Floats]:
-    """Columns named by `STABILITY`; nan where the error exceeds the smallest eigenvalue."""
-    found = loop_stability(matrix, compiled=compiled)
-    sure = np.abs(found.eigenvalues[:, 0]) > error
-    values = (
-        *found.eigenvalues.T,
-        found.unstable_fraction,
-        np.degrees(found.cone_opening),
-        np.degrees(found.soft_angle),
-    )
-    return [np.where(sure, value, np.nan) for value in values]
+def _judged(closure: str, matrix: Floats, error: Floats, *, compiled: bool) -> Columns:
+    """Columns of a closure's tangents over `kn`; nan where the error exceeds the first eigenvalue.
 
-
-def _named(closure: str, values: list[Floats]) -> Columns:
-    return {f"{closure}_{name}": value for name, value in zip(STABILITY, values, strict=True)}
-
-
-def _eigenvalues(tangent: MacroTangent, kn: float, *, compiled: bool) -> Columns:
-    """Eigenvalues with free spins; nan where the error exceeds the smallest one."""
-    values = loop_spectra(tangent.matrix / kn, compiled=compiled)
-    unsure = np.abs(values[:, 0]) * kn <= tangent.error
+    With spins free eigenvalues alone.
+    """
+    values: tuple[Floats, ...]
+    if closure == FREE:
+        values = tuple(loop_spectra(matrix, compiled=compiled).T)
+    else:
+        found = loop_stability(matrix, compiled=compiled)
+        angles = np.degrees(found.cone_opening), np.degrees(found.soft_angle)
+        values = (*found.eigenvalues.T, found.unstable_fraction, *angles)
+    sure = np.abs(values[0]) > error
     return {
-        f"{FREE}_{name}": np.where(unsure, np.nan, value)
-        for name, value in zip(EIGENVALUES, values.T, strict=True)
+        f"{closure}_{name}": np.where(sure, value, np.nan)
+        for name, value in zip(STABILITY, values, strict=False)
     }
 
 
