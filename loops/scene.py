@@ -11,7 +11,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
 from loops.boundary import FORMER, Boundary, boundary_of, former_boundary
 from loops.errors import InputError
 from loops.faces import Faces, find_faces
-from loops.graph import GrainGraph
+from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw
 from loops.lazy import warn_of_old_name
 from loops.shown import Shown
@@ -62,6 +62,12 @@ class Scene(Shown):
     def faces(self) -> Faces:
         """Return the faces of the graph, found when they are first asked for."""
         return find_faces(self.graph)
+
+    @cached_property
+    def contact_state(self) -> ContactState:
+        """Return the contacts as the law sees them, made when first asked for; of one state."""
+        require_one_state(self.graph)
+        return contact_state(self.graph)
 
     def facts(self) -> dict[str, object]:
         """Return the facts that the prompt and a notebook show."""

@@ -27,7 +27,7 @@ from loops.assembly import assembled_sparse, contact_regime, contact_tangent
 from loops.boundary import PlaneContacts, plane_stiffness
 from loops.compiled import WIDTH
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.graph import ContactState, GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene
@@ -145,8 +145,7 @@ class System(Shown):
 
 def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
     """Prune, number the freedoms and evaluate the contacts, in other regimes if they are given."""
-    require_one_state(scene.graph)
-    state = contact_state(scene.graph)
+    state = scene.contact_state
     return system_of(scene, state, contact_regime(state, scene.law, regime))
 
 

@@ -12,7 +12,7 @@ from loops.assembly import contact_regime, contact_tangent
 from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
 from loops.errors import InputError
-from loops.graph import ContactState, contact_state, require_one_state
+from loops.graph import ContactState
 from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
 from loops.scene import Scene
 from loops.system import (
@@ -79,8 +79,7 @@ def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     graph, law, boundary = scene.graph, scene.law, scene.boundary
     require_law(law)
     checked_band(yield_band)
-    require_one_state(graph)
-    state = contact_state(graph)
+    state = scene.contact_state
     given = contact_regime(state, law, None)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
     near = [_near_yield(law, state, regimes, yield_band)]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from loops import Scene, contact_state
+from loops import Scene
 from loops.closures import Closure, Spins
-from loops.graph import require_one_state
 from loops.laws.frictional import require_law
 from loops.laws.movable import require_unlimited_rolling
 from stability.path import Path, follow_stages
@@ -33,8 +32,7 @@ def follow_loop(
     graph, law = scene.graph, scene.law
     require_law(law)
     require_unlimited_rolling(law)
-    require_one_state(graph)
-    contacts = contact_state(graph)
+    contacts = scene.contact_state
     model = path_model(graph, contacts, law, closure, options.spins, scene.given_volume)
     mode = start_mode(model, contacts)
     model, y, least = first_state(model, contacts)
@@ -62,8 +60,7 @@ def rates_of_loop(
     """Find the rates of a loop under a programme, see `stability.rates_at`."""
     graph, law = scene.graph, scene.law
     require_law(law)
-    require_one_state(graph)
-    contacts = contact_state(graph)
+    contacts = scene.contact_state
     model = path_model(graph, contacts, law, closure, spins, scene.given_volume)
     mode, state = start_mode(model, contacts), unpack(model, initial_state(model, contacts))
     return edge_problem(model, state, mode, programme, preferred={}, direction=None, held=regime)
