@@ -229,7 +229,7 @@ class Contacts(PackingState):
     @cached_property
     def strength(self) -> Floats:
         """(C,) shear force that contacts can carry, infinite where they never slide."""
-        return self.law.strength(self.overlap, self.normal_force)
+        return self.law.shear_strength(self.overlap, self.normal_force)
 
     @property
     def rolling_strength(self) -> Floats:

@@ -220,7 +220,7 @@ class PairLaw:
         """Return `kn` (P,), of pairs that hardly touch at a small overlap."""
         return self.stiffnesses(np.maximum(overlap, SMALL_OVERLAP * self.touching))[0]
 
-    def strength(self, overlap: Floats, N: Floats) -> Floats:
+    def shear_strength(self, overlap: Floats, N: Floats) -> Floats:
         """Return the shear force (P,) that pairs can carry, infinite where they never slide."""
         return np.where(self.slides, self.friction * N, np.inf)
 
@@ -490,10 +490,10 @@ class FormulaPairs(PairLaw):
         kn[self.rows], kt[self.rows], coupling[self.rows] = D[:, 0, 0], D[:, 1, 1], D[:, 1, 0]
         return kn, kt, coupling
 
-    def strength(self, overlap: Floats, N: Floats) -> Floats:
+    def shear_strength(self, overlap: Floats, N: Floats) -> Floats:
         """Return the strength of the law, at walls `mu N`."""
         rows, (touch, state) = self.rows, self.contacts(overlap)
-        most = super().strength(overlap, N)
+        most = super().shear_strength(overlap, N)
         there = touch & self.slides[rows]
         most[rows] = np.where(there, self.law.strength(state), most[rows])
         return most

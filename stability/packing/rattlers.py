@@ -197,7 +197,7 @@ class _Cages:
         # Secants, with which springs that stiffen leave an overlap in one step.
         self.kn = self.load / np.where(self.overlap > 0, self.overlap, 1.0)
         self.kt = self.ratio * self.kn
-        self.strength = np.where(self.overlap > 0, law.strength(every, N)[self.rows], 0.0)
+        self.strength = np.where(self.overlap > 0, law.shear_strength(every, N)[self.rows], 0.0)
         (i, j), u = self.ends.T, x - self.state.x
         across = self.n[:, 0] * (u[j] - u[i])[:, 1] - self.n[:, 1] * (u[j] - u[i])[:, 0]
         self.slid = across - turned[i] - turned[j]
