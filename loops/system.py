@@ -266,14 +266,11 @@ def packing_stress(system: System) -> Floats:
 class Factor(Shown):
     """LU factors of `K` on weak springs, at one geometry and in reference regimes.
 
-    `matrix` is `K` without the springs, against which solutions are refined. `place` numbers the
-    freedoms in the factorised matrix, by default as they are; loads on the `held` are reactions.
+    `matrix` is `K` without the springs, against which solutions are refined.
     """
 
     matrix: sparse.csc_array
     lu: SuperLU
-    place: Integers | None = None
-    held: Integers | None = None
 
     def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
         """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
@@ -283,21 +280,12 @@ class Factor(Shown):
         """Return motions under up to eight loads on the springs, without refinement."""
         if loads.ndim == 1 or loads.shape[1] <= PANEL:
             return np.asarray(self.lu.solve(np.asfortranarray(loads)))
-        x = np.zeros((len(loads), WIDTH))
-        x[self.into, : loads.shape[1]] = loads
-        return self.columns(x)[: loads.shape[1]].T
-
-    def columns(self, loads: Floats, first: int = 0) -> Floats:
-        """Return motions (8, size) under loads (size, 8), which are overwritten; no refinement.
-
-        Loads are numbered as `into` says, and are zero before row `first`.
-        """
         from loops.compiled.columns import solve_eight
 
-        if self.held is not None:
-            loads[self.into[self.held]] = 0.0
-        solve_eight(*self._triangles, loads, first)
-        return np.ascontiguousarray(loads[self.out_of].T)
+        x = np.zeros((len(loads), WIDTH))
+        x[self.lu.perm_r, : loads.shape[1]] = loads
+        solve_eight(*self._triangles, x)
+        return x[self.lu.perm_c, : loads.shape[1]]
 
     def changed(
         self, matrix: sparse.csc_array, columns: Floats, gauge: sparse.csr_array
@@ -305,18 +293,6 @@ class Factor(Shown):
         """Return the factors of `matrix`, `K - P G`, from columns `K^-1 P` (size, k)."""
         small = np.linalg.inv(np.eye(columns.shape[1]) - gauge @ columns)
         return Changed(matrix, self, columns, gauge, small)
-
-    @cached_property
-    def into(self) -> Integers:
-        """Return the row of each freedom's load in the order of elimination."""
-        rows = self.lu.perm_r
-        return np.asarray(rows if self.place is None else rows[self.place])
-
-    @cached_property
-    def out_of(self) -> Integers:
-        """Return the row of each freedom's motion in the order of elimination."""
-        rows = self.lu.perm_c
-        return np.asarray(rows if self.place is None else rows[self.place])
 
     @cached_property
     def _triangles(self) -> tuple[Any, ...]:
@@ -379,16 +355,6 @@ def _corrected(
     return v
 
 
-def lu_factors(matrix: sparse.csc_array, *, ordered: bool = False) -> SuperLU:
-    """Return LU factors of a matrix on springs, in its own order if that is `ordered`."""
-    return splu(
-        matrix,
-        permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.001,
-        options={"SymmetricMode": True},
-    )
-
-
 def factorised(system: System, stiffness: Floats | None = None) -> Factor:
     """Return LU factors of `K` on weak springs, anchors on stiff ones without load.
 
@@ -398,7 +364,12 @@ def factorised(system: System, stiffness: Floats | None = None) -> Factor:
     springs = np.full(system.size, REGULARISATION * system.unit)
     springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
     try:
-        lu = lu_factors((matrix + sparse.diags_array(springs)).tocsc())
+        lu = splu(
+            (matrix + sparse.diags_array(springs)).tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.001,
+            options={"SymmetricMode": True},
+        )
     except RuntimeError as error:
         raise InputError(
             "packing", "a singular system", "contacts that hold the grains", f"SuperLU: {error}."

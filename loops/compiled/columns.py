@@ -18,12 +18,11 @@ def solve_eight(
     ui: Integers,
     ux: Floats,
     x: Floats,
-    first: int,
 ) -> None:
-    """`L U x` in place of `x` (n, 8), zero before row `first`; columns sorted by row."""
+    """`L U x` in place of `x` (n, 8); columns sorted by row."""
     if x.shape[1] != WIDTH:
         raise ValueError("as many right-hand sides as WIDTH")
-    for j in range(first, len(x)):
+    for j in range(len(x)):
         some = False
         for r in range(WIDTH):
             some = some or x[j, r] != 0.0

@@ -69,6 +69,29 @@ def resultants(
 
 
 @kernel
+def _pair_stiffness(pair: Any, regime: int, side: float, K: Floats) -> None:
+    """Stiffness (6, 6) of a pair in the freedoms of its first grain, then of its second."""
+    for a in range(6):
+        # Unit motions one after the other.
+        s = -1.0 if a < 3 else 1.0
+        b = a % 3
+        un = s * pair["n"][b] if b < 2 else 0.0
+        across = s * pair["t"][b] if b < 2 else 0.0
+        ut = pair["turning"] * across if b < 2 else -pair["lever"][a // 3]
+        dn, dt = _force_rates(pair, regime, side, un, ut)
+        dn *= pair["push"]
+        f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
+        f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
+        for c in range(6):
+            force = f0 if c % 3 == 0 else f1
+            if c % 3 == 2:
+                force = -pair["arm"][c // 3] * dt - pair["growth"] * un
+            elif c < 3:
+                force = -force
+            K[c, a] = -force
+
+
+@kernel
 def blocks(
     pairs: NDArray[Any],
     regime: Regimes,
@@ -78,35 +101,67 @@ def blocks(
     values: Floats,
 ) -> int:
     """Entries of the stiffness, at (row, column), freedoms numbered by `place`; their count."""
-    k = 0
+    k, K = 0, np.empty((6, 6))
     for p in range(len(pairs)):
         if regime[p] == 0:
             continue
-        pair = pairs[p]
-        i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+        _pair_stiffness(pairs[p], regime[p], side[p], K)
+        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
         for a in range(6):
-            # Unit motions one after the other: of i, then of j.
-            s = -1.0 if a < 3 else 1.0
-            b = a % 3
-            un = s * pair["n"][b] if b < 2 else 0.0
-            across = s * pair["t"][b] if b < 2 else 0.0
-            ut = pair["turning"] * across if b < 2 else -pair["lever"][a // 3]
-            dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
-            dn *= pair["push"]
-            f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
-            f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
-            column = place[(i if a < 3 else j) + b]
             for c in range(6):
-                force = f0 if c % 3 == 0 else f1
-                if c % 3 == 2:
-                    force = -pair["arm"][c // 3] * dt - pair["growth"] * un
-                elif c < 3:
-                    force = -force
                 at[0, k] = place[(i if c < 3 else j) + c % 3]
-                at[1, k] = column
-                values[k] = -force
+                at[1, k] = place[(i if a < 3 else j) + a % 3]
+                values[k] = K[c, a]
                 k += 1
     return k
+
+
+@kernel
+def assemble(
+    pairs: NDArray[Any],
+    regime: Regimes,
+    side: Floats,
+    springs: Floats,
+    walls: int,
+    place: Integers,
+    begin: Integers,
+    rows: Integers,
+    lower: Floats,
+    upper: Floats,
+    pivot: Floats,
+) -> None:
+    """Add the stiffness on `springs` (B,) to the blocks of `block_factors`, zero so far.
+
+    The last bodies are `walls`, which are held: nothing couples to them.
+    """
+    K, count = np.empty((6, 6)), len(place) - walls
+    for g in range(len(place)):
+        for a in range(3):
+            pivot[place[g], a, a] += springs[g]
+    for p in range(len(pairs)):
+        if regime[p] == 0:
+            continue
+        _pair_stiffness(pairs[p], regime[p], side[p], K)
+        i, j = place[pairs[p]["grains"][0]], place[pairs[p]["grains"][1]]
+        held = pairs[p]["grains"][1] >= count
+        low, high = begin[min(i, j)], begin[min(i, j) + 1]
+        while not held and low < high:
+            middle = (low + high) // 2
+            if rows[middle] < max(i, j):
+                low = middle + 1
+            else:
+                high = middle
+        for a in range(3):
+            for b in range(3):
+                pivot[i, a, b] += K[a, b]
+                if held:
+                    continue
+                pivot[j, a, b] += K[3 + a, 3 + b]
+                if i == j:
+                    pivot[i, a, b] += K[3 + a, b] + K[a, 3 + b]
+                else:
+                    lower[low, a, b] += K[3 + a, b] if i < j else K[a, 3 + b]
+                    upper[low, a, b] += K[a, 3 + b] if i < j else K[3 + a, b]
 
 
 @kernel

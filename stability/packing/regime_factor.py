@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.compiled import WIDTH
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
-from loops.system import REGULARISATION, Factor, lu_factors
+from loops.system import REGULARISATION
 from stability.packing.controls import MixedControl
 
 # Columns from which on the system is factorised anew; from half of the room on it always is.
@@ -26,7 +26,7 @@ RANK = 96
 # Columns that there is room for: an event may bring many at once.
 ROOM = 192
 # Right-hand sides that are solved together: that of an event and those of the next likely ones.
-BATCH = WIDTH
+BATCH = 8
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
 # Regimes as plain numbers, as the array of regimes holds them.
@@ -66,10 +66,33 @@ class Small(NamedTuple):
 
 
 class Order(NamedTuple):
-    """An order of elimination: the place of each freedom, and the number of entries in `L`."""
+    """An order of elimination: the place of each body, and the number of blocks in `L`."""
 
     place: Integers
     entries: int
+
+
+class Blocks(NamedTuple):
+    """Factors of the stiffness, as `stability.compiled.block_factors` has them."""
+
+    begin: Integers
+    rows: Integers
+    lower: Floats
+    upper: Floats
+    pivot: Floats
+    swap: Integers
+
+
+def elimination_order(ends: Integers, bodies: int) -> Integers:
+    """Return the number of each body in an order of minimum degree; `ends` (P, 2) touch."""
+    i, j = ends[ends[:, 0] != ends[:, 1]].T
+    at = np.concatenate([i, j]), np.concatenate([j, i])
+    degree = np.bincount(at[0], minlength=bodies)
+    # SuperLU's order, of a matrix that it factorises in any order.
+    graph = sparse.csc_array((np.full(len(at[0]), -1.0), at), (bodies, bodies))
+    graph = (graph + sparse.diags_array(degree + 1.0)).tocsc()
+    lu = splu(graph, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(lu.perm_c, dtype=np.int64)
 
 
 class RegimeFactor:
@@ -96,7 +119,7 @@ class RegimeFactor:
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
-        self.wall_freedoms = np.arange(3 * state.count, 3 * self.count)
+        self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load, self.ground_spring = load, np.zeros(self.count)
         self.time_to_event = np.full(len(self.frame), np.inf)
@@ -118,45 +141,34 @@ class RegimeFactor:
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""
-        from stability.compiled.packing_rates import resultants
+        from stability.compiled.block_factors import eliminate, structure
+        from stability.compiled.packing_rates import assemble, resultants
 
-        size = 3 * self.count
+        frame, count = self.frame, self.count
         self.reference = (self.regime.copy(), self.side.copy())
-        place = np.arange(size) if self.order is None else self.order.place
-        matrix = self._matrix(place)
-        lu = lu_factors(matrix, ordered=self.order is not None)
-        self.factor = Factor(matrix, lu, place, self.wall_freedoms)
-        entries = self.factor.lu.L.nnz
-        if self.order is None:
-            self.order = Order(self.factor.out_of, entries)
-        elif entries > FILL * self.order.entries:
-            self.order = None
-        right = np.zeros((5, size))
+        ends = frame["grains"][self.regime != OPEN]
+        ends = ends[ends[:, 1] < count - self.walls]
+        if self.order is not None:
+            begin, rows = structure(ends, self.order.place)
+        if self.order is None or len(rows) > FILL * self.order.entries:
+            place = elimination_order(ends, count)
+            begin, rows = structure(ends, place)
+            self.order = Order(place, len(rows))
+        place = self.order.place
+        self.into = (3 * place[:, None] + np.arange(3)).ravel()
+        springs = np.maximum(REGULARISATION, self.ground_spring) * float(frame["kn"].mean())
+        blocks = np.zeros((2 * len(rows) + count, 3, 3))
+        parts = np.split(blocks, [len(rows), 2 * len(rows)])
+        assemble(frame, *self.reference, springs, self.walls, place, begin, rows, *parts)
+        self.factors = Blocks(begin, rows, *parts, np.empty((count, 3), dtype=np.int64))
+        if not eliminate(*self.factors):
+            raise ArithmeticError("it is singular in these regimes")
+        right = np.zeros((5, 3 * count))
         for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
-            resultants(self.frame, *self.reference, np.zeros(size), strain, column)
+            resultants(frame, *self.reference, np.zeros(3 * count), strain, column)
         right[4] = self._held_load()
         self.V = self._solved(right)
         self._drop_columns()
-
-    def _matrix(self, place: Integers) -> sparse.csc_array:
-        """Return `K` on weak springs, its freedoms numbered by `place`."""
-        from stability.compiled.packing_rates import blocks
-
-        frame, size = self.frame, 3 * self.count
-        room = 36 * len(frame) + size
-        at, values = np.empty((2, room), dtype=np.int32), np.empty(room)
-        k = blocks(frame, *self.reference, place, at, values)
-        if len(self.wall_freedoms):
-            # Walls are held: nothing couples to them.
-            held = np.zeros(size, dtype=bool)
-            held[place[self.wall_freedoms]] = True
-            kept = ~(held[at[0, :k]] | held[at[1, :k]])
-            free = int(np.count_nonzero(kept))
-            at[:, :free], values[:free], k = at[:, :k][:, kept], values[:k][kept], free
-        unit = float(frame["kn"].mean())
-        at[:, k : k + size] = np.arange(size)
-        values[k + place] = np.repeat(np.maximum(REGULARISATION, self.ground_spring), 3) * unit
-        return sparse.csc_array((values[: k + size], tuple(at[:, : k + size])), (size, size))
 
     def _drop_columns(self) -> None:
         """Forget the columns, and rates and stresses under them."""
@@ -183,7 +195,7 @@ class RegimeFactor:
         touched = np.zeros(self.count, dtype=bool)
         touched[self.frame["grains"][closed]] = True
         load = np.where(touched[:, None], self.load.reshape(-1, 3), 0.0)
-        if not len(self.wall_freedoms) and touched.any():
+        if not self.walls and touched.any():
             load[touched, :2] -= load[touched, :2].mean(axis=0)
         return load.ravel()
 
@@ -195,8 +207,17 @@ class RegimeFactor:
     def _solved(self, right: Floats) -> Floats:
         """Return motions (k, 3G) under up to eight loads (k, 3G)."""
         x = np.zeros((right.shape[1], BATCH))
-        x[self.factor.into, : len(right)] = right.T
-        return self.factor.columns(x)[: len(right)]
+        x[self.into, : len(right)] = right.T
+        return self._motions(x, len(right), 0)
+
+    def _motions(self, x: Floats, count: int, start: int) -> Floats:
+        """Return motions (count, 3G) under loads in the order of elimination; walls stand still."""
+        from stability.compiled.block_factors import solve
+
+        x[self.into[len(x) - 3 * self.walls :]] = 0.0
+        out = np.empty((count, len(x)))
+        solve(*self.factors, self.into, x, start, out)
+        return out
 
     def column(self, row: int) -> int:
         """Return the number of the column of a row, which is solved for if it is new."""
@@ -236,8 +257,8 @@ class RegimeFactor:
 
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
         x = np.zeros((self.U.shape[1], BATCH))
-        first = [unit_force(self.frame, r, self.factor.into, x[:, k]) for k, r in enumerate(new)]
-        self.ready.update(zip(new, self.factor.columns(x, min(first)), strict=False))
+        start = [unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(new)]
+        self.ready.update(zip(new, self._motions(x, len(new), min(start)), strict=True))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""

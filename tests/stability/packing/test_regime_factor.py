@@ -5,7 +5,6 @@ import pytest
 from scipy import sparse
 
 from loops import Scene, branch_vectors
-from loops.compiled import columns
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled import packing_rates
@@ -80,12 +79,16 @@ def test_columns_solved_ahead_are_those_solved_alone():
     np.testing.assert_array_equal(ahead.mutual[:, :10, :10], alone.mutual[:, :10, :10])
 
 
-def test_right_hand_sides_are_as_many_as_the_kernel_solves(monkeypatch):
+def test_right_hand_sides_solved_at_once_change_nothing(monkeypatch):
     """Twenty-four at once left sixteen unsolved without a word."""
-    assert BATCH == columns.WIDTH
+    graph = jammed(36, 5, LAW)
+    wanted = pieces_of(graph)
+    rows = wanted.columns(list(range(20)))
     monkeypatch.setattr(regime_factor, "BATCH", 3 * BATCH)
-    with pytest.raises(ValueError, match="as many right-hand sides as WIDTH"):
-        pieces_of(jammed(36, 5, LAW))
+    pieces = pieces_of(graph)
+    assert pieces.columns(list(range(20))) == rows
+    np.testing.assert_array_equal(pieces.V, wanted.V)
+    np.testing.assert_array_equal(pieces.U[:20], wanted.U[:20])
 
 
 def test_little_room_for_columns_changes_no_path(monkeypatch):
