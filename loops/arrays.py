@@ -45,7 +45,13 @@ def order_statistics(values: ArrayLike, places: Iterable[int]) -> list[float]:
     it takes for two or more places of a million values.
     """
     placed, start, found = np.array(values, dtype=float).ravel(), 0, list[float]()
+    # Where most values are the least one, as zeros are, a partition takes twice as long.
+    least = placed.min(initial=np.inf)
+    ties = np.count_nonzero(placed == least)
     for place in places:
+        if place < ties:
+            found.append(float(least))
+            continue
         if place == start:
             # The least of those behind.
             at = start + int(placed[start:].argmin())
