@@ -62,13 +62,6 @@ def fill_branches(
 
 
 @kernel
-def fill_distances(a: Floats, b: Floats, out: Floats) -> None:
-    """Fill in the distances of two lists of points."""
-    for c in range(len(a)):
-        out[c] = math.hypot(a[c, 0] - b[c, 0], a[c, 1] - b[c, 1])
-
-
-@kernel
 def fill_reach(radii: Floats, contacts: Integers, reach: Floats) -> None:
     """Fill in the sum of the radii of both grains."""
     for c in range(len(contacts)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -274,7 +274,9 @@ def read_branches(
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = {name: np.zeros(count) for name in of_file}
-    fill_branches, fill_distances = _branch_passes(count)
+    fill_branches = _fill_branches
+    if use_passes(count):
+        from loops.compiled.passes import fill_branches
     grains = given(bodies.x, np.float64), given(bodies.radii, np.float64)
     contacts = given(pairs, np.int64)
 
@@ -289,7 +291,8 @@ def read_branches(
             across = made[part] @ cell.T
         fill_branches(*grains, contacts[part], across, d[part], length[part], n[part], reach[part])
         for name, values in of_file.items():
-            fill_distances(values[part], (d if name == "branch" else n)[part], off[name][part])
+            own = (d if name == "branch" else n)[part]
+            off[name][part] = np.hypot(*(values[part] - own).T)
         if "branch" in of_file:
             off["branch"][part] /= np.where(length[part] > 0, length[part], 1.0)
 
@@ -301,15 +304,6 @@ def read_branches(
     )
     _require_fitting(table, rows, pairs, bodies, made_branches, of_file, off, reach)
     return made_branches
-
-
-def _branch_passes(count: int) -> tuple[Callable[..., None], Callable[..., None]]:
-    """The passes over so many contacts that fill in branches and distances."""
-    if use_passes(count):
-        from loops.compiled import passes
-
-        return passes.fill_branches, passes.fill_distances
-    return _fill_branches, _fill_distances
 
 
 def _fill_branches(
@@ -332,10 +326,6 @@ def _fill_branches(
     size = np.where(length > 0, length, 1.0)
     n[:] = d / size[:, None]
     reach[:] = size / (radii[one] + radii[two])
-
-
-def _fill_distances(a: Floats, b: Floats, out: Floats) -> None:
-    out[:] = np.hypot(*(a - b).T)
 
 
 def _require_fitting(
