@@ -260,15 +260,26 @@ class Contacts(PackingState):
         law = self.law.parted(opened)
         return self if law is self.law else replace(self, law=law)
 
+    @cached_property
+    def stored_energy(self) -> float:
+        """Energy of the springs of closed contacts at their overlaps."""
+        springs, rolling = self._stored(self.closed)
+        return float(np.sum(springs)) + rolling
+
     def energy(self, rows: Flags | None = None) -> float:
-        """Return the energy of the springs of some rows (C,) at their overlaps; of closed ones."""
-        of, T = self.closed if rows is None else rows, self.shear_force
-        overlap = np.where(of, self.overlap, 0.0)
+        """Return the energy of the springs of some rows (C,), or of closed contacts."""
+        if rows is None:
+            return self.stored_energy
+        springs, rolling = self._stored(rows)
+        return float(np.sum(springs[rows])) + rolling
+
+    def _stored(self, rows: Flags) -> tuple[Floats, float]:
+        """Return the energies (C,) of springs of some rows, and that of those against rolling."""
+        overlap, T = np.where(rows, self.overlap, 0.0), self.shear_force
         kt = self.law.stiffnesses(overlap)[1]
-        shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(T)), where=of & (kt > 0))
-        springs = self.law.normal_energy(overlap) + shear
-        rolling = self.law.rolling_energy(np.where(of, self.rolling_moment, 0.0))
-        return float(np.sum(springs if rows is None else springs[rows])) + rolling
+        shear = np.divide(T**2, 2.0 * kt, out=np.zeros(len(T)), where=rows & (kt > 0))
+        rolling = self.law.rolling_energy(np.where(rows, self.rolling_moment, 0.0))
+        return self.law.normal_energy(overlap) + shear, rolling
 
     def with_near(self, gap: float) -> Self:
         """Return the contacts, then all other pairs closer than `gap`, open."""

@@ -80,7 +80,7 @@ def snap_through(state: Contacts, load: Floats, control: MixedControl, damping: 
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, masses, inertias, lasting(servo, steps * dt))
     moving.load(load)
-    energy = state.energy()
+    energy = state.stored_energy
     ran, checks = moving.run(steps, dt, damping), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
     while ran and not rests(moving, slow):
@@ -105,7 +105,7 @@ def work_of(moving: Moving, end: Contacts, load: Floats, energy: float) -> Float
     start, work = moving.start, np.append(moving.motion.work, 0.0)
     moved = end.x - start.x @ (end.cell @ np.linalg.inv(start.cell)).T
     work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - start.angle))
-    work[3] = work[0] - work[1] - work[2] - (end.energy() - energy)
+    work[3] = work[0] - work[1] - work[2] - (end.stored_energy - energy)
     return work
 
 

@@ -456,7 +456,7 @@ class PackingPathSolver:
     def record(self) -> None:
         """Add a row."""
         state = self.state
-        energy = state.energy()
+        energy = state.stored_energy
         largest = np.abs(self.imbalance)[:, :2].max() / state.mean_force
         found = self._pathologies() if self.looks_at_pathologies else None
         row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest

@@ -479,7 +479,7 @@ class ConstantLoad:
         # Strain rate of an inertial number of one.
         self.pace = math.sqrt(state.pressure / self.masses.mean())
         self.start = state
-        self.energy, self.steps, self.kinetic = state.energy(), 0, 0.0
+        self.energy, self.steps, self.kinetic = state.stored_energy, 0, 0.0
         self.mode: Contacts | None = None
 
     def hold(self) -> MotionStatus:
