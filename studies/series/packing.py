@@ -199,6 +199,7 @@ def packing_predictions(
     replay at the rate of the sample where `times` or the snapshots tell it.
     """
     graph = before.graph
+    before.mechanics()
     H, source = sample_strain(before, after)
     columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
