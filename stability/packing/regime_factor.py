@@ -158,9 +158,12 @@ class RegimeFactor:
         self.into = (3 * place[:, None] + np.arange(3)).ravel()
         springs = np.maximum(REGULARISATION, self.ground_spring) * float(frame["kn"].mean())
         blocks = np.zeros((2 * len(rows) + count, 3, 3))
-        parts = np.split(blocks, [len(rows), 2 * len(rows)])
-        assemble(frame, *self.reference, springs, self.walls, place, begin, rows, *parts)
-        self.factors = Blocks(begin, rows, *parts, np.empty((count, 3), dtype=np.int64))
+        lower, upper, pivot = np.split(blocks, [len(rows), 2 * len(rows)])
+        assemble(
+            frame, *self.reference, springs, self.walls, place, begin, rows, lower, upper, pivot
+        )
+        swap = np.empty((count, 3), dtype=np.int64)
+        self.factors = Blocks(begin, rows, lower, upper, pivot, swap)
         if not eliminate(*self.factors):
             raise ArithmeticError("it is singular in these regimes")
         right = np.zeros((5, 3 * count))
