@@ -270,15 +270,21 @@ def branches_between(
     if cell.ndim > 2:
         batch = np.broadcast_shapes(d.shape[:-2], cell.shape[:-2])
         d = np.broadcast_to(d, (*batch, *d.shape[-2:])).copy()
-    # Across the border: the rounding error of the difference of the centres is added after the
-    # cell vector.
     i, j = contacts[across].T
-    end, start = x[..., j, :], x[..., i, :]
+    offset = images[across] @ np.swapaxes(cell, -1, -2)
+    d[..., across, :] = across_border(x[..., i, :], x[..., j, :], offset)
+    return d
+
+
+def across_border(start: Floats, end: Floats, offset: Floats) -> Floats:
+    """(..., C, 2) `end - start + offset`, `offset` the cell vector, rounded once.
+
+    The rounding error of the difference is added after the cell vector.
+    """
     total = end - start
     kept = end - total
     lost = (end - (total + kept)) + (kept - start)
-    d[..., across, :] = total + images[across] @ np.swapaxes(cell, -1, -2) + lost
-    return d
+    return np.asarray(total + offset + lost)
 
 
 def _differences(x: Floats, contacts: Integers) -> Floats:

@@ -170,6 +170,11 @@ class PairLaw:
         """Return the law once some pairs (P,) have opened: bonds among these are gone."""
         return self
 
+    def taken(self, rows: Integers) -> Self:
+        """Return the law of some pairs alone, `rows` in ascending order."""
+        names = ("radii", "wall", "kn", "kt", "mu", "reach", "k_r", "mu_r")
+        return replace(self, **{name: getattr(self, name)[..., rows] for name in names})
+
     def picked(self, rows: Flags) -> FrictionalLaw:
         """Return the law of the picked pairs (P,) between grains, without springs for rolling."""
         kn, kt, mu = (k[rows] for k in (self.kn, self.kt, self.mu))
@@ -412,6 +417,11 @@ class FormulaPairs(PairLaw):
             return self
         law = self.law.parted(opened)
         return self if law is self.law else self.with_law(law)
+
+    def taken(self, rows: Integers) -> Self:
+        """Return the law of some pairs alone, with the parameters of its formulae there."""
+        own = np.flatnonzero(np.isin(self.rows, rows))
+        return replace(super().taken(rows), law=self.law.take(own))
 
     def picked(self, rows: Flags) -> FrictionalLaw:
         """Return the law of the picked pairs."""

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
-from loops.contacts import Contacts, PackingState
+from loops.contacts import Contacts
+from loops.graph import across_border
 from loops.laws.of_pairs import SMALL_OVERLAP
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
@@ -91,26 +92,23 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
         others = replace(state, closed=state.closed & ~was)
         idle = carrying_nothing(others, UNLOADED_SHARE)
     free: Flags = np.asarray(idle[state.contacts].any(axis=1))
-    freed = free & state.closed
-    x, T = _out_of_overlap(state, idle, free)
+    rows = np.flatnonzero(free)
+    pressed = _out_of_overlap(_at(state, rows), idle)
+    idle = idle & ~_held(pressed, idle, LOADED_SHARE * state.mean_force)
+    joined = np.zeros(len(free), dtype=bool)
+    joined[rows] = ~idle[pressed.contacts].any(axis=1) & (pressed.overlap > 0)
+    N = np.where(free, 0.0, state.normal_force)
+    T = np.where(free, 0.0, state.shear_force)
+    N[joined], T[joined] = (k[joined[rows]] for k in (pressed.normal_force, pressed.shear_force))
     moved = replace(
         state,
-        x=x,
-        normal_force=np.where(free, 0.0, state.normal_force),
-        shear_force=np.where(free, 0.0, state.shear_force),
+        x=pressed.x,
+        normal_force=N,
+        shear_force=T,
         rolling_moment=np.where(free, 0.0, state.rolling_moment),
-        closed=state.closed & ~free,
+        closed=(state.closed & ~free) | joined,
     )
-    overlap = np.where(free, moved.overlap, 0.0)
-    N = state.law.normal_force(overlap)
-    pressed = replace(moved, normal_force=N, shear_force=T)
-    idle = idle & ~_held(pressed, idle, LOADED_SHARE * state.mean_force)
-    free = np.asarray(idle[state.contacts].any(axis=1))
-    joined = ~free & (overlap > 0)
-    N = np.where(joined, N, moved.normal_force)
-    T = np.where(joined, T, moved.shear_force)
-    moved = replace(moved, normal_force=N, shear_force=T, closed=moved.closed | joined)
-    return Freed(moved, idle, state.energy(freed) - moved.energy(joined))
+    return Freed(moved, idle, state.energy(free & state.closed) - moved.energy(joined))
 
 
 def _held(state: Contacts, idle: Flags, least: float) -> Flags:
@@ -130,12 +128,11 @@ def _held(state: Contacts, idle: Flags, least: float) -> Flags:
         held = found
 
 
-def _at(state: Contacts, rows: Integers) -> PackingState:
-    """Return the geometry and forces of some pairs alone, without rolling moments."""
-    forces = {name: getattr(state, name)[rows] for name in ("normal_force", "shear_force")}
-    moment = np.zeros(len(rows))
-    ends, images = state.contacts[rows], state.images[rows]
-    return replace(state, contacts=ends, images=images, rolling_moment=moment, **forces)
+def _at(state: Contacts, rows: Integers) -> Contacts:
+    """Return some contacts alone, without rolling moments."""
+    names = ("contacts", "images", "normal_force", "shear_force", "closed")
+    taken = {name: getattr(state, name)[rows] for name in names}
+    return replace(state, law=state.law.taken(rows), rolling_moment=np.zeros(len(rows)), **taken)
 
 
 def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flags) -> float:
@@ -145,18 +142,15 @@ def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flag
     has reached `CAUGHT_SHARE` at most. One where it does not exceed that at the end.
     """
     others = (idle & ~caught)[end.contacts].any(axis=1)
-    free: Flags = np.asarray(caught[end.contacts].any(axis=1) & ~others)
+    listed = _at(end, np.flatnonzero(caught[end.contacts].any(axis=1) & ~others))
     low, share, high = 0.0, 1.0, 1.0
     for _ in range(CATCH_HALVINGS):
         x = start.x + share * (end.x - start.x)
-        here = replace(end, x=x, cell=start.cell + share * (end.cell - start.cell))
-        x, T = _out_of_overlap(here, caught, free)
-        here = replace(here, x=x)
-        N = here.law.normal_force(np.where(free, here.overlap, 0.0))
-        here = replace(here, normal_force=N, shear_force=T)
+        here = replace(listed, x=x, cell=start.cell + share * (end.cell - start.cell))
+        here = _out_of_overlap(here, caught)
         held = _held(here, caught, LOADED_SHARE * end.mean_force)
-        rows = free & held[end.contacts].any(axis=1)
-        load = float((N - here.law.at_touch)[rows].max(initial=0.0))
+        rows = held[here.contacts].any(axis=1)
+        load = float((here.normal_force - here.law.at_touch)[rows].max(initial=0.0))
         if 0.0 < load <= CAUGHT_SHARE * end.mean_force or (share == 1.0 and load == 0.0):
             break
         low, high = (low, share) if load > 0.0 else (share, high)
@@ -172,12 +166,15 @@ class _Cages:
     line between its contacts lies in both friction cones, and slips out where it does not.
     """
 
-    def __init__(self, state: Contacts, idle: Flags, free: Flags) -> None:
-        self.state, self.idle, self.rows = state, idle, np.flatnonzero(free)
-        self.ends, self.listed = state.contacts[self.rows], _at(state, self.rows)
+    def __init__(self, state: Contacts, idle: Flags) -> None:
+        self.state, self.idle = state, idle
+        self.offset = state.images @ state.cell.T
+        self.ends = np.ascontiguousarray(state.contacts.T)
+        self.wall = np.flatnonzero(state.at_wall)
+        self.normal = state.walls[self.ends[1, self.wall] - state.count]
         touching = state.law.touching
         kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
-        self.ratio, self.touching = (kt / kn)[self.rows], touching[self.rows]
+        self.ratio = kt / kn
         # Contacts that only touch, by rounding, are open.
         self.rounding = 4.0 * np.finfo(float).eps * float(np.abs(state.x).max())
         self.place(state.x, np.zeros(len(state.x)))
@@ -185,29 +182,32 @@ class _Cages:
     def place(self, x: Floats, turned: Floats) -> None:
         """Set the centres (B, 2), and the turns times the radii (B,)."""
         self.x, self.turned, law = x, turned, self.state.law
-        d = replace(self.listed, x=x).branches
-        self.length = np.linalg.norm(d, axis=1)
-        self.overlap, self.n = self.touching - self.length, d / self.length[:, None]
-        self.pressed = np.flatnonzero(self.overlap > 0)
-        every = np.zeros(len(law))
-        every[self.rows] = np.maximum(self.overlap, 0.0)
-        N = law.normal_force(every)
-        self.stored = float(np.sum((law.normal_energy(every) - law.at_touch * every)[self.rows]))
-        self.load = np.where(self.overlap > 0, (N - law.at_touch)[self.rows], 0.0)
+        i, j = self.ends
+        d = across_border(x.take(i, axis=0), x.take(j, axis=0), self.offset)
+        if len(self.wall):
+            along = np.sum(d[self.wall] * self.normal, axis=1, keepdims=True)
+            d[self.wall] = along * self.normal
+        length = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)
+        overlap = np.maximum(law.touching - length, 0.0)
+        N = law.normal_force(overlap)
+        self.stored = float(np.sum(law.normal_energy(overlap) - law.at_touch * overlap))
+        # The rest is of those that overlap.
+        self.pressed = c = np.flatnonzero(overlap)
+        self.load, self.overlap, self.length = (N - law.at_touch)[c], overlap[c], length[c]
+        self.n = n = d[c] / self.length[:, None]
         # Secants, with which springs that stiffen leave an overlap in one step.
-        self.kn = self.load / np.where(self.overlap > 0, self.overlap, 1.0)
-        self.kt = self.ratio * self.kn
-        self.strength = np.where(self.overlap > 0, law.shear_strength(every, N)[self.rows], 0.0)
-        (i, j), u = self.ends.T, x - self.state.x
-        across = self.n[:, 0] * (u[j] - u[i])[:, 1] - self.n[:, 1] * (u[j] - u[i])[:, 0]
-        self.slid = across - turned[i] - turned[j]
+        self.kn = self.load / self.overlap
+        self.kt, self.strength = self.ratio[c] * self.kn, law.shear_strength(overlap, N)[c]
+        i, j = i[c], j[c]
+        u = (x[j] - self.state.x[j]) - (x[i] - self.state.x[i])
+        self.slid = n[:, 0] * u[:, 1] - n[:, 1] * u[:, 0] - turned[i] - turned[j]
         shear = self.kt * self.slid
         self.slides = np.abs(shear) > self.strength
-        self.T = -np.clip(shear, -self.strength, self.strength)
+        self.T = -np.minimum(np.maximum(shear, -self.strength), self.strength)
 
-    def work(self, kt: Floats, strength: Floats) -> float:
-        """Return the energy stored, with what shear stores and takes at given springs (R,)."""
-        kt, most, slid = kt[self.pressed], strength[self.pressed], np.abs(self.slid[self.pressed])
+    def work(self, springs: Floats) -> float:
+        """Return the energy stored, with what shear stores and takes at `kt`, strengths (2, R)."""
+        (kt, most), slid = springs[:, self.pressed], np.abs(self.slid)
         T = np.minimum(kt * slid, most)
         back = np.divide(T, 2.0 * kt, out=np.zeros(len(T)), where=kt > 0)
         return self.stored + float(np.sum(T * (slid - back)))
@@ -221,27 +221,24 @@ class _Cages:
         c = self.pressed
         if not len(c):
             return False
-        kn, kt, load, T = self.kn[c], self.kt[c], self.load[c], self.T[c]
-        slid, strength = np.abs(self.slid[c]), self.strength[c]
-        overlap, length = self.overlap[c], self.length[c]
-        grains = np.unique(self.ends[c])
-        grains = grains[self.idle[grains]]
-        part, slip = _parting_and_slip(self.ends[c], self.n[c], grains, len(self.x))
+        kn, kt, load, T, slides = self.kn, self.kt, self.load, self.T, self.slides
+        overlap, length = self.overlap, self.length
+        part, slip, grains = _parting_and_slip(self.ends[:, c], self.n, self.idle)
         left = part.T @ (load + kn * self.rounding) + slip.T @ T
-        slides = self.slides[c]
-        secant = np.where(slides, strength / np.where(slides, slid, 1.0), kt)
+        secant = np.where(slides, self.strength / np.where(slides, np.abs(self.slid), 1.0), kt)
         squeezed = part.T @ (kn[:, None] * part)
         stiffness = squeezed + slip.T @ (secant[:, None] * slip)
         unit = float(kn.max()) * np.eye(len(left))
-        start = self.x, self.turned, self.kt, self.strength
-        least = (1.0 - ENERGY_RTOL) * self.work(*start[2:])
+        start, springs = (self.x, self.turned), np.zeros((2, len(self.ratio)))
+        springs[:, c] = kt, self.strength
+        least = (1.0 - ENERGY_RTOL) * self.work(springs)
 
         def falls(moves: Floats) -> bool:
             x, turned = start[0].copy(), start[1].copy()
             x[grains] += moves.reshape(-1, 3)[:, :2]
             turned[grains] += moves.reshape(-1, 3)[:, 2]
             self.place(x, turned)
-            return self.work(*start[2:]) < least
+            return self.work(springs) < least
 
         if any(falls(np.linalg.solve(stiffness + d * unit, left)) for d in DAMPINGS):
             return True
@@ -256,36 +253,39 @@ class _Cages:
         bends = values[0] < -BENDS * float((load / length).max())
         if bends and (falls(mode) or falls(-mode)):
             return True
-        self.place(*start[:2])
+        self.place(*start)
         return False
 
 
-def _out_of_overlap(state: Contacts, idle: Flags, free: Flags) -> tuple[Floats, Floats]:
-    """Return centres (B, 2) where grains that carry nothing are in balance, and `T` (P,) there.
+def _out_of_overlap(state: Contacts, idle: Flags) -> Contacts:
+    """Return the contacts where grains that carry nothing are in balance, with their forces there.
 
     All these grains move together, the others stay.
     """
-    cages = _Cages(state, idle, free)
+    cages = _Cages(state, idle)
     for _ in range(MOST_ROUNDS):
         if not cages.step():
             break
-    T = np.zeros(len(free))
-    T[cages.rows] = cages.T
-    return cages.x, T
+    T = np.zeros(len(state.contacts))
+    T[cages.pressed] = cages.T
+    moved = replace(state, x=cages.x, shear_force=T)
+    return replace(moved, normal_force=moved.law.normal_force(moved.overlap))
 
 
-def _parting_and_slip(ends: Integers, n: Floats, grains: Integers, bodies: int) -> Floats:
-    """Return (2, P, 3 G) how grains part contacts and shear them.
+def _parting_and_slip(ends: Integers, n: Floats, idle: Flags) -> tuple[Floats, Floats, Integers]:
+    """Return how idle grains part contacts and shear them, (P, 3 G) each, and these grains (G,).
 
     Unknowns of a grain: its displacement, and its spin times its radius.
     """
-    place = np.full(bodies, -1)
+    met = np.zeros(len(idle), dtype=bool)
+    met[ends] = True
+    grains, place = np.flatnonzero(met & idle), np.empty(len(idle), dtype=np.int64)
     place[grains] = np.arange(len(grains))
-    t = np.column_stack([-n[:, 1], n[:, 0]])
-    out = np.zeros((2, len(ends), len(grains), 3))
-    for grain, sense in zip(ends.T, (-1.0, 1.0), strict=True):
-        c = np.flatnonzero(place[grain] >= 0)
-        out[0, c, place[grain[c]], :2] += sense * n[c]
-        out[1, c, place[grain[c]], :2] += sense * t[c]
-        out[1, c, place[grain[c]], 2] -= 1.0
-    return out.reshape(2, len(ends), -1)
+    ways = np.zeros((2, len(n), 3))
+    ways[0, :, :2], ways[1, :, 0], ways[1, :, 1] = n, -n[:, 1], n[:, 0]
+    out = np.zeros((2, len(n), len(grains), 3))
+    for grain, sense in zip(ends, (-1.0, 1.0), strict=True):
+        c = np.flatnonzero(idle[grain])
+        ways[1, :, 2] = -sense
+        out[:, c, place[grain[c]]] += sense * ways[:, c]
+    return *out.reshape(2, len(n), -1), grains

@@ -287,6 +287,27 @@ def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
     assert more.law.k_r[-1] == pytest.approx(0.7) and more.law.mu_r[-1] == 0.035
 
 
+@pytest.mark.parametrize("rows", [[1, 4], [0, 2], [3], [0, 1, 2, 3, 4]])
+@pytest.mark.parametrize(
+    "law", [LINEAR, HERTZ, Stiffening(np.array([3.0, 4.0, 5.0]), 2.0, 0.7, 0.4, 0.5)]
+)
+def test_the_law_of_some_pairs_gives_what_that_of_all_does(law, rows):
+    """Bit by bit, with walls among them and parameters of their own."""
+    law = triangle(law, walls=True).law
+    some, overlap = law.taken(np.array(rows)), 0.01 * np.arange(5.0)
+    N = law.normal_force(overlap)
+    np.testing.assert_array_equal(some.normal_force(overlap[rows]), N[rows])
+    np.testing.assert_array_equal(
+        some.normal_energy(overlap[rows]), law.normal_energy(overlap)[rows]
+    )
+    most = law.shear_strength(overlap, N)
+    np.testing.assert_array_equal(some.shear_strength(overlap[rows], N[rows]), most[rows])
+    for k, all_pairs in zip(some.stiffnesses(overlap[rows]), law.stiffnesses(overlap), strict=True):
+        np.testing.assert_array_equal(k, all_pairs[rows])
+    for part in ("touching", "at_touch", "rolling_reach"):
+        np.testing.assert_array_equal(getattr(some, part), getattr(law, part)[rows])
+
+
 def test_a_pair_has_one_code_whatever_the_list_it_is_in():
     """Five bodies, two images either way: all differ, and the same pair has the same code."""
     every = np.array(list(product(range(5), range(5), range(-2, 3), range(-2, 3))))
