@@ -289,7 +289,7 @@ def test_new_pairs_have_medians_and_walls_are_as_stiff_as_known(name):
 
 @pytest.mark.parametrize("rows", [[1, 4], [0, 2], [3], [0, 1, 2, 3, 4]])
 @pytest.mark.parametrize(
-    "law", [LINEAR, HERTZ, Stiffening(np.array([3.0, 4.0, 5.0]), 2.0, 0.7, 0.4, 0.5)]
+    "law", [LINEAR, HERTZ, Stiffening(k=np.array([3.0, 4.0, 5.0]), b=2.0, kt=0.7, mu=0.4, c=0.5)]
 )
 def test_the_law_of_some_pairs_gives_what_that_of_all_does(law, rows):
     """Bit by bit, with walls among them and parameters of their own."""
