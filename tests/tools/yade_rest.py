@@ -12,6 +12,7 @@
     first, largest      first load of the levels, and the last one at most (N/m)
     coarse, fine        load of a level over that before, far from the limit and near it (1.5, 1.08)
     ramp, most_steps    steps in which a level is put on, and after which it is left (1000, 20,000)
+    damping             of the levels (0.2)
     moved               in place of first to ramp: {degrees: load under which it moved before}, see
                         below
 
@@ -20,7 +21,7 @@ unbalanced force is 1e-7 (damping 0.4), and `held.npz` is written. Every directi
 fork of this state. The load is dead: the nominal stress is P = P0 + load (cos, sin), so the goal
 of Yade's controller, a Cauchy stress, follows the cell every ten steps (S11 = P11/F22, S22 =
 P22/F11). The cell has no shear, a twentieth of the sample's mass, and a strain rate of at most
-0.05 / s; the damping is 0.2. A level is at rest when the unbalanced force is below 1e-6 and the
+0.05 / s. A level is at rest when the unbalanced force is below 1e-6 and the
 stress within 1e-3 of the load, in two looks 250 steps apart; it is left after `most_steps`, or
 where it strains by 1e-2.
 
@@ -56,6 +57,7 @@ QUIET = 2.5
 LOOK = 250
 RAMP = CONFIG.get("ramp", 1000)
 MOST_STEPS = CONFIG.get("most_steps", 20_000)
+DAMPING = CONFIG.get("damping", 0.2)
 # Unbalanced force at rest of the held state and of a level.
 HELD, REST = 1e-7, 1e-6
 # Levels of a direction that is loaded again: to which share of its load, by which, in which steps.
@@ -204,7 +206,7 @@ def at_level(before, load, angle, expected, ramp=RAMP):
 def go(degrees):
     """Levels of one direction, in forks of forks; the last of them writes."""
     angle, levels, slope, coarse_from = math.radians(degrees), [], None, 0.0
-    newton.damping, triax.dead, steering.dead = 0.2, False, False
+    newton.damping, triax.dead, steering.dead = DAMPING, False, False
     while True:
         load = levels[-1]["load"] if levels else 0.0
         if load >= CONFIG["largest"] or (levels and not levels[-1]["at_rest"]):
@@ -242,7 +244,7 @@ def write_levels(degrees, levels):
 def go_gently(degrees, moved):
     """Levels by shares of the load under which the direction moved before."""
     angle, levels, share, slope = math.radians(degrees), [], 0.0, math.inf
-    newton.damping, triax.dead, steering.dead = 0.2, False, False
+    newton.damping, triax.dead, steering.dead = DAMPING, False, False
     for end, rise, ramp in GENTLE:
         while share < end - 1e-9:
             before, share = share * moved, share + rise
