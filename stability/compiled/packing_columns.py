@@ -17,26 +17,6 @@ from loops.compiled import kernel
 
 
 @kernel
-def unit_force(pairs: NDArray[Any], row: int, place: Integers, out: Floats) -> int:
-    """Add a unit of normal force, or of shear force in rows beyond the pairs, to `out`.
-
-    Freedoms are numbered by `place`; the smallest number that was changed is returned.
-    """
-    shear, pair = row >= len(pairs), pairs[row % len(pairs)]
-    first = len(out)
-    for s in range(2):
-        at = 3 * pair["grains"][s]
-        for b in range(2):
-            f = pair["t"][b] if shear else pair["n"][b]
-            out[place[at + b]] += f if s else -f
-            first = min(first, place[at + b])
-        if shear:
-            out[place[at + 2]] -= pair["arm"][s]
-            first = min(first, place[at + 2])
-    return first
-
-
-@kernel
 def _pair_rates(pair: Any, V: Floats, U: Floats, c: int) -> tuple[float, float]:
     """`n . d'` and the shear rate of a pair under one of the motions."""
     i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]

@@ -153,7 +153,7 @@ def step_of(masses: Floats, inertias: Floats, state: Contacts, stride: float = 1
 
 def largest_step(masses: Floats, inertias: Floats, state: Contacts) -> float:
     """Length from which on steps are unstable: two over the largest frequency of the contacts."""
-    from stability.compiled.packing_rates import blocks
+    from stability.compiled.packing_system import blocks
 
     frame = state.records()
     regime = np.where(state.closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)

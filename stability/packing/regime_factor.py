@@ -8,12 +8,10 @@ motion is `V h + U w`, `h` being the strain rate and the load.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
@@ -21,14 +19,15 @@ from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
 from stability.packing.controls import MixedControl
 
+if TYPE_CHECKING:
+    from stability.compiled.packing_system import Order
+
 # Columns from which on the system is factorised anew; from half of the room on it always is.
 RANK = 96
 # Columns that there is room for: an event may bring many at once.
 ROOM = 192
 # Right-hand sides that are solved together: that of an event and those of the next likely ones.
 BATCH = 8
-# An order of elimination is kept until the factors have grown by this.
-FILL = 1.25
 # Regimes as plain numbers, as the array of regimes holds them.
 OPEN = int(Regime.OPEN)
 ELASTIC = int(Regime.ELASTIC)
@@ -63,36 +62,6 @@ class Small(NamedTuple):
         x = right[self.order]
         substitute(self.factors, x)
         return x
-
-
-class Order(NamedTuple):
-    """An order of elimination: the place of each body, and the number of blocks in `L`."""
-
-    place: Integers
-    entries: int
-
-
-class Blocks(NamedTuple):
-    """Factors of the stiffness, as `stability.compiled.block_factors` has them."""
-
-    begin: Integers
-    rows: Integers
-    lower: Floats
-    upper: Floats
-    pivot: Floats
-    swap: Integers
-
-
-def elimination_order(ends: Integers, bodies: int) -> Integers:
-    """Return the number of each body in an order of minimum degree; `ends` (P, 2) touch."""
-    i, j = ends[ends[:, 0] != ends[:, 1]].T
-    at = np.concatenate([i, j]), np.concatenate([j, i])
-    degree = np.bincount(at[0], minlength=bodies)
-    # SuperLU's order, of a matrix that it factorises in any order.
-    graph = sparse.csc_array((np.full(len(at[0]), -1.0), at), (bodies, bodies))
-    graph = (graph + sparse.diags_array(degree + 1.0)).tocsc()
-    lu = splu(graph, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return np.asarray(lu.perm_c, dtype=np.int64)
 
 
 class RegimeFactor:
@@ -141,36 +110,16 @@ class RegimeFactor:
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""
-        from stability.compiled.block_factors import eliminate, structure
-        from stability.compiled.packing_rates import assemble, resultants
+        from stability.compiled import packing_system
 
-        frame, count = self.frame, self.count
         self.reference = (self.regime.copy(), self.side.copy())
-        ends = frame["grains"][self.regime != OPEN]
-        ends = ends[ends[:, 1] < count - self.walls]
-        if self.order is not None:
-            begin, rows = structure(ends, self.order.place)
-        if self.order is None or len(rows) > FILL * self.order.entries:
-            place = elimination_order(ends, count)
-            begin, rows = structure(ends, place)
-            self.order = Order(place, len(rows))
-        place = self.order.place
-        self.into = (3 * place[:, None] + np.arange(3)).ravel()
-        springs = np.maximum(REGULARISATION, self.ground_spring) * float(frame["kn"].mean())
-        blocks = np.zeros((2 * len(rows) + count, 3, 3))
-        lower, upper, pivot = np.split(blocks, [len(rows), 2 * len(rows)])
-        assemble(
-            frame, *self.reference, springs, self.walls, place, begin, rows, lower, upper, pivot
-        )
-        swap = np.empty((count, 3), dtype=np.int64)
-        self.factors = Blocks(begin, rows, lower, upper, pivot, swap)
-        if not eliminate(*self.factors):
+        system, load = (self.frame, *self.reference), self._held_load()
+        springs = np.maximum(REGULARISATION, self.ground_spring) * float(self.frame["kn"].mean())
+        self.factors = packing_system.factorise(*system, springs, self.walls, self.order)
+        self.order = self.factors.order
+        if not self.factors.regular:
             raise ArithmeticError("it is singular in these regimes")
-        right = np.zeros((5, 3 * count))
-        for column, strain in zip(right, UNIT_STRAIN_RATES, strict=False):
-            resultants(frame, *self.reference, np.zeros(3 * count), strain, column)
-        right[4] = self._held_load()
-        self.V = self._solved(right)
+        self.V = self.factors.motions_of_packing(*system, load)
         self._drop_columns()
 
     def _drop_columns(self) -> None:
@@ -190,7 +139,7 @@ class RegimeFactor:
     def set_load(self, load: Floats) -> None:
         """Replace the load; only while there are no columns."""
         self.load = load
-        self.V[4] = self._solved(self._held_load()[None])[0]
+        self.V[4] = self.factors.motions(self._held_load()[None])[0]
 
     def _held_load(self) -> Floats:
         """Return the load of grains with contacts; in a cell without the resultant of all."""
@@ -206,21 +155,6 @@ class RegimeFactor:
         """Hold grains by springs of at least `spring` times the mean kn."""
         self.ground_spring[grains] = np.maximum(self.ground_spring[grains], spring)
         self.factorise()
-
-    def _solved(self, right: Floats) -> Floats:
-        """Return motions (k, 3G) under up to eight loads (k, 3G)."""
-        x = np.zeros((right.shape[1], BATCH))
-        x[self.into, : len(right)] = right.T
-        return self._motions(x, len(right), 0)
-
-    def _motions(self, x: Floats, count: int, start: int) -> Floats:
-        """Return motions (count, 3G) under loads in the order of elimination; walls stand still."""
-        from stability.compiled.block_factors import solve
-
-        x[self.into[len(x) - 3 * self.walls :]] = 0.0
-        out = np.empty((count, len(x)))
-        solve(*self.factors, self.into, x, start, out)
-        return out
 
     def column(self, row: int) -> int:
         """Return the number of the column of a row, which is solved for if it is new."""
@@ -256,12 +190,9 @@ class RegimeFactor:
 
     def _solve_ahead(self, rows: list[int]) -> None:
         """Solve for the columns of the first eight of these rows that have none."""
-        from stability.compiled.packing_columns import unit_force
-
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
-        x = np.zeros((self.U.shape[1], BATCH))
-        start = [unit_force(self.frame, r, self.into, x[:, k]) for k, r in enumerate(new)]
-        self.ready.update(zip(new, self._motions(x, len(new), min(start)), strict=True))
+        motions = self.factors.motions_of_rows(self.frame, new)
+        self.ready.update(zip(new, motions, strict=True))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""

@@ -9,7 +9,7 @@ from scipy import sparse
 from loops import Scene
 from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
-from stability.compiled import packing_rates
+from stability.compiled.packing_system import blocks
 from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import UnsolvedError, disagreeing, pivot
@@ -71,7 +71,7 @@ def stiffness(frozen):
     """Dense stiffness in the present regimes, with one grain held."""
     size, entries = 3 * frozen.count, 36 * len(frozen.side)
     at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
-    packing_rates.blocks(frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
+    blocks(frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
     dense = sparse.coo_array((values, tuple(at)), (size, size)).toarray()
     dense[[0, 1], [0, 1]] += 1.0
     return dense

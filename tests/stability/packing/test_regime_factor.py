@@ -7,7 +7,8 @@ from scipy import sparse
 from loops import Scene, branch_vectors
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
-from stability.compiled import packing_rates
+from stability.compiled.packing_rates import stress_rate
+from stability.compiled.packing_system import blocks, strain_loads
 from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
@@ -42,6 +43,19 @@ def pieces_of(graph, changes=()):
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
     return RegimeFactor(state, state.records(), regime, side, load)
+
+
+def rates_of(pieces):
+    """Resultants (3G + 4, 3G) and `V P'` under unit motions, then under unit strain rates."""
+    system, n = (pieces.frame, pieces.regime, pieces.side), 3 * pieces.count
+    at = np.empty((2, 36 * len(pieces.frame)), dtype=np.int32)
+    values, loads, stress = np.empty(at.shape[1]), np.zeros((n + 4, n)), np.zeros((n + 4, 4))
+    k = blocks(*system, np.arange(n), at, values)
+    loads[:n] = -sparse.coo_array((values[:k], tuple(at[:, :k])), (n, n)).toarray().T
+    strain_loads(*system, loads[n:])
+    for row, out in zip(np.eye(n + 4), stress, strict=True):
+        stress_rate(*system, row[:n], row[n:], out)
+    return loads, stress
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
@@ -184,18 +198,10 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     motions, strains = wanted[:, :-4] / scale, wanted[:, -4:]
     motions[:-4] /= scale[:, None]
     strains[:-4] /= scale[:, None]
-    at, values = np.empty((2, 36 * count), dtype=np.int32), np.empty(36 * count)
-    packing_rates.blocks(pieces.frame, regime, side, np.arange(24), at, values)
-    dense = sparse.csc_array((values, tuple(at)), (24, 24)).toarray()
     exact = {"rtol": 0, "atol": 1e-8}
-    np.testing.assert_allclose(dense, -motions[:-4], **exact)
-    for k in range(28):
-        v, h, load, stress = np.zeros(24), np.zeros(4), np.zeros(24), np.zeros(4)
-        (v if k < 24 else h)[k % 24] = 1.0
-        packing_rates.resultants(pieces.frame, regime, side, v, h, load)
-        packing_rates.stress_rate(pieces.frame, regime, side, v, h, stress)
-        slope = np.hstack([motions, strains])[:, k]
-        np.testing.assert_allclose(np.append(load, stress), slope, **exact)
+    loads, stress = rates_of(pieces)
+    np.testing.assert_allclose(loads.T, np.hstack([motions, strains])[:-4], **exact)
+    np.testing.assert_allclose(stress.T, np.hstack([motions, strains])[-4:], **exact)
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
@@ -209,11 +215,8 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
     pieces = RegimeFactor(state, state.records(), regime, side, load)
     rates = pieces.solve(*control)
-    motion, frame, n = pieces.motion(rates), pieces.frame, len(load)
-    force, stress = np.zeros((n + 4, n)), np.zeros((n + 4, 4))
-    for k, (v, h) in enumerate(np.split(row, [n]) for row in np.eye(n + 4)):
-        packing_rates.resultants(frame, regime, side, v, h, force[k])
-        packing_rates.stress_rate(frame, regime, side, v, h, stress[k])
+    motion, n = pieces.motion(rates), len(load)
+    force, stress = rates_of(pieces)
     stress = stress.T / pieces.volume
     system = np.vstack([-force.T, control[0] @ stress])
     system[n:, n:] += control[1]

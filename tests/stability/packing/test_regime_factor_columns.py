@@ -5,15 +5,13 @@ import pytest
 from scipy import sparse
 
 from loops.contacts import contacts_of, start_state
-from stability.compiled import packing_rates
-from stability.compiled.block_factors import structure
+from stability.compiled.packing_system import Order, blocks, structure
 from stability.packing import regime_factor
 from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
     REGULARISATION,
     SLIDING,
-    Order,
     RegimeFactor,
 )
 from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS
@@ -50,7 +48,7 @@ def dense(pieces):
     """Stiffness in the present regimes, with its springs."""
     size, entries = 3 * pieces.count, 36 * len(pieces.frame)
     at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
-    k = packing_rates.blocks(pieces.frame, pieces.regime, pieces.side, np.arange(size), at, values)
+    k = blocks(pieces.frame, pieces.regime, pieces.side, np.arange(size), at, values)
     K = sparse.coo_array((values[:k], tuple(at[:, :k])), (size, size)).toarray()
     unit = pieces.frame["kn"].mean()
     own = np.maximum(REGULARISATION, pieces.ground_spring)

@@ -6,8 +6,7 @@ import pytest
 from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, RollingResistance, Scene
 from loops.contacts import contacts_of, start_state
 from loops.system import packing_system, stiffness_matrix
-from stability.compiled.block_factors import structure
-from stability.compiled.packing_rates import assemble
+from stability.compiled.packing_system import assemble, structure
 from stability.packing.regime_factor import RegimeFactor
 from tests.packings import jammed
 

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from stability.compiled.block_factors import LANES, eliminate, solve, structure
-from stability.packing.regime_factor import elimination_order
+from stability.compiled.packing_system import (
+    LANES,
+    eliminate,
+    elimination_order,
+    solve,
+    structure,
+)
 
 RNG = np.random.default_rng(7)
 
