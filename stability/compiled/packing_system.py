@@ -65,19 +65,15 @@ class Factors(NamedTuple):
 
     def motions(self, loads: Floats) -> Floats:
         """Return motions (k, 3B) under loads (k, 3B)."""
-        x = self._right_hand_sides(len(loads))
+        x = np.zeros((len(self.into), len(loads) + -len(loads) % LANES))
         x[self.into, : len(loads)] = loads.T
         return self._solved(x, len(loads), 0)
 
     def motions_of_rows(self, pairs: NDArray[Any], rows: list[int]) -> Floats:
         """Return motions (k, 3B) under unit forces of pairs, or shear forces beyond the pairs."""
-        x = self._right_hand_sides(len(rows))
+        x = np.zeros((len(self.into), len(rows) + -len(rows) % LANES))
         start = [_unit_force(pairs, row, self.into, x[:, k]) for k, row in enumerate(rows)]
         return self._solved(x, len(rows), min(start))
-
-    def _right_hand_sides(self, count: int) -> Floats:
-        """Return room for so many loads in the order of elimination, by `LANES`."""
-        return np.zeros((len(self.into), count + -count % LANES))
 
     def _solved(self, x: Floats, count: int, start: int) -> Floats:
         """Return motions (count, 3B) under loads in the order of elimination; walls stand still."""
@@ -189,17 +185,22 @@ def structure(ends: Integers, place: Integers) -> tuple[Integers, Integers]:
 
 @kernel
 def _pair_resultants(
-    pair: Any, regime: int, side: float, un: float, across: float, ut: float
+    pair: Any, regime: int, side: float, a: int, s: float
 ) -> tuple[float, float, float, float]:
-    """Force rate on the second body, and what is taken from the moments, of a closed pair.
+    """Force rate on the second grain of a closed pair, and what is taken from both moments.
 
-    Under its rates `n . d'`, `t . d'` and of shear; forces turn with the pair.
+    Freedom `a` moves by `s`: of the first grain the other way, from 3 on of the second.
     """
+    b = a % 3
+    un = s * pair["n"][b] if b < 2 else 0.0
+    across = s * pair["t"][b] if b < 2 else 0.0
+    ut = pair["turning"] * across if b < 2 else -pair["lever"][a // 3]
     dn = -pair["kn"] * un
     # Without a branch: regimes of pairs come in no order that could be predicted.
     stuck, slides = -pair["kt"] * ut - pair["coupling"] * un, side * pair["mu"] * dn
     dt = stuck if regime == 1 else slides
     dn *= pair["push"]
+    # Forces, and those that turn with the pair.
     f0 = dn * pair["n"][0] + dt * pair["t"][0] + pair["rotation"][0] * across
     f1 = dn * pair["n"][1] + dt * pair["t"][1] + pair["rotation"][1] * across
     grown = pair["growth"] * un
@@ -215,11 +216,8 @@ def strain_loads(pairs: NDArray[Any], regime: Regimes, side: Floats, out: Floats
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
         for k in range(4):
-            b, rate = k // 2, -pair["d"][k % 2]
-            across = pair["t"][b] * rate
-            f0, f1, m0, m1 = _pair_resultants(
-                pair, regime[p], side[p], pair["n"][b] * rate, across, pair["turning"] * across
-            )
+            rate = -pair["d"][k % 2]
+            f0, f1, m0, m1 = _pair_resultants(pair, regime[p], side[p], 3 + k // 2, rate)
             out[k, j] += f0
             out[k, j + 1] += f1
             out[k, i] -= f0
@@ -233,12 +231,7 @@ def _pair_stiffness(pair: Any, regime: int, side: float, K: Floats) -> None:
     """Stiffness (6, 6) of a pair in the freedoms of its first grain, then of its second."""
     for a in range(6):
         # Unit motions one after the other.
-        s = -1.0 if a < 3 else 1.0
-        b = a % 3
-        un = s * pair["n"][b] if b < 2 else 0.0
-        across = s * pair["t"][b] if b < 2 else 0.0
-        ut = pair["turning"] * across if b < 2 else -pair["lever"][a // 3]
-        f0, f1, m0, m1 = _pair_resultants(pair, regime, side, un, across, ut)
+        f0, f1, m0, m1 = _pair_resultants(pair, regime, side, a, -1.0 if a < 3 else 1.0)
         K[0, a], K[1, a], K[2, a] = f0, f1, m0
         K[3, a], K[4, a], K[5, a] = -f0, -f1, m1
 

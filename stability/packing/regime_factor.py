@@ -32,9 +32,8 @@ BATCH = 8
 OPEN = int(Regime.OPEN)
 ELASTIC = int(Regime.ELASTIC)
 SLIDING = int(Regime.SLIDING)
-# Strain rates of one component each, 11, 12, 21, 22.
-UNIT_STRAIN_RATES = np.eye(4)
-NO_STRAIN = np.zeros(4)
+# Strain rates of one component each, 11, 12, 21, 22, and none.
+STRAIN_RATES = np.eye(5, 4)
 
 
 class Combination(NamedTuple):
@@ -282,12 +281,11 @@ class RegimeFactor:
         frame, m, out = self.frame, len(self.at), np.empty(4)
         if not self.stressed:
             for k in range(5):
-                h = UNIT_STRAIN_RATES[k] if k < 4 else NO_STRAIN
-                kernels.stress_rate(frame, *self.reference, self.V[k], h, out)
+                kernels.stress_rate(frame, *self.reference, self.V[k], STRAIN_RATES[k], out)
                 self.stress0[:, k] = out / self.volume
         # Of the columns that have none yet, their own force included.
         for k in range(max(self.stressed - 1, 0), m):
-            kernels.stress_rate(frame, *self.reference, self.U[k], NO_STRAIN, out)
+            kernels.stress_rate(frame, *self.reference, self.U[k], STRAIN_RATES[4], out)
             pair, shear = frame[self.rows[k] % len(frame)], self.rows[k] >= len(frame)
             own = np.outer(pair["t"] if shear else pair["n"], pair["d"]).ravel()
             self.column_stress[:, k] = (out + own) / self.volume

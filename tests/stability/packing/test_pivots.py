@@ -4,17 +4,16 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from loops import Scene
 from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
-from stability.compiled.packing_system import blocks
 from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import UnsolvedError, disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from tests.packings import LAW, jammed, packing, strained
+from tests.stability.packing.test_regime_factor import stiffness
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
 HELD = np.diag([1.0, 0, 0, 0])
@@ -67,12 +66,9 @@ def test_pivots_find_the_only_solution(stress_held):
     assert compared > 30 and sum(count > 1 for count in counts) > 20
 
 
-def stiffness(frozen):
+def held_stiffness(frozen):
     """Dense stiffness in the present regimes, with one grain held."""
-    size, entries = 3 * frozen.count, 36 * len(frozen.side)
-    at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
-    blocks(frozen.frame, frozen.regime, frozen.side, np.arange(size), at, values)
-    dense = sparse.coo_array((values, tuple(at)), (size, size)).toarray()
+    dense = stiffness(frozen)
     dense[[0, 1], [0, 1]] += 1.0
     return dense
 
@@ -89,7 +85,7 @@ def test_a_pivot_without_a_solution_changes_no_regime(seed):
     assert c == wrong
     signs = []
     for _ in range(2):
-        signs.append(np.linalg.slogdet(stiffness(frozen))[0])
+        signs.append(np.linalg.slogdet(held_stiffness(frozen))[0])
         frozen.flip(c)
     assert stop.value.turns == (signs[0] != signs[1])
 

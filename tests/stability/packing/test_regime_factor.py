@@ -45,13 +45,19 @@ def pieces_of(graph, changes=()):
     return RegimeFactor(state, state.records(), regime, side, load)
 
 
+def stiffness(pieces):
+    """Dense stiffness in the present regimes, without springs."""
+    system, n = (pieces.frame, pieces.regime, pieces.side), 3 * pieces.count
+    at = np.empty((2, 36 * len(pieces.frame)), dtype=np.int32)
+    values = np.empty(at.shape[1])
+    k = blocks(*system, np.arange(n), at, values)
+    return sparse.coo_array((values[:k], tuple(at[:, :k])), (n, n)).toarray()
+
+
 def rates_of(pieces):
     """Resultants (3G + 4, 3G) and `V P'` under unit motions, then under unit strain rates."""
     system, n = (pieces.frame, pieces.regime, pieces.side), 3 * pieces.count
-    at = np.empty((2, 36 * len(pieces.frame)), dtype=np.int32)
-    values, loads, stress = np.empty(at.shape[1]), np.zeros((n + 4, n)), np.zeros((n + 4, 4))
-    k = blocks(*system, np.arange(n), at, values)
-    loads[:n] = -sparse.coo_array((values[:k], tuple(at[:, :k])), (n, n)).toarray().T
+    loads, stress = np.vstack([-stiffness(pieces).T, np.zeros((4, n))]), np.zeros((n + 4, 4))
     strain_loads(*system, loads[n:])
     for row, out in zip(np.eye(n + 4), stress, strict=True):
         stress_rate(*system, row[:n], row[n:], out)

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from loops.contacts import contacts_of, start_state
-from stability.compiled.packing_system import Order, blocks, structure
+from stability.compiled.packing_system import Order, structure
 from stability.packing import regime_factor
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -14,7 +13,7 @@ from stability.packing.regime_factor import (
     SLIDING,
     RegimeFactor,
 )
-from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS
+from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS, stiffness
 from tests.stability.packing.test_units import unequal
 
 UNITS = [1.0, 2.0**30, 2.0**-30]
@@ -46,10 +45,7 @@ def pieces_of(unit=1.0, changes=(), more=0.0):
 
 def dense(pieces):
     """Stiffness in the present regimes, with its springs."""
-    size, entries = 3 * pieces.count, 36 * len(pieces.frame)
-    at, values = np.empty((2, entries), dtype=np.int32), np.empty(entries)
-    k = blocks(pieces.frame, pieces.regime, pieces.side, np.arange(size), at, values)
-    K = sparse.coo_array((values[:k], tuple(at[:, :k])), (size, size)).toarray()
+    K, size = stiffness(pieces), 3 * pieces.count
     unit = pieces.frame["kn"].mean()
     own = np.maximum(REGULARISATION, pieces.ground_spring)
     K[np.arange(size), np.arange(size)] += np.repeat(own, 3) * unit
