@@ -185,7 +185,11 @@ class PackingState(Shown):
     @cached_property
     def mean_force(self) -> float:
         """Mean force of the closed contacts between grains; nan if there are none."""
-        carried = np.linalg.norm(self.forces[self.closed & ~self.at_wall], axis=1)
+        return self.mean_force_of(self.closed)
+
+    def mean_force_of(self, rows: Flags) -> float:
+        """Return the mean force of those rows (C,) that are between grains; nan without any."""
+        carried = np.linalg.norm(self.forces[rows & ~self.at_wall], axis=1)
         return float(carried.mean()) if carried.any() else float("nan")
 
     @property
@@ -270,6 +274,8 @@ class Contacts(PackingState):
         """Return the energy of the springs of some rows (C,), or of closed contacts."""
         if rows is None:
             return self.stored_energy
+        if not rows.any():
+            return 0.0
         springs, rolling = self._stored(rows)
         return float(np.sum(springs[rows])) + rolling
 

@@ -54,17 +54,19 @@ class Freed(NamedTuple):
     released: float
 
 
-def carrying_nothing(state: Contacts, share: float) -> Flags:
+def carrying_nothing(state: Contacts, share: float, closed: Flags | None = None) -> Flags:
     """Return grains (B,) without load: below a share of the mean force, or under two contacts.
 
-    Contacts of such grains do not count for their neighbours, and so on. The load of a contact is
-    its force above that `at_touch`, and a contact that can pull holds a grain as two do.
+    Of the `closed` contacts (C,), by default those of the state. Contacts of such grains do not
+    count for their neighbours, and so on. The load of a contact is its force above that `at_touch`,
+    and a contact that can pull holds a grain as two do.
     """
-    i, j = state.contacts[state.closed].T
-    at_touch, bodies = state.law.at_touch, len(state.x)
-    N = (state.normal_force - at_touch)[state.closed]
-    holds = np.where(at_touch[state.closed] < 0, 2, 1)
-    least = share * state.mean_force
+    closed = state.closed if closed is None else closed
+    i, j = state.contacts[closed].T
+    at_touch, bodies = state.law.at_touch[closed], len(state.x)
+    N = state.normal_force[closed] - at_touch
+    holds = np.where(at_touch < 0, 2, 1)
+    least = share * state.mean_force_of(closed)
     largest = np.zeros(bodies)
     np.maximum.at(largest, i, N)
     np.maximum.at(largest, j, N)
@@ -88,9 +90,8 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     if before is None:
         idle = carrying_nothing(state, LOADED_SHARE)
     else:
-        was = before[state.contacts].any(axis=1)
-        others = replace(state, closed=state.closed & ~was)
-        idle = carrying_nothing(others, UNLOADED_SHARE)
+        others = state.closed & ~before[state.contacts].any(axis=1)
+        idle = carrying_nothing(state, UNLOADED_SHARE, others)
     free: Flags = np.asarray(idle[state.contacts].any(axis=1))
     rows = np.flatnonzero(free)
     pressed = _out_of_overlap(_at(state, rows), idle)
@@ -114,6 +115,8 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
 def _held(state: Contacts, idle: Flags, least: float) -> Flags:
     """Return the idle grains (B,) with a load of `least`, in balance with the others that have."""
     rows = np.flatnonzero(idle[state.contacts].any(axis=1) & (state.normal_force != 0))
+    if not len(rows):
+        return np.zeros(len(idle), dtype=bool)
     ends, load = state.contacts[rows], (state.normal_force - state.law.at_touch)[rows]
     arms, held = np.ones((len(idle), 3)), idle
     arms[idle, 2] = state.radii[idle]
