@@ -94,7 +94,7 @@ def test_a_snapshot_loads_what_it_needs(tmp_path):
 def test_the_diamond_loads_no_snapshots(tmp_path):
     loaded = loaded_by(command("diamond", "--out", tmp_path / "out"))
     assert (tmp_path / "out" / "summary.json").is_file()
-    unused = {"sympy", "patterns.snapshots", "loops.faces", "loops.tracking"}
+    unused = {"sympy", "patterns.snapshots", "loops.loop_batches", "loops.tracking"}
     assert not loaded & {*unused, "studies.snapshot", "studies.series"}
 
 
