@@ -158,6 +158,9 @@ def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flag
             break
         low, high = (low, share) if load > 0.0 else (share, high)
         share = 0.5 * (low + high)
+    else:
+        # Near another balance the load is there at once: no place in between has less.
+        share = share if low > 0.0 else 1.0
     return share
 
 

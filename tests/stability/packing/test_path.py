@@ -385,15 +385,15 @@ def test_a_contact_that_would_open_if_it_stuck_slides_when_it_closes(
 
 
 def test_grains_that_carry_nothing_leave_the_packing_with_their_contacts():
-    """Two leave, both contacts of each at once; none is an instability, and energy is closed.
+    """One leaves, both its contacts at once; that is no instability, and energy is closed.
 
     With longer intervals contacts of others open on curved ways, which the quadrature sees.
     """
-    path = followed(Scene(packed(24, 3, BRANCH), BRANCH), strained(10 * H), interval=5e-5)
+    path = followed(Scene(packed(36, 5, BRANCH), BRANCH), strained(-10 * H), interval=5e-5)
     assert path.status == "finished" and not path.of_kind("instability")
     gone = [e for e in path.of_kind("opening") if e.cause == "unloaded"]
     times = Counter(event.parameter for event in gone)
-    assert len(times) == 2 and set(times.values()) == {2}
+    assert len(times) == 1 and set(times.values()) == {2}
     pairs = path.states[-1].contacts
     for parameter in times:
         one, two = (set(pairs[e.contacts[0]].tolist()) for e in gone if e.parameter == parameter)

@@ -116,7 +116,8 @@ def test_by_events_probes_come_to_yades(tmp_path):
     """Two of Yade's own probes to 5e-5 from a held state; one rate problem misses by 0.5 %.
 
     Yade's come at a rate of 2e-6, at which a replay is 0.06 % away from the path in half of the
-    directions, Yade 0.1 % (docs/evidence/packing-paths.md, probes over their amplitude).
+    directions, Yade 0.1 %, and 0.17 % in nine of ten (docs/evidence/packing-paths.md, probes over
+    their amplitude).
     """
     snapshot, rows = state("before")
     rows = rows[np.isclose(rows["amplitude"], 5e-5) & rows["theta_deg"].isin([0, 90])]
@@ -134,7 +135,7 @@ def test_by_events_probes_come_to_yades(tmp_path):
         F = np.eye(2) - size * H.reshape(2, 2)
         cauchy = (stress + size * P.reshape(2, 2)) @ F.T / np.linalg.det(F) - stress
         actual = row[STRESS].to_numpy(float).reshape(2, 2)
-        assert np.linalg.norm(cauchy - actual) < 1e-3 * np.linalg.norm(actual)
+        assert np.linalg.norm(cauchy - actual) < 1.7e-3 * np.linalg.norm(actual)
     orders = pd.read_parquet(out / "orders.parquet")
     grouped = orders.groupby(orders["theta_deg"].round(6))
     assert np.allclose(grouped["W2"].sum(), table["W2"], rtol=1e-10)
