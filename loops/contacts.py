@@ -270,10 +270,8 @@ class Contacts(PackingState):
         springs, rolling = self._stored(self.closed)
         return float(np.sum(springs)) + rolling
 
-    def energy(self, rows: Flags | None = None) -> float:
-        """Return the energy of the springs of some rows (C,), or of closed contacts."""
-        if rows is None:
-            return self.stored_energy
+    def energy(self, rows: Flags) -> float:
+        """Return the energy of the springs of some rows (C,)."""
         if not rows.any():
             return 0.0
         springs, rolling = self._stored(rows)

@@ -11,7 +11,7 @@ from loops.compiled import inlined, kernel
 
 Floats = NDArray[np.float64]
 HALF = math.sqrt(0.5)
-LANES = 32  # matrices side by side: loops over them become the processor's vectors
+MATRICES_AT_ONCE = 32  # matrices side by side: loops over them become the processor's vectors
 SWEEPS = 30  # four or five are enough
 SPLITTER = 2.0**27 + 1.0
 CONVERGED = (
@@ -24,9 +24,13 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
     """Spectrum, softest direction and plane cone of every tangent."""
     count = len(tangents)
     values, softest, opening = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-    k, axes, scratch = np.empty((6, LANES)), np.empty((3, 3, LANES)), np.empty((5, LANES))
-    for start in range(0, count, LANES):
-        some = tangents[start : start + LANES]
+    k, axes, scratch = (
+        np.empty((6, MATRICES_AT_ONCE)),
+        np.empty((3, 3, MATRICES_AT_ONCE)),
+        np.empty((5, MATRICES_AT_ONCE)),
+    )
+    for start in range(0, count, MATRICES_AT_ONCE):
+        some = tangents[start : start + MATRICES_AT_ONCE]
         _fill_symmetric_parts(some, k)
         _diagonalise(k, axes, scratch)
         for r in range(len(some)):
@@ -45,9 +49,13 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
 def spectra(tangents: Floats) -> Floats:
     """Spectrum of every tangent, as `loop_modes` has it."""
     values = np.empty((len(tangents), 3))
-    k, axes, scratch = np.empty((6, LANES)), np.empty((0, 3, LANES)), np.empty((5, LANES))
-    for start in range(0, len(tangents), LANES):
-        some = tangents[start : start + LANES]
+    k, axes, scratch = (
+        np.empty((6, MATRICES_AT_ONCE)),
+        np.empty((0, 3, MATRICES_AT_ONCE)),
+        np.empty((5, MATRICES_AT_ONCE)),
+    )
+    for start in range(0, len(tangents), MATRICES_AT_ONCE):
+        some = tangents[start : start + MATRICES_AT_ONCE]
         _fill_symmetric_parts(some, k)
         _diagonalise(k, axes, scratch)
         for r in range(len(some)):
@@ -58,7 +66,7 @@ def spectra(tangents: Floats) -> Floats:
 @inlined
 def _fill_symmetric_parts(some: Floats, k: Floats) -> None:
     """Fill in Ks in (11, 22, (12 + 21)/sqrt 2): diagonal, then 01, 02, 12; nan if not finite."""
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         a = some[min(r, len(some) - 1)]
         k[0, r], k[1, r] = a[0, 0], a[3, 3]
         k[2, r] = 0.5 * (a[1, 1] + a[2, 2] + (a[1, 2] + a[2, 1]))
@@ -89,12 +97,12 @@ def _diagonalise(k: Floats, axes: Floats, scratch: Floats) -> None:
     axes[:] = 0.0
     for i in range(len(axes)):
         axes[i, i] = 1.0
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         size = abs(k[0, r]) + abs(k[1, r]) + abs(k[2, r]) + abs(k[3, r]) + abs(k[4, r])
         least[r] = CONVERGED * (size + abs(k[5, r]))
     for _ in range(SWEEPS):
         some = 0.0
-        for r in range(LANES):
+        for r in range(MATRICES_AT_ONCE):
             off = abs(k[3, r]) + abs(k[4, r]) + abs(k[5, r])
             going[r] = 1.0 if off > least[r] else 0.0
             some += going[r]
@@ -119,17 +127,17 @@ def _rotate(
 ) -> None:
     """Uncouple two axes of the matrices that are not done: turn them by the angle that does."""
     going, tangent, c, s = scratch[1], scratch[2], scratch[3], scratch[4]
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         ratio = 0.5 * (two[r] - one[r]) / off[r]
         value = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
         tangent[r] = value if (going[r] != 0.0) & (off[r] != 0.0) else 0.0
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         c[r] = 1.0 / math.sqrt(1.0 + tangent[r] * tangent[r])
         s[r] = tangent[r] * c[r]
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         change = tangent[r] * off[r]
         one[r], two[r] = one[r] - change, two[r] + change
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         off[r] = 0.0 if going[r] != 0.0 else off[r]
     _turn(first, second, c, s)
     for q in range(3 if len(axes) else 0):
@@ -138,7 +146,7 @@ def _rotate(
 
 @inlined
 def _turn(a: Floats, b: Floats, c: Floats, s: Floats) -> None:
-    for r in range(LANES):
+    for r in range(MATRICES_AT_ONCE):
         a[r], b[r] = c[r] * a[r] - s[r] * b[r], s[r] * a[r] + c[r] * b[r]
 
 

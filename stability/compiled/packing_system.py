@@ -23,7 +23,7 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import inlined, kernel
 
 # Right-hand sides that are solved at once.
-LANES = 4
+LOADS_AT_ONCE = 4
 # An order of elimination is kept until the factors have grown by this.
 FILL = 1.25
 # Products and sums in one instruction, rounded once.
@@ -65,13 +65,13 @@ class Factors(NamedTuple):
 
     def motions(self, loads: Floats) -> Floats:
         """Return motions (k, 3B) under loads (k, 3B)."""
-        x = np.zeros((len(self.into), len(loads) + -len(loads) % LANES))
+        x = np.zeros((len(self.into), len(loads) + -len(loads) % LOADS_AT_ONCE))
         x[self.into, : len(loads)] = loads.T
         return self._solved(x, len(loads), 0)
 
     def motions_of_rows(self, pairs: NDArray[Any], rows: list[int]) -> Floats:
         """Return motions (k, 3B) under unit forces of pairs, or shear forces beyond the pairs."""
-        x = np.zeros((len(self.into), len(rows) + -len(rows) % LANES))
+        x = np.zeros((len(self.into), len(rows) + -len(rows) % LOADS_AT_ONCE))
         start = [_unit_force(pairs, row, self.into, x[:, k]) for k, row in enumerate(rows)]
         return self._solved(x, len(rows), min(start))
 
@@ -419,10 +419,10 @@ def solve(
     Loads are zero before row `start` and numbered by the order of elimination, in which freedom f
     of the motions is row `into[f]`.
     """
-    if x.shape[1] % LANES or x.shape[1] < len(out):
-        raise ValueError("right-hand sides by LANES")
-    bodies, left = len(pivot), np.empty((3, LANES))
-    for e in range(0, len(out), LANES):
+    if x.shape[1] % LOADS_AT_ONCE or x.shape[1] < len(out):
+        raise ValueError("a number of right-hand sides that is no multiple of LOADS_AT_ONCE")
+    bodies, left = len(pivot), np.empty((3, LOADS_AT_ONCE))
+    for e in range(0, len(out), LOADS_AT_ONCE):
         for k in range(start // 3, bodies):
             j = 3 * k
             s = x[j, e], x[j, e + 1], x[j, e + 2], x[j, e + 3]
@@ -431,11 +431,11 @@ def solve(
             for q in range(begin[k], begin[k + 1]):
                 for a in range(3):
                     l0, l1, l2 = lower[q, a, 0], lower[q, a, 1], lower[q, a, 2]
-                    for r in range(LANES):
+                    for r in range(LOADS_AT_ONCE):
                         x[3 * rows[q] + a, e + r] -= l0 * s[r] + l1 * t[r] + l2 * u[r]
         for k in range(bodies - 1, -1, -1):
             for a in range(3):
-                for r in range(LANES):
+                for r in range(LOADS_AT_ONCE):
                     left[a, r] = x[3 * k + a, e + r]
             for q in range(begin[k], begin[k + 1]):
                 j = 3 * rows[q]
@@ -444,10 +444,10 @@ def solve(
                 u = x[j + 2, e], x[j + 2, e + 1], x[j + 2, e + 2], x[j + 2, e + 3]
                 for a in range(3):
                     u0, u1, u2 = upper[q, a, 0], upper[q, a, 1], upper[q, a, 2]
-                    for r in range(LANES):
+                    for r in range(LOADS_AT_ONCE):
                         left[a, r] -= u0 * s[r] + u1 * t[r] + u2 * u[r]
             D, i, j, m = pivot[k], swap[k, 0], swap[k, 1], swap[k, 2]
-            for r in range(LANES):
+            for r in range(LOADS_AT_ONCE):
                 y0 = left[i, r]
                 y1 = left[j, r] - D[1, 0] * y0
                 y2 = (left[m, r] - D[2, 0] * y0 - D[2, 1] * y1) * D[2, 2]

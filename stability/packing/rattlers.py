@@ -142,7 +142,8 @@ def share_until_caught(start: Contacts, end: Contacts, caught: Flags, idle: Flag
     """Return the share of the way between two states on which grains stay free of load.
 
     They are `caught` at the end; `idle` are all grains that carried nothing. At the share the load
-    has reached `CAUGHT_SHARE` at most. One where it does not exceed that at the end.
+    has reached `CAUGHT_SHARE` at most. One where it does not exceed that at the end, or is there
+    from the start on.
     """
     others = (idle & ~caught)[end.contacts].any(axis=1)
     listed = _at(end, np.flatnonzero(caught[end.contacts].any(axis=1) & ~others))

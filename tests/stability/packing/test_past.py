@@ -91,7 +91,7 @@ def snapped(steps, damping, drag):
         moving.run(20, dt, damping, drag)
         powers.append(drag * (masses @ motion.velocity**2 @ [1, 1] + inertias @ motion.spin**2))
     work, slip, left = motion.work
-    own = work - slip - left - (moving.state().energy() - start.energy())
+    own = work - slip - left - (moving.state().stored_energy - start.stored_energy)
     return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
 
 

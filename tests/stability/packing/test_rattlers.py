@@ -19,6 +19,7 @@ from stability.packing.rattlers import (
     _held,
     carrying_nothing,
     free_rattlers,
+    share_until_caught,
 )
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import between
@@ -371,7 +372,7 @@ def test_a_grain_in_a_corner_of_two_walls(more):
         )
 
 
-@pytest.mark.parametrize("unit", [2.0**-8, 2.0**12])
+@pytest.mark.parametrize("unit", [2.0**-8, 2.0**12, 2.0**30])
 @pytest.mark.parametrize("too_large", [-1e-4, 1e-3])
 def test_units_change_nothing(too_large, unit):
     """Powers of two: the same numbers but for their exponents."""
@@ -456,6 +457,17 @@ def test_an_interval_ends_where_a_grain_is_caught(interval):
     largest = solver.state.normal_force[(solver.state.contacts == 4).any(axis=1)].max()
     assert LOADED_SHARE <= largest / solver.state.mean_force <= 1.05 * CAUGHT_SHARE
     assert np.abs(solver.imbalance).max() <= 1.05 * largest
+
+
+def test_a_load_that_is_there_at_once_cuts_no_interval():
+    """A cage too tight by 1e-3 from the start on has no place of less load; one that closes has."""
+    end, idle = caged(ROOM + 1e-3, [0.5, 0.5]), np.arange(5) == 4
+    assert share_until_caught(end, end, idle, idle) == 1.0
+    start = replace(end, x=end.x[4] + 1.02 * (end.x - end.x[4]))
+    # In closed form: there the overlap is the load that ends an interval, or less.
+    at = 1.0 - 1e-3 / (0.02 * np.sqrt(0.5))
+    share = share_until_caught(start, end, idle, idle)
+    assert at < share < at + CAUGHT_SHARE * end.mean_force / (0.02 * np.sqrt(0.5))
 
 
 def test_rows_leave_the_rattlers_where_they_are():
