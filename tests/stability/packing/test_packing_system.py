@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stability.compiled.packing_system import (
-    LANES,
+    LOADS_AT_ONCE,
     eliminate,
     elimination_order,
     solve,
@@ -53,9 +53,9 @@ def test_solutions_are_those_of_the_dense_system(bodies, order):
     swap = np.empty((bodies, 3), dtype=np.int64)
     assert eliminate(begin, rows, lower, upper, pivot, swap)
     into = (3 * place[:, None] + np.arange(3)).ravel()
-    loads = RNG.normal(size=(3 * bodies, 2 * LANES))
+    loads = RNG.normal(size=(3 * bodies, 2 * LOADS_AT_ONCE))
     wanted = np.linalg.solve(dense, loads)[into].T
-    for count in (1, LANES, LANES + 1):
+    for count in (1, LOADS_AT_ONCE, LOADS_AT_ONCE + 1):
         out, x = np.empty((count, 3 * bodies)), loads.copy()
         solve(begin, rows, lower, upper, pivot, swap, into, x, 0, out)
         np.testing.assert_allclose(out, wanted[:count], rtol=0, atol=1e-12 * np.abs(wanted).max())
@@ -75,7 +75,7 @@ def test_motions_that_springs_alone_hold_leave_no_load():
     begin, rows = structure(np.zeros((0, 2), dtype=np.int64), np.arange(50))
     factors, swap = blocks_of(dense, begin, rows), np.empty((50, 3), dtype=np.int64)
     assert eliminate(begin, rows, *factors, swap)
-    load, out = RNG.normal(size=(150, LANES)), np.empty((1, 150))
+    load, out = RNG.normal(size=(150, LOADS_AT_ONCE)), np.empty((1, 150))
     solve(begin, rows, *factors, swap, np.arange(150), load.copy(), 0, out)
     assert np.abs(out).max() > 0.1 / spring
     assert np.abs(dense @ out[0] - load[:, 0]).max() < 1e-15 / spring
@@ -91,6 +91,6 @@ def test_right_hand_sides_come_by_lanes():
     begin, rows = structure(np.zeros((0, 2), dtype=np.int64), np.arange(1))
     factors = begin, rows, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.eye(3)[None]
     factors += (np.arange(3)[None],)
-    for columns, count in ((LANES - 1, 1), (LANES, LANES + 1)):
-        with pytest.raises(ValueError, match="by LANES"):
+    for columns, count in ((LOADS_AT_ONCE - 1, 1), (LOADS_AT_ONCE, LOADS_AT_ONCE + 1)):
+        with pytest.raises(ValueError, match="by LOADS_AT_ONCE"):
             solve(*factors, np.arange(3), np.ones((3, columns)), 0, np.empty((count, 3)))
