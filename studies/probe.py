@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from loops import InputError
 from loops.errors import check_choice, number
 from loops.scene import Scene, Subject
-from patterns import Snapshot
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import Probe
@@ -97,8 +96,7 @@ def run_probe(
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)
         found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
-        paths: list[FollowedPath] = []
-        reached: list[float] = []
+        paths, reached = list[FollowedPath](), list[float]()
         if amplitude is not None and by == "increment":
             wide = sample_edge(snapshot, checked_band(candidates, "candidates", CANDIDATES))
             found = probe_by_increment(found, wide, faces, amplitude)
@@ -106,7 +104,10 @@ def run_probe(
             notes += balance_notes(snapshot)
 
             def shared(stages: Sequence[Stage]) -> Sequence[FollowedPath]:
-                paths[:], reached[:] = _followed(snapshot, past, workers, scheduler, stages)
+                tasks = [_Direction(k, snapshot.scene, past, one) for k, one in enumerate(stages)]
+                with open_runner(workers, scheduler, []) as runner:
+                    done = dict(runner(_follow, tasks))
+                paths[:], reached[:] = zip(*(done[k] for k in range(len(done))), strict=True)
                 return paths
 
             found = probe_to(found, snapshot.scene, amplitude, shared)
@@ -227,21 +228,6 @@ def _follow(one: _Direction) -> tuple[int, tuple[FollowedPath, float]]:
         progress=lambda done: reached.__setitem__(0, done),
     )  # fmt: skip
     return one.number, (path, max(reached[0], float(path.parameter[-1])))
-
-
-def _followed(
-    snapshot: Snapshot,
-    past: Past,
-    workers: int | None,
-    scheduler: str | None,
-    stages: Sequence[Stage],
-) -> tuple[list[FollowedPath], list[float]]:
-    """Paths of all directions and what they reached, whatever the number of processes."""
-    tasks = [_Direction(k, snapshot.scene, past, stage) for k, stage in enumerate(stages)]
-    with open_runner(workers, scheduler, []) as runner:
-        found = dict(runner(_follow, tasks))
-    paths, reached = zip(*(found[k] for k in range(len(stages))), strict=True)
-    return list(paths), list(reached)
 
 
 def probe_table(found: Probe) -> pd.DataFrame:

@@ -40,13 +40,13 @@ WIDTH = 8
 
 def load_ahead(contacts: int) -> None:
     """Load the kernels on another thread if so many contacts will use them."""
+
+    def load() -> None:
+        # The first call of a kernel takes as long as loading numba itself.
+        import_module("loops.compiled.network").spatial_order(given(np.zeros((1, 2)), np.float64))
+
     if use_compiled(None, contacts):
-        Thread(target=_load, daemon=True).start()
-
-
-def _load() -> None:
-    """Load numba and call one kernel: the first one takes as long as numba itself."""
-    import_module("loops.compiled.network").spatial_order(given(np.zeros((1, 2)), np.float64))
+        Thread(target=load, daemon=True).start()
 
 
 def use_compiled(compiled: bool | None, contacts: int) -> bool:

@@ -191,14 +191,15 @@ class FrictionalLaw(Shown):
     # For readers and checks of tables: the words that name the law beside its columns, None where
     # columns do not hold it; the power of the overlap that springs push with; `kn` and `kt` where
     # no state changes them; whether moduli give them; what a contact keeps as its `kt` changes;
-    # whether contacts may pull, the largest pull, how much more the springs of touching contacts
-    # push than `N`, and the strength without a force.
+    # whether contacts may pull, and by bonds that break for good; the largest pull, how much more
+    # the springs of touching contacts push than `N`, and the strength without a force.
     table_words: dict[str, str] | None = None
     overlap_power: float | None = None
     constant_springs: tuple[Floats, Floats] | None = None
     of_moduli: bool = False
     shear_history: ShearHistory = "force"
     cohesive: bool = False
+    bonded: bool = False
     adhesion: Floats | float = 0.0
     attraction: Floats | float = 0.0
     cohesion: Floats | float = 0.0
@@ -244,6 +245,10 @@ class FrictionalLaw(Shown):
     def coupling(self, state: ContactState) -> ArrayLike:
         """`-dT/dun` of a contact that sticks, broadcastable to (..., C): zero."""
         return 0.0
+
+    def elastic_slip(self, T: Floats, kt: Floats) -> Floats:
+        """Elastic displacement `ut` (C,) between two states, from their `T` and `kt` (2, C)."""
+        return np.asarray((T[0] - T[1]) / kt.mean(axis=0))
 
     def normal_energy(self, state: ContactState) -> Floats:
         """`Int N d(overlap)` from the first touch, by Gauss's rule with 16 nodes."""

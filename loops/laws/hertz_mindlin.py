@@ -153,6 +153,12 @@ class HertzMindlin(FrictionalLaw):
         share = state.shear_force / (3.0 * np.where(loaded, state.normal_force, 1.0))
         return np.asarray(np.where(loaded, share, 0.0) * self.normal_stiffness(state))
 
+    def elastic_slip(self, T: Floats, kt: Floats) -> Floats:
+        """Return `ut` between two states; `T/kt` is kept where `T` goes with the overlap."""
+        if self.shear_history == "force":
+            return super().elastic_slip(T, kt)
+        return np.asarray(T[0] / kt[0] - T[1] / kt[1])
+
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""
         factor = self._force_factor(state.radii_i, state.radii_j)

@@ -146,21 +146,14 @@ class PairLaw:
             for k in (self.k_r, self.mu_r)
         )
         law = self._with_typical(int(np.count_nonzero(wall < 0)))
-        return replace(
-            law,
-            radii=np.ascontiguousarray(np.hstack([self.radii, radii])),
-            wall=np.append(self.wall, wall),
-            kn=kn,
-            kt=kt,
-            mu=mu,
-            k_r=k_r,
-            mu_r=mu_r,
-            reach=np.append(self.reach, np.zeros(len(wall))),
-        )
+        radii = np.ascontiguousarray(np.hstack([self.radii, radii]))
+        reach = np.append(self.reach, np.zeros(len(wall)))
+        pairs = type(self)(law, radii, np.append(self.wall, wall), kn, kt, mu, reach, k_r, mu_r)
+        return pairs.with_law(law)
 
-    def _with_typical(self, count: int) -> Self:
-        """Return the law whose formulae hold for `count` further pairs of grains."""
-        return self
+    def _with_typical(self, count: int) -> FrictionalLaw:
+        """Return the law between grains whose formulae hold for `count` further pairs."""
+        return self.law
 
     def scale(self, radii: Floats) -> Floats | float:
         """Return what stiffnesses of pairs of radii (2, P) go with."""
@@ -363,11 +356,8 @@ class FormulaPairs(PairLaw):
     """A law that is asked by its formulae between grains; `kn` and `kt` are at walls alone."""
 
     linear = False
-
-    @property
-    def remembers(self) -> bool:
-        """Whether the law asks for the overlap a step before: any may."""
-        return True
+    # Any law may ask for the overlap a step before.
+    remembers = True
 
     @property
     def compiled(self) -> bool | None:
@@ -396,19 +386,14 @@ class FormulaPairs(PairLaw):
         reach[self.rows] = -law.gap(touching.parting())
         return replace(touching, reach=reach)
 
-    def _with_typical(self, count: int) -> Self:
+    def _with_typical(self, count: int) -> FrictionalLaw:
         """Return the law in which the pair of the median stiffness stands for further ones."""
         _, pressed = self.contacts(np.zeros(len(self)))
         stiff = self.local_stiffness(pressed, Regime.ELASTIC)[:, 0, 0]
         typical = np.full(count, np.argsort(stiff)[len(stiff) // 2])
         law = self.law.take(np.append(np.arange(len(stiff)), typical))
         # What touches later was never bonded.
-        return replace(self, law=law.parted(np.arange(len(stiff) + count) >= len(stiff)))
-
-    def grown(self, radii: Floats, wall: Integers) -> Self:
-        """Return the law with further pairs."""
-        more = super().grown(radii, wall)
-        return more.with_law(more.law)
+        return law.parted(np.arange(len(stiff) + count) >= len(stiff))
 
     def parted(self, opened: Flags) -> Self:
         """Return the law without the bonds of pairs that have opened."""

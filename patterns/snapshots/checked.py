@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import FrictionalLaw, GrainGraph, Regime, contact_state
+from loops import FrictionalLaw, GrainGraph, HertzMindlin, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
-from loops.laws.hertz_mindlin import HERTZ
 from patterns.snapshots.findings import rounding
 
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
@@ -38,16 +37,16 @@ class OverlapFit(NamedTuple):
     """Forces of the contacts against their overlaps.
 
     `ratio` is N over the force that the overlap gives with the file's kn (median), `error` what
-    rounding and scatter leave open of it, `hertz` whether kn are Hertz's tangents. `needed` (C,)
-    are the overlaps that the forces over the ratio need, `off` (C,) these less those of the
-    centres, of a typical contact `typical`; `noise` is the share of the larger of the two overlaps,
-    and of the typical one, that most contacts are off by.
+    rounding and scatter leave open of it, `power` that of the overlap which goes with N, so that
+    `N = kn overlap/power`. `needed` (C,) are the overlaps that the forces over the ratio need,
+    `off` (C,) these less those of the centres, of a typical contact `typical`; `noise` is the share
+    of the larger of the two overlaps, and of the typical one, that most contacts are off by.
     """
 
     rows: Integers
     ratio: float
     error: float
-    hertz: bool
+    power: float
     needed: Floats
     off: Floats
     size: Floats
@@ -118,9 +117,9 @@ class Checked:
         return self.law is not None and self.law.cohesive
 
     @property
-    def as_hertz(self) -> bool:
-        """Whether forces go with the overlap by Hertz's power under the law."""
-        return self.law is not None and self.law.overlap_power == 1.5
+    def power(self) -> float:
+        """Power of the overlap that N goes with under the law, 1 where none is known."""
+        return (None if self.law is None else self.law.overlap_power) or 1.0
 
     @cached_property
     def stiffnesses(self) -> tuple[Floats, Floats]:
@@ -162,16 +161,16 @@ class Checked:
         if len(rows) == 0:
             return None
         secant = self.pressed[rows] / self.overlap[rows]
-        hertz = self.as_hertz or (
-            # Secants of Hertz's law go with the root as well.
-            bool(median(secant / kn[rows]) < np.sqrt(HERTZ)) and self.goes_with_root(kn[rows], rows)
-        )
-        unit = (HERTZ if hertz else 1.0) * kn
+        # Secants of Hertz's law go with the root as well.
+        of_hertz = HertzMindlin.overlap_power
+        low = median(secant / kn[rows]) < of_hertz**-0.5
+        of_N = of_hertz if low and self.goes_with_root(kn[rows], rows) else self.power
+        unit = kn * (1.0 / of_N)
         needed = np.where(unit > 0, self.pressed, 0.0) / np.where(unit > 0, unit, 1.0)
         by_force = needed[rows] / overlap[rows]
         scale = median(by_force)
         # Tangents of a given modulus grow with N themselves.
-        power = 1.5 if self.law.of_moduli else 1.0
+        power = self.power if self.law.of_moduli else 1.0
         typical = median(overlap[rows])
         quarter, rest = quantiles(by_force, [0.25, 0.75])
         needed = needed / scale
@@ -182,7 +181,7 @@ class Checked:
         # The median of ratios is off by their scatter, and where overlaps are in the denominator.
         error = power * (ERRORS * (rest - quarter) / np.sqrt(len(rows)) + noise[1] ** 2)
         return OverlapFit(
-            *(rows, scale**power, error, hertz, needed, off, size, typical),
+            *(rows, scale**power, error, of_N, needed, off, size, typical),
             (noise[0], noise[1]),
         )
 

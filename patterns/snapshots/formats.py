@@ -64,6 +64,11 @@ def refuse_yade_text(source: Source) -> Frames:
     )
 
 
+# Laws, and the options that they alone have.
+OPTIONS_OF_LAWS = {
+    ("hertz",): ("young", "poisson", "shear_history"),
+    COHESIVE: ("adhesion", "cohesion"),
+}
 # The first one that recognises a file takes it.
 FORMATS = {
     "yade-vtk": Format(is_yade_vtk, yade_vtk_frames),
@@ -350,30 +355,28 @@ def format_of(path: Path, name: str = "auto") -> Format:
     raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)
 
 
-def _parameters(**given: Unpack[LawOptions]) -> Parameters:
+def _parameters(**options: Unpack[LawOptions]) -> Parameters:
     """The options of the law, checked."""
-    asked: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    asked: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     law, friction = asked.get("law"), friction_of(asked.pop("mu", None), asked.pop("phi", None))
     for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
         if name in asked:
             check_choice(name, asked[name], known)
-    of_hertz = [name for name in ("young", "poisson", "shear_history") if name in asked]
-    if of_hertz and law != "hertz":
-        remedy = "Give --law hertz, or leave them out."
-        received = f"{', '.join(of_hertz)} under {law or 'the linear law'}"
-        raise InputError("law", received, "options of that law", remedy)
-    of_pull = [name for name in ("adhesion", "cohesion") if name in asked]
-    if of_pull and law not in COHESIVE:
-        remedy = "Give --law cohesive or --law bonded, or leave them out."
-        received = f"{', '.join(of_pull)} under {law or 'no named law'}"
-        raise InputError("law", received, "options of a law with cohesion", remedy)
-    for name in of_pull:
+    for laws, options in OPTIONS_OF_LAWS.items():
+        given = [name for name in options if name in asked]
+        if given and law not in laws:
+            named = " or ".join(f"--law {one}" for one in laws)
+            received = f"{', '.join(given)} under {law or 'no named law'}"
+            remedy = f"Give {named}, or leave them out."
+            raise InputError("law", received, "options of that law", remedy)
+    for name in {"adhesion", "cohesion"} & {*asked}:
         number(name, asked[name], 0.0)
     if law == "hertz" and {"kn", "kt"} & {*asked}:
         remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
         raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
     if ("young" in asked) != ("poisson" in asked):
-        raise InputError("law", f"{of_hertz[0]} alone", "young and poisson", "Give both.")
+        (alone,) = {"young", "poisson"} & {*asked}
+        raise InputError("law", f"{alone} alone", "young and poisson", "Give both.")
     if "young" in asked:
         HertzMindlin(asked["young"], asked["poisson"])  # raises for numbers out of range
     if "shear_increment" in asked:

@@ -274,10 +274,10 @@ def read_branches(
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = {name: np.zeros(count) for name in of_file}
-    fill_branches = _fill_branches
-    if use_passes(count):
+    by_kernel = use_passes(count)
+    if by_kernel:
         from loops.compiled.passes import fill_branches
-    grains = given(bodies.x, np.float64), given(bodies.radii, np.float64)
+    x, radii = given(bodies.x, np.float64), given(bodies.radii, np.float64)
     contacts = given(pairs, np.int64)
 
     def fill(at: int) -> None:
@@ -289,7 +289,16 @@ def read_branches(
                 near = of_file["branch"][part] + near if "branch" in of_file else near
                 made[part] = np.rint(np.linalg.solve(cell, near.T).T)
             across = made[part] @ cell.T
-        fill_branches(*grains, contacts[part], across, d[part], length[part], n[part], reach[part])
+        if by_kernel:
+            filled = d[part], length[part], n[part], reach[part]
+            fill_branches(x, radii, contacts[part], across, *filled)
+        else:
+            one, two = contacts[part].T
+            d[part] = x[two] - x[one] + (across if cell is not None else 0.0)
+            length[part] = np.hypot(d[part, 0], d[part, 1])
+            # Coincident grains are refused by the graph.
+            size = np.where(length[part] > 0, length[part], 1.0)
+            n[part], reach[part] = d[part] / size[:, None], size / (radii[one] + radii[two])
         for name, values in of_file.items():
             own = (d if name == "branch" else n)[part]
             off[name][part] = np.hypot(*(values[part] - own).T)
@@ -304,28 +313,6 @@ def read_branches(
     )
     _require_fitting(table, rows, pairs, bodies, made_branches, of_file, off, reach)
     return made_branches
-
-
-def _fill_branches(
-    x: Floats,
-    radii: Floats,
-    contacts: Integers,
-    across: Floats,
-    d: Floats,
-    length: Floats,
-    n: Floats,
-    reach: Floats,
-) -> None:
-    """Fill in branches, lengths and normals, and each length over the sum of the radii."""
-    one, two = contacts.T
-    d[:] = x[two] - x[one]
-    if len(across):
-        d += across
-    length[:] = np.hypot(d[:, 0], d[:, 1])
-    # Coincident grains are refused by the graph.
-    size = np.where(length > 0, length, 1.0)
-    n[:] = d / size[:, None]
-    reach[:] = size / (radii[one] + radii[two])
 
 
 def _require_fitting(

@@ -52,9 +52,7 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     first, second, T, kt = first[elastic], second[elastic], T[:, elastic], kt[:, elastic]
     if len(first) < FEWEST:
         return None
-    needed = -np.diff(T, axis=0)[0] / kt.mean(axis=0)
-    if law.shear_history == "displacement":
-        needed = -np.diff(T / kt, axis=0)[0]
+    needed = law.elastic_slip(T, kt)
     if not needed.any():
         return None
     sign = np.where(match.reversed[first], -1, 1)[:, None]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from loops.arrays import Floats, Integers, median
-from loops.laws.frictional import linear_springs
-from loops.laws.hertz_mindlin import HERTZ
+from loops.laws.hertz_mindlin import HertzMindlin
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
 
@@ -30,21 +29,21 @@ def stiffness(state: Checked) -> Finding | None:
     if off and abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")
-    needed, of_hertz = _needed_stiffness(state, rows)
-    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or of_hertz else ""
-    if of_hertz and not fit.hertz and not state.goes_with_root(kn, rows):
+    needed, power = _needed_stiffness(state, rows)
+    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or power > 1 else ""
+    if power != fit.power and not state.goes_with_root(kn, rows):
         return found.doubt(
             ": N goes with the overlap to the power of 3/2, as in Hertz's law, and kn does not",
             f"Give tangents, kn = {needed:.4g} (median), or --law hertz with {modulus}.",
         )
-    if fit.hertz:
-        found = found._replace(says=f"{found.says}, Hertz's tangents give {HERTZ:.4g}")
+    if fit.power > 1:
+        found = found._replace(says=f"{found.says}, Hertz's tangents give {1 / fit.power:.4g}")
     if off:
         unit = power_of_ten(fit.ratio)
         of_modulus = state.law is not None and state.law.of_moduli
         stiff = "the modulus" if of_modulus else "kn"
         right = modulus if of_modulus else f"kn = {needed:.4g}"
-        right += f" ({modulus})" if fit.hertz and not of_modulus else ""
+        right += f" ({modulus})" if fit.power > 1 and not of_modulus else ""
         cause = f"the forces are {fit.ratio:.4g} times what {stiff} and the overlaps give, or "
         cause += f"{stiff} is {1 / fit.ratio:.4g} times what the forces and overlaps need"
         return found.doubt(
@@ -52,7 +51,7 @@ def stiffness(state: Checked) -> Finding | None:
             f"Forces and overlaps need {right}, or the forces divided by {fit.ratio:.4g}; one "
             "snapshot does not tell which of the two.",
         )
-    if fit.hertz and linear_springs(state.law):
+    if fit.power != state.power and not state.cohesive:
         return found._replace(says=f"{found.says}: --law hertz for strains")
     if exceeds > 1 + NEAR_ROUND:
         found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
@@ -60,21 +59,20 @@ def stiffness(state: Checked) -> Finding | None:
     return found
 
 
-def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, bool]:
-    """Median kn that forces and overlaps need, and whether the forces are Hertz's.
-
-    A tangent of Hertz's law is 3/2 of the secant.
-    """
+def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, float]:
+    """Median kn that forces and overlaps need, and the power of the overlap that N goes with."""
     secant = state.pressed[rows] / state.overlap[rows]
-    hertz = state.as_hertz or state.goes_with_root(secant, rows)
-    return median(secant) / (HERTZ if hertz else 1.0), hertz
+    of_hertz = state.goes_with_root(secant, rows)
+    power = HertzMindlin.overlap_power if of_hertz else state.power
+    return median(secant) / (1.0 / power), power
 
 
 def _needed_modulus(state: Checked, rows: Integers) -> float:
     """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median)."""
     reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
     overlap = state.overlap[rows]
-    return median(state.pressed[rows] / overlap / (HERTZ * np.sqrt(reduced * overlap)))
+    share = 1.0 / HertzMindlin.overlap_power
+    return median(state.pressed[rows] / overlap / (share * np.sqrt(reduced * overlap)))
 
 
 def needed_stiffness(state: Checked) -> Finding | None:
@@ -82,9 +80,9 @@ def needed_stiffness(state: Checked) -> Finding | None:
     rows = state.overlapping
     if len(rows) == 0:
         return None
-    needed, hertz = _needed_stiffness(state, rows)
+    needed, power = _needed_stiffness(state, rows)
     says = f"forces and overlaps need kn = {needed:.4g} (median)"
-    if hertz:
+    if power > 1:
         modulus = _needed_modulus(state, rows)
         says += f", tangents of Hertz's law with E/(1 - nu^2) = {modulus:.4g}"
     return Finding("stiffness", needed, says)

@@ -201,15 +201,19 @@ def add_work(
     """
     if step <= 0.0:
         return
-    count = len(released)
-    force = np.empty((2, len(u)))
+    first_wall, force = len(released) - len(walls), np.empty((2, len(u)))
     times = step * GAUSS, step * (1.0 - GAUSS)
     turns = (_velocity_gradient(strain, h, times[0]), _velocity_gradient(strain, h, times[1]))
     for k in range(len(u)):
         force[:, k] = -load[k]
     cell, shear, pressed, half_unit = 0.0, 0.0, 0.0, 0.5 / unit
-    first_wall = count - len(walls)
-    _add_rolling(pairs, regime, len(touching), times, T, rates, force)
+    # Springs against rolling: moments alone, whose work the motion at the contact is.
+    for p in range(len(touching), len(pairs)):
+        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
+        for q in range(2):
+            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
+            force[q, i + 2] -= S
+            force[q, j + 2] += S
     for p in range(len(touching)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
@@ -255,25 +259,6 @@ def add_work(
     held = _release(force, load, turns, times, u, v, step, released)
     work[0] += 0.5 * step * (cell - held + pressed)
     work[2] -= 0.5 * step * shear
-
-
-@kernel
-def _add_rolling(
-    pairs: NDArray[Any],
-    regime: Regimes,
-    first: int,
-    times: tuple[float, float],
-    T: Floats,
-    rates: Floats,
-    force: Floats,
-) -> None:
-    """Add springs against rolling: moments alone, whose work the motion at the contact is."""
-    for p in range(first, len(pairs)):
-        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
-        for q in range(2):
-            S = T[p] + times[q] * rates[p, DT] if regime[p] != 0 else 0.0
-            force[q, i + 2] -= S
-            force[q, j + 2] += S
 
 
 @kernel

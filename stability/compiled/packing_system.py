@@ -127,6 +127,17 @@ def elimination_order(ends: Integers, bodies: int) -> Integers:
     return np.asarray(lu.perm_c, dtype=np.int64)
 
 
+@inlined
+def _unite(added: Integers, k: int, met: Integers, rows: Integers, end: int) -> int:
+    """Add to the rows of column `k` those that it has not met; return their end."""
+    for row in added:
+        if met[row] != k:
+            met[row] = k
+            rows[end] = row
+            end += 1
+    return end
+
+
 @kernel
 def structure(ends: Integers, place: Integers) -> tuple[Integers, Integers]:
     """Begin of each column (B + 1,) and sorted rows of the blocks below the diagonal of `L`.
@@ -157,18 +168,10 @@ def structure(ends: Integers, place: Integers) -> tuple[Integers, Integers]:
             for q in range(end):
                 longer[q] = rows[q]
             rows = longer
-        for q in range(start[k], start[k + 1]):
-            if met[later[q]] != k:
-                met[later[q]] = k
-                rows[end] = later[q]
-                end += 1
+        end = _unite(later[start[k] : start[k + 1]], k, met, rows, end)
         c = child[k]
         while c >= 0:
-            for q in range(begin[c], begin[c + 1]):
-                if met[rows[q]] != k:
-                    met[rows[q]] = k
-                    rows[end] = rows[q]
-                    end += 1
+            end = _unite(rows[begin[c] : begin[c + 1]], k, met, rows, end)
             c = sibling[c]
         for q in range(first + 1, end):
             row, to = rows[q], q

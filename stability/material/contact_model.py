@@ -63,7 +63,7 @@ def require_steps(law: ContactLaw, touching: Touching) -> None:
     """Raise `InputError` unless one step of the law's contacts can be taken at once."""
     remedy = "Follow loops under this law by gl.follow."
     for broken, received in (
-        (getattr(law, "bonded", False), "bonds, which break for good"),
+        (isinstance(law, FrictionalLaw) and law.bonded, "bonds, which break for good"),
         (not law.keeps_strength, "a sliding shear force that has its own rate"),
     ):
         if broken:

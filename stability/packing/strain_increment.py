@@ -449,12 +449,11 @@ class StrainIncrement:
         # Shear springs relax by slip, or by the work of the constraint on a held contact.
         kt = packing.frame["kt"]
         relaxed = np.divide(self.T**2 - T**2, 2 * kt, out=0 * T, where=kt > 0)
-        if not law.linear:
-            # Under the same force a stiffer spring stores less.
-            now = law.stiffnesses(overlap)[1]
-            springs = np.flatnonzero((kt[:count] > 0) & (now > 0))
-            softer = 1 / kt[springs] - 1 / now[springs]
-            work[INCREMENT] += 0.5 * float(np.sum(T[springs] ** 2 * softer))
+        # Under the same force a stiffer spring stores less.
+        now = law.stiffnesses(overlap)[1]
+        springs = np.flatnonzero((kt[:count] > 0) & (now > 0))
+        softer = 1 / kt[springs] - 1 / now[springs]
+        work[INCREMENT] += 0.5 * float(np.sum(T[springs] ** 2 * softer))
         work[SLIP] += relaxed[~self.held].sum()
         work[RELEASED] += relaxed[self.held].sum() + self.released.sum()
         # A held contact that stands on the friction limit slides from now on.

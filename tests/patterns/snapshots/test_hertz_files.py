@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from loops import HertzMindlin, InputError, Regime, Scene, contact_state
+from loops.laws.hertz_mindlin import HERTZ
 from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
-from patterns.snapshots.checked import HERTZ
 from patterns.snapshots.checks import SLIDING_SHARE
 from patterns.snapshots.snapshot import sample_boundary
 from stability import follow
@@ -153,7 +153,7 @@ def test_tables_and_files_keep_the_law(tmp_path, history):
     ("how", "message"),
     [
         ({"law": "cundall"}, "linear, hertz"),
-        ({"young": 1.0, "poisson": 0.2}, "young, poisson under the linear law"),
+        ({"young": 1.0, "poisson": 0.2}, "young, poisson under no named law"),
         ({"law": "linear", "shear_history": "force"}, "shear_history under linear"),
         ({"law": "hertz", "young": 1.0}, "young alone"),
         ({"law": "hertz", "young": -1.0, "poisson": 0.2}, "young of the contact law"),
