@@ -18,13 +18,12 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
-from loops.closures import macroscopic_tangent
 from loops.errors import InputError
 from loops.faces import Faces
 from loops.gears import RegularMatrix, regular_matrix
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
-from loops.loop_batches import loop_batches
+from loops.loop_batches import loop_batches, loop_tangents
 from loops.multifrontal import (
     FrontalLU,
     Rows,
@@ -449,7 +448,7 @@ def loops_in_place(
     """
     if method not in METHODS:
         raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
-    graph, law = scene.graph, scene.law
+    graph = scene.graph
     faces = scene.faces if faces is None else faces
     polygons = polygons_of(graph, faces)
     # No stress is asked for.
@@ -463,13 +462,8 @@ def loops_in_place(
     error = np.full_like(share, np.inf)
     np.divide(share, 1.0 - share, out=error, where=share < 1.0)
     error += found.error
-    alone, alone_error = np.empty((len(faces.loops), 4, 4)), np.empty(len(faces.loops))
-    for batch in loop_batches(graph, faces):
-        own = law.take(batch.contacts)
-        tangent = macroscopic_tangent(batch.graph, own, "traction", spins="free")
-        alone[batch.row] = tangent.matrix
-        alone_error[batch.row] = tangent.rounding
-    return LoopsInPlace(found.matrix, alone, error, alone_error, system)
+    alone = loop_tangents(graph, scene.law, faces, "traction", spins="free")
+    return LoopsInPlace(found.matrix, alone.matrix, error, alone.rounding, system)
 
 
 def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats) -> Floats:

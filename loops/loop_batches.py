@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
+from loops.arrays import (
+    ROUNDING,
+    Flags,
+    Floats,
+    Integers,
+    Regimes,
+    available_cores,
+    frobenius,
+)
 from loops.assembly import turning_block
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
 from loops.closures.system import HasLaw, with_law
 from loops.closures.tangents import solved
-from loops.compiled import given
+from loops.compiled import given, use_compiled
 from loops.errors import InputError
 from loops.faces import Faces, faces_by_order, find_faces
+from loops.geometry import polygon_area, polygon_centroid, polygon_perimeter, polygon_shape
 from loops.graph import GrainGraph, state_of
-from loops.laws import ContactLaw
+from loops.laws import ContactLaw, Regime
+from loops.stress_strain import love_weber_stress
 
 
 class LoopBatch(NamedTuple):
@@ -153,10 +163,9 @@ def loop_tangents(
     graph, law = with_law(graph, law)
     faces = find_faces(graph) if faces is None else faces
     rows, tangents = [], []
-    for batch in loop_batches(graph, faces):
-        rows.append(batch.row)
-        own = law.take(batch.contacts)
-        tangents.append(macroscopic_tangent(batch.graph, own, closure, spins=spins))
+    for loops in _by_closures(graph, faces, law, None, faces.loops, [(closure, spins)]):
+        rows.append(loops.at)
+        tangents += loops.tangents.values()
     if not tangents:
         raise InputError("faces", "no loops", "one at least", "Look at the contacts.")
     order = np.argsort(np.concatenate(rows))
@@ -174,6 +183,97 @@ TANGENTS: tuple[tuple[Closure, Spins], ...] = (
     ("traction", "free"),
 )
 CONTACTS_AT_ONCE = 2**14  # contacts at a time: their temporary arrays stay in the cache
+LOOPS_AT_ONCE = 2**13  # loops that a thread computes at a time
+Used = TypeVar("Used")
+
+
+class LoopNumbers(NamedTuple):
+    """Numbers of some loops: their shape, stress and tangents.
+
+    `at` are their places in `Faces.loops`; `shape` (6, L) has centroid, area, perimeter, elongation
+    and the angle of the long axis; `sliding` (L,) counts sliding contacts; `stress` (L, 4) is Love
+    and Weber's with contacts counted whole; `tangents` by closure and spins.
+    `compiled`: by kernels, which give a triangle one tangent under both closures.
+    """
+
+    at: Any
+    tangents: dict[tuple[Any, Spins], MacroTangent]
+    shape: Floats | None = None
+    sliding: Floats | Integers | None = None
+    stress: Floats | None = None
+    compiled: bool = False
+
+
+def loop_numbers(
+    graph: GrainGraph,
+    faces: Faces,
+    law: ContactLaw | None,
+    regime: Regimes | None,
+    use: Callable[[LoopNumbers], Used],
+    *,
+    compiled: bool | None = None,
+    threads: int | None = None,
+) -> Iterator[Used]:
+    """Compute the loops of a packing part by part; yield what `use` makes of each, in threads.
+
+    The kernels take all loops of a large packing; closures take those that the kernels leave as
+    ill-conditioned, or all loops of a small packing. Without a law there are shapes alone.
+    """
+    loops, threads = faces.loops, threads or available_cores()
+    wanted = TANGENTS if law is not None else ()
+    tasks = [(loops, wanted, True)]
+    with ThreadPoolExecutor(threads) as pool:
+        if use_compiled(compiled, graph.contact_count):
+            packing = compiled_packing(graph, faces, law, regime, threads)
+            poor = np.zeros((2, len(loops)), dtype=bool)
+
+            def by_kernels(start: int) -> Used:
+                block = slice(start, start + LOOPS_AT_ONCE)
+                found, poor[:, block] = packing.numbers(loops, block)
+                return use(found)
+
+            yield from pool.map(by_kernels, range(0, len(loops), LOOPS_AT_ONCE))
+            blocked, free = poor
+            # Most have a gear mode, which only spins that are free have.
+            some, gears = (np.array_split(loops[k], threads) for k in (blocked, free & ~blocked))
+            tasks = [(part, wanted, False) for part in some]
+            tasks += [(part, wanted[2:], False) for part in gears]
+
+        def by_closures(task: tuple[Integers, Sequence[tuple[Closure, Spins]], bool]) -> list[Used]:
+            return [use(found) for found in _by_closures(graph, faces, law, regime, *task)]
+
+        for part in pool.map(by_closures, tasks):
+            yield from part
+
+
+def _by_closures(
+    graph: GrainGraph,
+    faces: Faces,
+    law: ContactLaw | None,
+    regime: Regimes | None,
+    loops: Integers,
+    wanted: Sequence[tuple[Closure | None, Spins]],
+    whole: bool = False,
+) -> Iterator[LoopNumbers]:
+    """Yield the wanted tangents of loops, order by order; of the `whole` loop shape and stress."""
+    for batch in loop_batches(graph, faces, loops=loops):
+        cut, found = batch.graph, LoopNumbers(batch.row, {})
+        if whole:
+            x = cut.x
+            place = (*(polygon_centroid(x) + batch.origin).T, polygon_area(x))
+            shape = np.stack([*place, polygon_perimeter(x), *polygon_shape(x)])
+            found = found._replace(shape=shape)
+        if law is not None:
+            own = law.take(batch.contacts)
+            regimes = None if regime is None else regime[batch.contacts]
+            if whole and regimes is not None:
+                sliding = np.count_nonzero(regimes == Regime.SLIDING, axis=1)
+                stress = love_weber_stress(cut).reshape(-1, 4)
+                found = found._replace(sliding=sliding, stress=stress)
+            for closure, spins in wanted:
+                tangent = macroscopic_tangent(cut, own, closure, spins=spins, regime=regimes)
+                found.tangents[closure, spins] = tangent
+        yield found
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,12 +298,20 @@ class CompiledPacking:
     radii: Floats
     faces: tuple[Integers, Integers, Integers, Flags]
 
-    def shapes(self, loops: Integers) -> Floats:
-        """(L, 11) shape and stress of faces, columns as in `loop_shapes`."""
-        from loops.compiled.tangents import loop_shapes
+    def numbers(self, loops: Integers, at: slice) -> tuple[LoopNumbers, Flags]:
+        """Shape, stress and tangents of a part of the loops; which are poor, see `tangents`."""
+        from loops.compiled import tangents as kernel
 
+        chosen = given(loops[at], np.int64)
         rows = self.rows, self.length, self.x, self.regime
-        return np.asarray(loop_shapes(*rows, *self.faces, loops))
+        shape = kernel.loop_shapes(*rows, *self.faces, chosen).T
+        found = LoopNumbers(at, {}, shape[: kernel.S11], compiled=True)
+        if self.law is None:
+            return found, np.zeros((2, len(chosen)), dtype=bool)
+        tangents, poor = self.tangents(chosen)
+        found.tangents.update(zip(TANGENTS, tangents, strict=True))
+        stress = shape[kernel.S11 : kernel.S22 + 1].T
+        return found._replace(sliding=shape[kernel.SLIDING], stress=stress), poor
 
     def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
         """Affine and traction tangents with spins blocked, traction with spins free; poor loops.

@@ -259,7 +259,7 @@ def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability
     if compiled:
         from stability.compiled.modes import loop_modes
 
-        values, softest, opening = loop_modes(np.ascontiguousarray(tangents))
+        values, softest, opening = loop_modes(np.ascontiguousarray(tangents), True)
     else:
         values, vectors = symmetric_modes(restrict(tangents, "symmetric"))
         softest = vectors[..., :, 0]
@@ -274,9 +274,9 @@ def loop_stability(tangents: Floats, *, compiled: bool = False) -> LoopStability
 def loop_spectra(tangents: Floats, *, compiled: bool = False) -> Floats:
     """(L, 3) eigenvalues of Ks in the symmetric subspace alone, as `loop_stability` has them."""
     if compiled:
-        from stability.compiled.modes import spectra
+        from stability.compiled.modes import loop_modes
 
-        return np.asarray(spectra(np.ascontiguousarray(tangents)))
+        return np.asarray(loop_modes(np.ascontiguousarray(tangents), False)[0])
     return symmetric_spectrum(restrict(tangents, "symmetric"))
 
 

@@ -20,13 +20,13 @@ CONVERGED = (
 
 
 @kernel
-def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
-    """Spectrum, softest direction and plane cone of every tangent."""
-    count = len(tangents)
-    values, softest, opening = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+def loop_modes(tangents: Floats, directions: bool) -> tuple[Floats, Floats, Floats]:
+    """Spectrum of every tangent; its softest direction and plane cone if asked, else no rows."""
+    count, asked = len(tangents), len(tangents) if directions else 0
+    values, softest, opening = np.empty((count, 3)), np.empty((asked, 3)), np.empty(asked)
     k, axes, scratch = (
         np.empty((6, MATRICES_AT_ONCE)),
-        np.empty((3, 3, MATRICES_AT_ONCE)),
+        np.empty((3 if directions else 0, 3, MATRICES_AT_ONCE)),
         np.empty((5, MATRICES_AT_ONCE)),
     )
     for start in range(0, count, MATRICES_AT_ONCE):
@@ -36,6 +36,8 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
         for r in range(len(some)):
             loop, a = start + r, some[r]
             low = _fill_ascending(k[0, r], k[1, r], k[2, r], values[loop])
+            if not directions:
+                continue
             first = 0 if k[0, r] == low else (1 if k[1, r] == low else 2)
             for i in range(3):
                 softest[loop, i] = axes[first, i, r] if low == low else np.nan
@@ -43,24 +45,6 @@ def loop_modes(tangents: Floats) -> tuple[Floats, Floats, Floats]:
             if low == low:
                 opening[loop] = _opening(a[0, 0], a[3, 3], a[0, 3], a[3, 0])
     return values, softest, opening
-
-
-@kernel
-def spectra(tangents: Floats) -> Floats:
-    """Spectrum of every tangent, as `loop_modes` has it."""
-    values = np.empty((len(tangents), 3))
-    k, axes, scratch = (
-        np.empty((6, MATRICES_AT_ONCE)),
-        np.empty((0, 3, MATRICES_AT_ONCE)),
-        np.empty((5, MATRICES_AT_ONCE)),
-    )
-    for start in range(0, len(tangents), MATRICES_AT_ONCE):
-        some = tangents[start : start + MATRICES_AT_ONCE]
-        _fill_symmetric_parts(some, k)
-        _diagonalise(k, axes, scratch)
-        for r in range(len(some)):
-            _fill_ascending(k[0, r], k[1, r], k[2, r], values[start + r])
-    return values
 
 
 @inlined

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,19 +14,10 @@ from loops import (
     Faces,
     GrainGraph,
     InputError,
-    LoopBatch,
     Regime,
-    loop_batches,
-    love_weber_stress,
-    macroscopic_tangent,
-    polygon_area,
-    polygon_centroid,
-    polygon_perimeter,
-    polygon_shape,
 )
-from loops.arrays import Flags, Floats, Integers, available_cores
-from loops.compiled import use_compiled
-from loops.loop_batches import TANGENTS, compiled_packing
+from loops.arrays import Floats, Integers
+from loops.loop_batches import LoopNumbers, loop_numbers
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns, as_arrow, as_json
@@ -48,8 +37,6 @@ MECHANICS = (
     "traction_condition",
     *(f"{FREE}_{name}" for name in EIGENVALUES),
 )
-Wanted = Literal["all", "tangents", "free"]  # columns of loops that closures compute
-LOOPS_AT_A_TIME = 2**13  # loops that a thread computes at a time
 
 # Loops of this order and beyond form one group, in every table, figure and report.
 LAST_ORDER = 8
@@ -84,108 +71,50 @@ def loop_columns(
     Eigenvalues, fractions and angles are nan where the tangent's error leaves no sign: rounding, or
     the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
     """
-    faces = snapshot.faces
-    count = len(faces.loops)
-    table: dict[str, Any] = {"loop": np.arange(count), "order": faces.order[faces.loops]}
+    faces, graph = snapshot.faces, snapshot.graph
+    count, order = len(faces.loops), faces.order[faces.loops]
+    table: dict[str, Any] = {"loop": np.arange(count), "order": order}
     for name in (*SHAPE, *(MECHANICS if snapshot.mechanical else ())):
         table[name] = np.empty(count, dtype=np.int64 if name == "sliding_contacts" else np.float64)
-    by_kernels = use_compiled(compiled, snapshot.graph.contact_count)
-    for at, columns in _parts(snapshot, by_kernels, threads or available_cores()):
-        for name, values in columns.items():
-            table[name][at] = values
+    law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
+    kn = snapshot.mean_kn if snapshot.mechanical else np.nan
+
+    def columns(loops: LoopNumbers) -> tuple[Any, Columns]:
+        return loops.at, _columns(loops, order[loops.at], kn)
+
+    how: dict[str, Any] = {"compiled": compiled, "threads": threads}
+    for at, values in loop_numbers(graph, faces, law, regime, columns, **how):
+        for name, column in values.items():
+            table[name][at] = column
     ids = snapshot.ids[faces.grains[np.repeat(faces.row >= 0, faces.order)]]
-    offsets = np.concatenate([[0], np.cumsum(faces.order[faces.loops])])
+    offsets = np.concatenate([[0], np.cumsum(order)])
     table["grains"] = pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
     return table
 
 
-def _parts(snapshot: Snapshot, compiled: bool, threads: int) -> Iterator[tuple[Any, Columns]]:
-    """Rows and columns: by the kernels block by block, by the closures order by order.
-
-    Closures compute the loops that the kernels leave as ill-conditioned, or all without kernels.
-    """
-    loops = snapshot.faces.loops
-    tasks: list[tuple[Integers, Wanted]] = [(loops, "all")]
-    with ThreadPoolExecutor(threads) as pool:
-        if compiled:
-            law, regime = snapshot.mechanics() if snapshot.mechanical else (None, None)
-            packing = compiled_packing(snapshot.graph, snapshot.faces, law, regime, threads)
-            kn = np.nan if law is None else snapshot.mean_kn
-            work = partial(_compiled_columns, packing, loops, kn)
-            starts = range(0, len(loops), LOOPS_AT_A_TIME)
-            blocks = [slice(start, start + LOOPS_AT_A_TIME) for start in starts]
-            poor = np.zeros((2, len(loops)), dtype=bool)
-            for block, found in zip(blocks, pool.map(work, blocks), strict=True):
-                columns, poor[:, block] = found
-                yield block, columns
-            blocked, free = poor
-            # Most have a gear mode, which only spins that are free have.
-            tasks = [(some, "tangents") for some in np.array_split(loops[blocked], threads)]
-            tasks += [(some, "free") for some in np.array_split(loops[free & ~blocked], threads)]
-        for part in pool.map(lambda task: list(_by_closures(snapshot, *task)), tasks):
-            yield from part
-
-
-def _by_closures(
-    snapshot: Snapshot, loops: Integers, wanted: Wanted
-) -> Iterator[tuple[Integers, Columns]]:
-    """Rows and columns of some loops, order by order, in numpy."""
-    for batch in loop_batches(snapshot.graph, snapshot.faces, loops=loops):
-        columns = _shapes(batch) if wanted == "all" else {}
-        if snapshot.mechanical:
-            law, regime = snapshot.mechanics()
-            own, kn, regimes = law.take(batch.contacts), snapshot.mean_kn, regime[batch.contacts]
-            if wanted == "all":
-                columns["sliding_contacts"] = np.count_nonzero(regimes == Regime.SLIDING, axis=1)
-                columns |= _stress(love_weber_stress(batch.graph).reshape(-1, 4))
-            for name, (closure, spins) in zip((*CLOSURES, FREE), TANGENTS, strict=True):
-                if wanted == "free" and name != FREE:
-                    continue
-                tangent = macroscopic_tangent(
-                    batch.graph, own, closure, spins=spins, regime=regimes
-                )
-                over_kn = tangent.matrix / kn, tangent.error / kn
-                columns |= _judged(name, *over_kn, compiled=False)
-                if name == "traction":
-                    columns["traction_condition"] = tangent.condition
-        yield batch.row, columns
-
-
-def _shapes(batch: LoopBatch) -> Columns:
-    """Columns `SHAPE` of loops of one order."""
-    x = batch.graph.x
-    centre = polygon_centroid(x) + batch.origin
-    elongation, orientation = polygon_shape(x)
-    long_axis = elongation, np.degrees(orientation)
-    values = (*centre.T, polygon_area(x), polygon_perimeter(x), *long_axis)
-    return dict(zip(SHAPE, values, strict=True))
-
-
-def _compiled_columns(
-    packing: Any, loops: Integers, kn: float, block: slice
-) -> tuple[Columns, Flags]:
-    """Columns of a block of loops, tangents over `kn`, and flags of the ill-conditioned loops."""
-    from loops.compiled import given
-    from loops.compiled import tangents as kernel
-
-    chosen = given(loops[block], np.int64)
-    shape = packing.shapes(chosen).T
-    columns: Columns = dict(zip(SHAPE, shape, strict=False))
-    columns["orientation"] = np.degrees(columns["orientation"])
-    if packing.law is None:
-        return columns, np.zeros((2, len(chosen)), dtype=bool)
-    columns["sliding_contacts"] = shape[kernel.SLIDING]
-    columns |= _stress(shape[kernel.S11 : kernel.S22 + 1].T)
-    (affine, traction, free), poor = packing.tangents(chosen)
-    columns |= _judged("affine", affine.matrix / kn, affine.error / kn, compiled=True)
-    # Both closures give the same tangent for a triangle.
-    own = packing.faces[0][chosen + 1] - packing.faces[0][chosen] != 3
-    over_kn = traction.matrix[own] / kn, traction.error[own] / kn
-    for name, values in _judged("traction", *over_kn, compiled=True).items():
-        columns[name] = columns[name.replace("traction", "affine")].copy()
-        columns[name][own] = values
-    columns["traction_condition"] = traction.condition
-    return columns | _judged(FREE, free.matrix / kn, free.error / kn, compiled=True), poor
+def _columns(loops: LoopNumbers, order: Integers, kn: float) -> Columns:
+    """Columns of the numbers of some loops, tangents over `kn`."""
+    columns: Columns = {}
+    if loops.shape is not None:
+        columns = dict(zip(SHAPE, loops.shape, strict=True))
+        columns["orientation"] = np.degrees(columns["orientation"])
+    if loops.stress is not None:
+        columns |= {"sliding_contacts": np.asarray(loops.sliding), **_stress(loops.stress)}
+    for (closure, spins), tangent in loops.tangents.items():
+        name = FREE if spins == "free" else closure
+        if name == "traction" and loops.compiled:
+            # Both closures give the same tangent for a triangle.
+            own = order != 3
+            over_kn = tangent.matrix[own] / kn, tangent.error[own] / kn
+            for key, values in _judged(name, *over_kn, compiled=True).items():
+                columns[key] = columns[key.replace("traction", "affine")].copy()
+                columns[key][own] = values
+        else:
+            over_kn = tangent.matrix / kn, tangent.error / kn
+            columns |= _judged(name, *over_kn, compiled=loops.compiled)
+        if name == "traction":
+            columns["traction_condition"] = tangent.condition
+    return columns
 
 
 def _stress(whole: Floats) -> Columns:
