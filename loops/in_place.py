@@ -23,7 +23,7 @@ from loops.faces import Faces
 from loops.gears import RegularMatrix, regular_matrix
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
-from loops.loop_batches import loop_batches, loop_tangents
+from loops.loop_batches import loop_batches, tangents_of_loops
 from loops.multifrontal import (
     FrontalLU,
     Rows,
@@ -462,7 +462,7 @@ def loops_in_place(
     error = np.full_like(share, np.inf)
     np.divide(share, 1.0 - share, out=error, where=share < 1.0)
     error += found.error
-    alone = loop_tangents(graph, scene.law, faces, "traction", spins="free")
+    alone = tangents_of_loops(graph, scene.law, faces, "traction", "free")
     return LoopsInPlace(found.matrix, alone.matrix, error, alone.rounding, system)
 
 

@@ -162,6 +162,13 @@ def loop_tangents(
     """
     graph, law = with_law(graph, law)
     faces = find_faces(graph) if faces is None else faces
+    return tangents_of_loops(graph, law, faces, closure, spins)
+
+
+def tangents_of_loops(
+    graph: GrainGraph, law: ContactLaw, faces: Faces, closure: Closure | None, spins: Spins
+) -> MacroTangent:
+    """Return the tangents of all loops in the order of `Faces.loops`, see `loop_tangents`."""
     rows, tangents = [], []
     for loops in _by_closures(graph, faces, law, None, faces.loops, [(closure, spins)]):
         rows.append(loops.at)

@@ -49,9 +49,9 @@ def forecast_figure(found: Forecast) -> Figure:
 
 
 @styled()
-def probability_map(found: Forecast, ax: Axes, kind: str = "lost") -> Axes:
+def probability_map(found: Forecast, ax: Axes) -> Axes:
     """Draw the loops of the sample by the probability that they are lost."""
-    values = found.loops[f"{kind}_probability"].to_numpy()
+    values = found.loops["lost_probability"].to_numpy()
     scale = Normalize(0.0, 1.0)
     drawn = loop_drawer(planar(found.evolution.scene))(ax, values, mpl.colormaps[SEQUENTIAL], scale)
     driven, to = found.evolution.driven, found.evolution.to

@@ -355,25 +355,18 @@ def definitions(*parts: str) -> dict[str, str]:
 
 
 @cache
-def _column_words() -> dict[str, tuple[str, str]]:
-    """Unit and meaning of all columns, by their names and patterns."""
-    parts = words("columns").values()
-    return {name: (said[0], said[1]) for part in parts for name, said in part.items()}
-
-
-@cache
 def described(place: str, column: str) -> tuple[str, str] | None:
     """Unit and meaning of a column of `command/table`; None if it has no description."""
     command, _, table = place.partition("/")
     if command not in DESCRIBED_COMMANDS:
         return None
-    known = _column_words()
+    known = {name: said for part in words("columns").values() for name, said in part.items()}
     for name in (f"{command}:{column}", f"{table}:{column}", column):
         if name in known:
-            return known[name]
+            return known[name][0], known[name][1]
         for pattern, said in known.items():
             if (":" in pattern) == (":" in name) and fnmatchcase(name, pattern):
-                return said
+                return said[0], said[1]
     return None
 
 

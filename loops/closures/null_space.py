@@ -51,7 +51,6 @@ def solve_through_null_space(
     size: Floats | None = None,
     doubt: Floats | None = None,
     soft: Flags | bool = False,
-    tolerance: float = NULL_TOLERANCE,
 ) -> LeastSquares:
     """Solve `M x = b`, (..., N, N) and (..., N, R), for the solution of smallest norm.
 
@@ -82,9 +81,9 @@ def solve_through_null_space(
     nullity = np.full(len(matrix), 0 if known is None else known.shape[-1])
     ambiguity = np.zeros(len(matrix))
     added = np.zeros((len(matrix), observed.shape[-2], rhs.shape[-1]))
-    rest = np.flatnonzero(~(condition * tolerance < 1))
+    rest = np.flatnonzero(~(condition * NULL_TOLERANCE < 1))
     if len(rest):
-        null = _null_vectors(bordered[rest], tolerance)
+        null = _null_vectors(bordered[rest])
         inverse[rest], condition[rest] = null.inverse, null.condition
         nullity[rest] += null.count
         seen = np.abs(observed[rest] @ null.right)
@@ -145,10 +144,10 @@ class _NullVectors:
     count: Integers
 
 
-def _null_vectors(matrix: Floats, tolerance: float) -> _NullVectors:
+def _null_vectors(matrix: Floats) -> _NullVectors:
     """Return the null vectors of matrices (B, N, N) by their singular values."""
     u, s, vt = np.linalg.svd(matrix)
-    null = s <= tolerance * s[:, :1]
+    null = s <= NULL_TOLERANCE * s[:, :1]
     scale = np.where(null, 0.0, 1.0 / np.where(null, 1.0, s))
     smallest = np.min(np.where(null, np.inf, s), axis=-1)
     return _NullVectors(

@@ -264,15 +264,11 @@ def path_model(
         gradient = np.linalg.lstsq(d0, d - d0)[0]
         place = np.asarray(-gradient.T.ravel(), dtype=float)
         image = d0 + d0 @ gradient
-        mismatch = np.abs(d - image).max(axis=1, initial=0.0) / length
-        if mismatch.max(initial=0.0) > START_MISMATCH:
-            c = int(mismatch.argmax())
-            raise InputError(
-                f"branch vector of contact {c}",
-                f"{d[c].tolist()}",
-                f"{image[c].tolist()}, an affine image of the reference",
-                "Make the current centres the reference, or use the traction closure.",
-            )
+        _require_start(
+            np.abs(d - image).max(axis=1, initial=0.0) / length,
+            ("branch vector", d, image, "an affine image of the reference"),
+            "Make the current centres the reference, or use the traction closure.",
+        )
     else:
         require_loop(graph)
         ratio = v0 / abs(float(polygon_area(graph.x0)))
@@ -302,14 +298,20 @@ def path_model(
     mismatch = np.abs(contacts.normal_force - expected) / largest
     if mismatch.max(initial=0.0) > START_MISMATCH:
         require_linear_forces(law, contacts)
-        c = int(mismatch.argmax())
-        raise InputError(
-            f"normal force of contact {c}",
-            f"{contacts.normal_force[c]:.6g}",
-            f"{float(expected[c]):.6g}, as its overlap gives it",
-            "Write graph.replace(normal_force=law.normal_force(gl.contact_state(graph))).",
-        )
+    _require_start(
+        mismatch,
+        ("normal force", contacts.normal_force, expected, "as its overlap gives it"),
+        "Write graph.replace(normal_force=law.normal_force(gl.contact_state(graph))).",
+    )
     return model
+
+
+def _require_start(mismatch: Floats, numbers: tuple[str, Floats, Floats, str], remedy: str) -> None:
+    """Raise `InputError` for the contact whose given number is farthest from the expected one."""
+    if mismatch.max(initial=0.0) > START_MISMATCH:
+        c, (name, given, expected, as_what) = int(mismatch.argmax()), numbers
+        received, wanted = given[c].tolist(), f"{expected[c].tolist()}, {as_what}"
+        raise InputError(f"{name} of contact {c}", str(received), wanted, remedy)
 
 
 def with_contact(model: PathModel, pairs: Integers) -> PathModel:
