@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.compiled import kernel
+from loops.compiled import inlined, kernel
 
 # Gauss's first point of two on (0, 1): exact to the third power of time.
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0
@@ -217,11 +217,7 @@ def add_work(
     for p in range(len(touching)):
         pair = pairs[p]
         i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
-        d0, d1 = pair["d"][0], pair["d"][1]
-        start0 = d0 - strain[0] * d0 - strain[1] * d1 + u[j] - u[i]
-        start1 = d1 - strain[2] * d0 - strain[3] * d1 + u[j + 1] - u[i + 1]
-        r0 = v[j] - v[i] - h[0] * d0 - h[1] * d1
-        r1 = v[j + 1] - v[i + 1] - h[2] * d0 - h[3] * d1
+        start0, start1, r0, r1 = _branch(pair, strain, u, h, v)
         half = 0.5 * (pair["arm"][0] + pair["arm"][1])
         for q in range(2):
             b0, b1 = start0 + times[q] * r0, start1 + times[q] * r1
@@ -303,12 +299,7 @@ def overlaps_on_the_way(
     times = 0.0, step * GAUSS, step * (1.0 - GAUSS), step
     for p in range(len(pairs)):
         pair = pairs[p]
-        i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
-        d0, d1 = pair["d"][0], pair["d"][1]
-        b0 = d0 - strain[0] * d0 - strain[1] * d1 + u[j] - u[i]
-        b1 = d1 - strain[2] * d0 - strain[3] * d1 + u[j + 1] - u[i + 1]
-        r0 = v[j] - v[i] - h[0] * d0 - h[1] * d1
-        r1 = v[j + 1] - v[i + 1] - h[2] * d0 - h[3] * d1
+        b0, b1, r0, r1 = _branch(pair, strain, u, h, v)
         if pair["grains"][1] >= first_wall:
             wall = pair["grains"][1] - first_wall
             n0, n1 = walls[wall, 0], walls[wall, 1]
@@ -317,6 +308,21 @@ def overlaps_on_the_way(
         for q in range(4):
             c0, c1 = b0 + times[q] * r0, b1 + times[q] * r1
             out[q, p] = max(touching[p] - math.sqrt(c0 * c0 + c1 * c1), 0.0)
+
+
+@inlined
+def _branch(
+    pair: Any, strain: Floats, u: Floats, h: Floats, v: Floats
+) -> tuple[float, float, float, float]:
+    """Return a pair's branch at `strain` and `u`, and its rate under `h` and `v`."""
+    i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+    d0, d1 = pair["d"][0], pair["d"][1]
+    return (
+        d0 - strain[0] * d0 - strain[1] * d1 + u[j] - u[i],
+        d1 - strain[2] * d0 - strain[3] * d1 + u[j + 1] - u[i + 1],
+        v[j] - v[i] - h[0] * d0 - h[1] * d1,
+        v[j + 1] - v[i + 1] - h[2] * d0 - h[3] * d1,
+    )
 
 
 @kernel
