@@ -169,7 +169,7 @@ def tangents_of_loops(
     graph: GrainGraph, law: ContactLaw, faces: Faces, closure: Closure | None, spins: Spins
 ) -> MacroTangent:
     """Return the tangents of all loops in the order of `Faces.loops`, see `loop_tangents`."""
-    rows, tangents = [], []
+    rows, tangents = [], list[MacroTangent]()
     for loops in _by_closures(graph, faces, law, None, faces.loops, [(closure, spins)]):
         rows.append(loops.at)
         tangents += loops.tangents.values()
