@@ -294,7 +294,6 @@ class CompiledPacking:
     forward of `Faces`.
     """
 
-    graph: GrainGraph
     law: ContactLaw | None
     by_radii: bool | None
     rows: Floats
@@ -386,7 +385,6 @@ def compiled_packing(
         ways = np.array(list(pool.map(fill, range(0, count, CONTACTS_AT_ONCE)))).reshape(-1, 2)
     by_radii, by_arms = bool(ways[:, 0].all()), bool(ways[:, 1].all())
     return CompiledPacking(
-        graph=graph,
         law=law,
         by_radii=by_radii if by_radii or by_arms else None,
         rows=given(rows, np.float64),

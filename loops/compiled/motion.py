@@ -234,20 +234,6 @@ def place(motion: MovingDiscs, discs: Discs) -> bool:
 
 
 @kernel
-def _fill(
-    law: Callable[..., Any],
-    constants: Floats,
-    spans: Floats,
-    overlap: Floats,
-    before: Floats,
-    shear: Floats,
-    answer: Floats,
-) -> None:
-    """Call a law."""
-    law(constants, spans, overlap, before, shear, answer)
-
-
-@kernel
 def update_forces(
     law: Callable[..., Any],
     motion: MovingDiscs,
@@ -262,10 +248,8 @@ def update_forces(
     Whether a bond has parted.
     """
     parted = place(motion, discs)
-    _fill(
-        law, discs.constants, discs.spans, motion.overlap, motion.before, motion.shear,
-        motion.answer,
-    )  # fmt: skip
+    now = motion.overlap, motion.before, motion.shear
+    law(discs.constants, discs.spans, *now, motion.answer)
     _add_forces(motion, discs, dt, by_radii, summed)
     return parted
 

@@ -93,8 +93,7 @@ class LoopBlock:
     `loops`, `rows`: Where they stand in the arrays of a state; `offsets` (L + 1,): Rows of each
     loop in the block; `branches`, `shear`: At the start, (m, 2) and (m,), and the loops' `stress`
     (L, 4); `weight` (L,); `share`: Of a contact's force; `steps`: Of the contacts. Under traction
-    `centres` (m, 2) from each loop's first grain, boundary vectors over `size` (L,), the root of
-    the area, and loads `dead` on the grains (m, 2).
+    boundary vectors over `size` (L,), the root of the area, and loads `dead` on the grains (m, 2).
     """
 
     loops: slice
@@ -107,7 +106,6 @@ class LoopBlock:
     weight: Floats
     share: float
     steps: ContactSteps
-    centres: Floats
     boundary: Floats
     dead: Floats
     cells: Cells | None = field(default=None)
@@ -145,7 +143,6 @@ def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> 
         touching = Touching(*radii, length_at_touch(own, touching, branches, normal))
     shear = loops.shear_force[rows]
     size, boundary = np.sqrt(loops.areas), loops.boundary
-    centres = loops.x - np.repeat(loops.x[loops.offsets[:-1]], loops.orders, axis=0)
     blocks, begin = [], 0
     while begin < len(weight):
         end = max(
@@ -160,7 +157,7 @@ def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> 
         block = LoopBlock(
             which, part, offsets[begin : end + 1] - offsets[begin], branches[part],
             answer[:, SHEAR], np.zeros((end - begin, 4)), size[which], weight[which], loops.share,
-            steps, centres[part], boundary[part], np.zeros_like(branches[part]),
+            steps, boundary[part], np.zeros_like(branches[part]),
             None if cells is None else cells.take(which),
         )  # fmt: skip
         if closure == "traction":
