@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy import sparse
@@ -47,42 +47,39 @@ AGAIN = 5e7
 AT_ONCE = 16
 
 
+class OfOrder(NamedTuple):
+    """Loops of one order: grains (l, n), boundary vectors (l, n, 2), areas and rows of `centre`."""
+
+    grains: Integers
+    vectors: Floats
+    area: Floats
+    row: Integers
+
+
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Loops grouped by order: grains (l, n), boundary vectors (l, n, 2), areas and row of each.
+    """Loops grouped by order, and the mean positions `centre` (L, 2) of their grains."""
 
-    A row is the place of the loop in `centre` (L, 2), the mean position of its grains.
-    """
-
-    grains: list[Integers]
-    vectors: list[Floats]
-    area: list[Floats]
-    row: list[Integers]
+    groups: list[OfOrder]
     centre: Floats
 
     def take(self, loops: Integers) -> Polygons:
         """Polygons of some rows, numbered in this order."""
         row = np.full(len(self.centre), -1)
         row[loops] = np.arange(len(loops))
-        kept = [row[own] >= 0 for own in self.row]
-        return Polygons(
-            grains=[a[k] for a, k in zip(self.grains, kept, strict=True)],
-            vectors=[a[k] for a, k in zip(self.vectors, kept, strict=True)],
-            area=[a[k] for a, k in zip(self.area, kept, strict=True)],
-            row=[row[a[k]] for a, k in zip(self.row, kept, strict=True)],
-            centre=self.centre[loops],
-        )
+        groups = []
+        for group in self.groups:
+            own = OfOrder(*(values[row[group.row] >= 0] for values in group))
+            groups.append(own._replace(row=row[own.row]))
+        return Polygons(groups, self.centre[loops])
 
 
 def polygons_of(graph: GrainGraph, faces: Faces) -> Polygons:
     """Polygons of all loops of a packing, in the order of `Faces.loops`."""
-    out = Polygons([], [], [], [], np.empty((len(faces.loops), 2)))
+    out = Polygons([], np.empty((len(faces.loops), 2)))
     for batch in loop_batches(graph, faces):
         x = batch.graph.x
-        out.grains.append(batch.grains)
-        out.vectors.append(boundary_vectors(x))
-        out.area.append(polygon_area(x))
-        out.row.append(batch.row)
+        out.groups.append(OfOrder(batch.grains, boundary_vectors(x), polygon_area(x), batch.row))
         out.centre[batch.row] = x.mean(axis=1) + batch.origin
     return out
 
@@ -128,7 +125,7 @@ def packing_blocks(
         whole = bool(free[carries].all())
         mine = np.flatnonzero(number == k)
         rho = ((reach - np.abs(off)) * extent).min(axis=1)
-        for grains, row in zip(polygons.grains, polygons.row, strict=True):
+        for grains, _, _, row in polygons.groups:
             # Grains of a loop that reaches beyond the buffer are freed; its error is unknown.
             beyond = (number[row] == k) & ~free[grains].all(axis=1)
             rho[row[beyond]] = 0.0
@@ -174,8 +171,7 @@ def _operators(
     variance = np.zeros((count, 4, 4))
 
     def use(group: int, rows: Integers, z: Floats, spread: Floats) -> None:
-        v, area = polygons.vectors[group][rows], polygons.area[group][rows]
-        loops = polygons.row[group][rows]
+        _, v, area, loops = (values[rows] for values in polygons.groups[group])
         compliance[loops], terms[loops] = _compliances(z, v, area)
         variance[loops] = _compliances(spread, v * v, area * area)[0]
 
@@ -188,7 +184,8 @@ def _operators(
     fronts = dissection(block.x[grains], number[np.concatenate([edges, regular.coupled])])
     lu = frontal_lu(regular.matrix, fronts, freedom[grains], threads)
     groups = [
-        Rows(number[g], freedom[g, :2], np.asarray(moves[g].all(axis=1))) for g in polygons.grains
+        Rows(number[g], freedom[g, :2], np.asarray(moves[g].all(axis=1)))
+        for g, *_ in polygons.groups
     ]
     lu.entries(groups, use)
     found = solve_sketches(regular.matrix, lu)
@@ -223,9 +220,7 @@ def _solve_again(
     compliance: Floats, again: Flags, regular: RegularMatrix, lu: FrontalLU, polygons: Polygons
 ) -> None:
     """Replace the compliances of some loops by those of four solves each, refined once."""
-    for grains, vectors, area, row in zip(
-        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
-    ):
+    for grains, vectors, area, row in polygons.groups:
         some = np.flatnonzero(again[row])
         for part in np.split(some, np.arange(AT_ONCE, len(some), AT_ONCE)):
             moves, v = regular.freedom[grains[part], :2], vectors[part]
@@ -242,7 +237,7 @@ def inverse_at_contacts(system: System, threads: int = 1) -> Floats:
     Translations that nothing resists are taken out: it is the inverse on motions without them, by
     component. Zero where a grain has no such freedom, or no contact resists it.
     """
-    none = Polygons([], [], [], [], np.empty((0, 2)))
+    none = Polygons([], np.empty((0, 2)))
     (block,) = packing_blocks(system, none, np.inf, 0.0)
     grains, number = np.flatnonzero(block.free), np.cumsum(block.free) - 1
     edges = _edges(system, none, block.free)
@@ -327,9 +322,7 @@ def _compliances(entries: Floats, v: Floats, area: Floats) -> tuple[Floats, Floa
 def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
     """(L, 4, SKETCH) `B^T` times a sketch over the root of the area."""
     out = np.empty((len(polygons.centre), 4, sketch.shape[1]))
-    for grains, v, area, row in zip(
-        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
-    ):
+    for grains, v, area, row in polygons.groups:
         products = np.einsum("lna,lnck->lcak", v, sketch[freedom[grains, :2]], optimize=True)
         out[row] = products.reshape(len(row), *out.shape[1:]) / np.sqrt(area)[:, None, None]
     return out
@@ -338,7 +331,7 @@ def _projected(polygons: Polygons, freedom: Integers, sketch: Floats) -> Floats:
 def _edges(system: System, polygons: Polygons, free: Flags) -> Integers:
     """(E, 2) pairs of free grains with a contact or a loop in common, each once."""
     pairs = [system.graph.contacts[system.contacts]]
-    for grains in polygons.grains:
+    for grains, *_ in polygons.groups:
         i, j = np.triu_indices(grains.shape[1], 1)
         pairs.append(np.stack([grains[:, i], grains[:, j]], axis=-1).reshape(-1, 2))
     every = np.concatenate(pairs)
@@ -478,9 +471,7 @@ def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats)
         return np.where(shape > 0, shape, 0.0)
     some = np.unique(some[np.linspace(0, len(some) - 1, CHECKED).astype(np.int64)])
     factor, true = factorised(system), []
-    for grains, vectors, area, row in zip(
-        polygons.grains, polygons.vectors, polygons.area, polygons.row, strict=True
-    ):
+    for grains, vectors, area, row in polygons.groups:
         for k in np.flatnonzero(np.isin(row, some)):
             B = np.zeros((system.size, 4))
             np.add.at(B[:, :2], system.freedom[grains[k], 0], vectors[k])

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from loops.arrays import Floats
 from loops.compiled import inlined, kernel
 
-Floats = NDArray[np.float64]
 HALF = math.sqrt(0.5)
 MATRICES_AT_ONCE = 32  # matrices side by side: loops over them become the processor's vectors
 SWEEPS = 30  # four or five are enough

@@ -68,7 +68,7 @@ def test_blocks_of_a_periodic_packing(unit):
     assert sorted(met.tolist()) == list(range(len(polygons.centre)))
     of_loop = {
         int(row): grains
-        for rows, group in zip(polygons.row, polygons.grains, strict=True)
+        for rows, group in ((group.row, group.grains) for group in polygons.groups)
         for row, grains in zip(rows, group, strict=True)
     }
     for k, block in enumerate(blocks):
@@ -171,7 +171,7 @@ def test_pairs_of_grains_with_a_contact_or_a_loop_in_common():
     system, polygons = packing_system(Scene(graph, LAW)), polygons_of(graph, find_faces(graph))
     free = np.arange(30) % 5 > 0
     wanted = {tuple(sorted(pair)) for pair in graph.contacts.tolist()}
-    for group in polygons.grains:
+    for group, *_ in polygons.groups:
         for grains in group.tolist():
             wanted |= {tuple(sorted((a, b))) for a in grains for b in grains}
     found = [tuple(pair) for pair in _edges(system, polygons, free).tolist()]

@@ -27,6 +27,7 @@ from loops.gears import NEARLY, UNKNOWN, spin_modes
 from loops.geometry import boundary_vectors, polygon_area
 from loops.in_place import (
     SWEPT,
+    OfOrder,
     Polygons,
     _compliances,
     _inverses,
@@ -324,7 +325,7 @@ def test_solves_are_refined_once():
     freedom = np.full((3, 5), -1)
     freedom[:, :2] = [[0, 5], [2, 7], [6, 1]]
     v, area = rng.normal(size=(1, 3, 2)), np.array([0.4])
-    loop = Polygons([np.arange(3)[None]], [v], [area], [np.array([0])], np.zeros((1, 2)))
+    loop = Polygons([OfOrder(np.arange(3)[None], v, area, np.array([0]))], np.zeros((1, 2)))
     found = np.zeros((1, 4, 4))
     regular = SimpleNamespace(matrix=sparse.csr_array(dense), freedom=freedom)
     _solve_again(found, np.array([True]), regular, lu, loop)
