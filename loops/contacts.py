@@ -127,22 +127,24 @@ class PackingState(Shown):
         """(C,) lengths of the branches."""
         return np.linalg.norm(self.branches, axis=1)
 
+    @cached_property
+    def axes(self) -> tuple[Floats, Floats]:
+        """(C, 2) unit normals along the branches, and the tangents, turned counter-clockwise."""
+        n = self.branches / self.length[:, None]
+        return n, np.column_stack([-n[:, 1], n[:, 0]])
+
     @property
     def between_grains(self) -> ContactState:
         """Return the contacts between grains as their law sees them."""
         rows = np.flatnonzero(~self.at_wall)
-        d, length = self.branches[rows], self.length[rows]
-        n = d / length[:, None]
-        t = np.column_stack([-n[:, 1], n[:, 0]])
-        forces = self.normal_force[rows], self.shear_force[rows]
-        return ContactState(length, n, t, *forces, *self.radii[self.contacts[rows]].T)
+        arrays = self.length, *self.axes, self.normal_force, self.shear_force
+        radii = self.radii[self.contacts[rows]].T
+        return ContactState(*(values[rows] for values in arrays), *radii)
 
     @cached_property
     def forces(self) -> Floats:
         """(C, 2) forces of grain i on grain j."""
-        d = self.branches
-        n = d / self.length[:, None]
-        t = np.column_stack([-n[:, 1], n[:, 0]])
+        n, t = self.axes
         return self.normal_force[:, None] * n + self.shear_force[:, None] * t
 
     @cached_property
@@ -309,9 +311,7 @@ class Contacts(PackingState):
         """
         law = self.law
         frame = np.empty(len(law), dtype=PAIR)
-        d, length = self.branches, self.length
-        n = d / length[:, None]
-        t = np.column_stack([-n[:, 1], n[:, 0]])
+        (n, t), length = self.axes, self.length
         radii = self.radii[self.contacts]
         arms = 0.5 * (length[:, None] + radii - radii[:, ::-1])
         unit = self.mean_radius
