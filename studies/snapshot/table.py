@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -11,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from loops import (
+    FaceKind,
     Faces,
     GrainGraph,
     InputError,
@@ -83,13 +85,21 @@ def loop_columns(
         return loops.at, _columns(loops, order[loops.at], kn)
 
     how: dict[str, Any] = {"compiled": compiled, "threads": threads}
-    for at, values in loop_numbers(graph, faces, law, regime, columns, **how):
-        for name, column in values.items():
-            table[name][at] = column
-    ids = snapshot.ids[faces.grains[np.repeat(faces.row >= 0, faces.order)]]
-    offsets = np.concatenate([[0], np.cumsum(order)])
-    table["grains"] = pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
+    with ThreadPoolExecutor(1) as other:
+        grains = other.submit(_grain_lists, snapshot, order)
+        for at, values in loop_numbers(graph, faces, law, regime, columns, **how):
+            for name, column in values.items():
+                table[name][at] = column
+    table["grains"] = grains.result()
     return table
+
+
+def _grain_lists(snapshot: Snapshot, order: Integers) -> pa.LargeListArray:
+    """Ids of the grains of each loop."""
+    faces = snapshot.faces
+    ids = snapshot.ids[faces.grains[np.repeat(faces.kind == FaceKind.LOOP, faces.order)]]
+    offsets = np.concatenate([[0], np.cumsum(order)])
+    return pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
 
 
 def _columns(loops: LoopNumbers, order: Integers, kn: float) -> Columns:
