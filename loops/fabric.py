@@ -368,12 +368,14 @@ def _force_moments(graph: GrainGraph) -> Floats:
 
 def _smallest_linked(graph: GrainGraph, links: Integers) -> Integers:
     """(G,) smallest grain of the chain of links that each grain belongs to."""
-    smallest = np.arange(graph.grain_count)
-    one, two = graph.contacts[links].T
+    linked, ends = np.unique(graph.contacts[links], return_inverse=True)
+    one, two = ends.reshape(-1, 2).T
+    smallest, among_all = np.arange(len(linked)), np.arange(graph.grain_count)
     while True:
         a, b = smallest[one], smallest[two]
         if (a == b).all():
-            return smallest
+            among_all[linked] = linked[smallest]
+            return among_all
         np.minimum.at(smallest, np.maximum(a, b), np.minimum(a, b))
         while (smallest[smallest] != smallest).any():
             smallest = smallest[smallest]

@@ -280,24 +280,29 @@ def chains_summary(chains: ForceChains, table: Columns) -> Summary:
 
 def chains_table(table: Columns) -> dict[str, list[Any]]:
     """Loops beside force chains and elsewhere, by groups of orders: eigenvalues, unstable share."""
-    near, groups = table["chain_contacts"] > 0, group_rows(table["order"])
-    every, unstable = np.arange(len(near)), {j: unstable_loops(table, j) for j in judges(table)}
+    # Sorted by place, then by group: each set of loops is a slice.
+    group = np.minimum(table["order"], LAST_ORDER).astype(np.int8) - np.int8(3)
+    group[table["chain_contacts"] == 0] += len(GROUPS)
+    at = np.argsort(group, kind="stable")
+    ends = np.cumsum([0, *np.bincount(group, minlength=len(PLACES) * len(GROUPS))])
+    order = table["order"][at]
+    every = {judge: table[f"{judge}_lambda_min"][at] for judge in judges(table)}
     rows = []
-    for place, here in zip(PLACES, (near, ~near), strict=True):
-        for name in (*GROUPS, "all"):
-            own = every[groups[name]]
-            inside = own[here[own]]
-            order = table["order"][inside]
-            mean = float(order.mean()) if len(order) else np.nan
-            row = {"place": place, "orders": name, "loops": len(order), "mean_order": mean}
-            for judge in unstable:
-                smallest = table[f"{judge}_lambda_min"][inside]
-                known = np.isfinite(smallest)
-                beyond = share(unstable[judge][inside][known])
-                row[f"{judge}_lambda_min"] = median(smallest[known]) if known.any() else np.nan
+    for p, place in enumerate(PLACES):
+        first = p * len(GROUPS)
+        spans = {name: (first + k, first + k + 1) for k, name in enumerate(GROUPS)}
+        for name, (low, high) in {**spans, "all": (first, first + len(GROUPS))}.items():
+            part = slice(ends[low], ends[high])
+            count = int(ends[high] - ends[low])
+            mean = float(order[part].mean()) if count else np.nan
+            row = {"place": place, "orders": name, "loops": count, "mean_order": mean}
+            for judge, smallest in every.items():
+                known = smallest[part][np.isfinite(smallest[part])]
+                beyond = share(known < -RTOL)
+                row[f"{judge}_lambda_min"] = median(known)
                 row[f"{judge}_unstable"] = beyond["mean"]
                 row[f"{judge}_unstable_error"] = beyond["std_error"]
-                row[f"{judge}_undetermined"] = verdict_shares(smallest)[1]
+                row[f"{judge}_undetermined"] = (count - len(known)) / count if count else np.nan
             rows.append(row)
     return {name: [row[name] for row in rows] for name in rows[0]}
 
