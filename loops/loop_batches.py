@@ -369,7 +369,7 @@ def compiled_packing(
         length[part] = state.length
         if law is None:
             return True, True
-        own = law.take(np.arange(part.start, part.stop))
+        own = law.take(part)
         regimes[part] = own.regime(state) if regime is None else regime[part]
         stiffness = own.local_stiffness(state, regimes[part])
         shear[part] = stiffness[:, 1, 1]

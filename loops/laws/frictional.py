@@ -116,7 +116,7 @@ class ContactLaw(Protocol):
         """Return the energy, (..., C), that closed contacts store in their normal direction."""
         ...
 
-    def take(self, contacts: Integers) -> ContactLaw:
+    def take(self, contacts: Integers | slice) -> ContactLaw:
         """Return the law of the picked contacts, parameters shaped like `contacts`."""
         ...
 
@@ -322,7 +322,7 @@ class FrictionalLaw(Shown):
         regime = np.where(is_open, Regime.OPEN, np.where(slides, Regime.SLIDING, Regime.ELASTIC))
         return regime.astype(np.int8)
 
-    def take(self, contacts: Integers) -> Self:
+    def take(self, contacts: Integers | slice) -> Self:
         """Law of the picked contacts; parameters that are numbers stay numbers."""
         law = copy.copy(self)
         for name, value in vars(self).items():

@@ -101,7 +101,7 @@ class RollingResistance(Shown):
         own = np.where(regime == Regime.OPEN, 0.0, self.k_r)
         return self.law.rolling_stiffness(state, regime) + own
 
-    def take(self, contacts: Integers) -> RollingResistance:
+    def take(self, contacts: Integers | slice) -> RollingResistance:
         """Law of the picked contacts; scalar parameters stay scalar."""
         picked = (k if k.ndim == 0 else k[..., contacts] for k in (self.k_r, self.mu_r))
         return RollingResistance(self.law.take(contacts), *picked)

@@ -145,7 +145,8 @@ def _told_law(
     normal: Floats,
 ) -> tuple[LawName | None, list[str]]:
     """Return the law that stiffnesses and forces tell, and a note; None where they tell none."""
-    if table.has("kn", "ks"):
+    # Springs that are all alike are not Hertz's.
+    if table.has("kn", "ks") and np.ptp(table.column("kn")):
         kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
         if _of_hertz(kn, normal, bodies.radii, pairs, length, coarse):
             return "hertz", [TOLD]

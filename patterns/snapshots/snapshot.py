@@ -159,8 +159,7 @@ class Snapshot(Shown):
             part = slice(start, min(start + CONTACTS_AT_ONCE, len(kn)))
             state = state_of(graph, part)
             elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
-            own = law.take(np.arange(part.start, part.stop))
-            kn[part] = own.local_stiffness(state, elastic)[..., 0, 0]
+            kn[part] = law.take(part).local_stiffness(state, elastic)[..., 0, 0]
 
         in_threads(fill, range(0, len(kn), CONTACTS_AT_ONCE))
         return float(np.mean(kn))
