@@ -137,9 +137,9 @@ class PackingState(Shown):
     def between_grains(self) -> ContactState:
         """Return the contacts between grains as their law sees them."""
         rows = np.flatnonzero(~self.at_wall)
-        arrays = self.length, *self.axes, self.normal_force, self.shear_force
-        radii = self.radii[self.contacts[rows]].T
-        return ContactState(*(values[rows] for values in arrays), *radii)
+        length, (n, t) = self.length[rows], self.axes
+        forces = self.normal_force[rows], self.shear_force[rows]
+        return ContactState(length, n[rows], t[rows], *forces, *self.radii[self.contacts[rows]].T)
 
     @cached_property
     def forces(self) -> Floats:

@@ -69,8 +69,9 @@ class Polygons:
         row[loops] = np.arange(len(loops))
         groups = []
         for group in self.groups:
-            own = OfOrder(*(values[row[group.row] >= 0] for values in group))
-            groups.append(own._replace(row=row[own.row]))
+            kept = row[group.row] >= 0
+            shape = group.grains[kept], group.vectors[kept], group.area[kept]
+            groups.append(OfOrder(*shape, row[group.row[kept]]))
         return Polygons(groups, self.centre[loops])
 
 
@@ -171,7 +172,8 @@ def _operators(
     variance = np.zeros((count, 4, 4))
 
     def use(group: int, rows: Integers, z: Floats, spread: Floats) -> None:
-        _, v, area, loops = (values[rows] for values in polygons.groups[group])
+        own = polygons.groups[group]
+        v, area, loops = own.vectors[rows], own.area[rows], own.row[rows]
         compliance[loops], terms[loops] = _compliances(z, v, area)
         variance[loops] = _compliances(spread, v * v, area * area)[0]
 

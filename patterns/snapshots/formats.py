@@ -362,8 +362,8 @@ def _parameters(**options: Unpack[LawOptions]) -> Parameters:
     for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
         if name in asked:
             check_choice(name, asked[name], known)
-    for laws, options in OPTIONS_OF_LAWS.items():
-        given = [name for name in options if name in asked]
+    for laws, names in OPTIONS_OF_LAWS.items():
+        given = [name for name in names if name in asked]
         if given and law not in laws:
             named = " or ".join(f"--law {one}" for one in laws)
             received = f"{', '.join(given)} under {law or 'no named law'}"

@@ -231,11 +231,9 @@ def _affine_stiffness(state: Contacts, near: bool = False) -> Floats:
     touch, overlap = (length <= law.touching) | near, state.overlap
     if near:
         overlap = np.maximum(overlap, SMALL_OVERLAP * law.touching)
-    n = state.branches / length[:, None]
-    frames = (n, np.column_stack([-n[:, 1], n[:, 0]]))
     K = sum(
         (touch * k)[:, None, None] * a[:, :, None] * a[:, None, :]
-        for k, a in zip(law.stiffnesses(overlap), frames, strict=True)
+        for k, a in zip(law.stiffnesses(overlap), state.axes, strict=True)
     )
     C = np.einsum("kac,kb,kd->abcd", K, d, d) / abs(np.linalg.det(state.cell))
     return np.asarray(C.reshape(4, 4))

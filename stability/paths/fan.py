@@ -29,7 +29,7 @@ from loops.assembly import translational_blocks
 from loops.laws.frictional import edge_rates, with_sides
 from loops.symmetry import identity
 from stability.paths.model import PathModel
-from stability.paths.state import PathContacts
+from stability.paths.state import PathContacts, moved_contacts
 from stability.spectra import restrict, symmetric_part
 
 Control = Literal["strain", "stress"]
@@ -112,32 +112,8 @@ class Fan:
 
     def contacts(self, states: LoopStates) -> PathContacts:
         """Contacts (B, C) with their forces; `T` at its strength on its side where they slide."""
-        model = self.model
-        d = model.d0 + states.moved
-        length = np.hypot(d[..., 0], d[..., 1])
-        shortening = -((d + model.d0) * states.moved).sum(axis=-1) / (length + model.length0)
-        n = d / length[..., None]
-        radii_i, radii_j = model.radii[model.contacts].T
-        is_open = states.regime == Regime.OPEN
-        contacts = PathContacts(
-            length=length,
-            n=n,
-            t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
-            normal_force=np.zeros_like(length),
-            shear_force=states.shear_force,
-            radii_i=radii_i,
-            radii_j=radii_j,
-            exact_overlap=model.overlap0 + shortening,
-        )
-        normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
-        contacts = replace(contacts, normal_force=normal)
-        sliding = states.regime == Regime.SLIDING
-        if sliding.any():
-            strength = states.side * np.where(sliding, model.law.strength(contacts), 0.0)
-            contacts = replace(
-                contacts, shear_force=np.where(sliding, strength, states.shear_force)
-            )
-        return contacts
+        forces = states.shear_force, states.regime, states.side
+        return moved_contacts(self.model, states.moved, *forces)
 
     @cached_property
     def blocks(self) -> tuple[FieldBlock, ...]:

@@ -145,13 +145,13 @@ def relative_displacements(model: PathModel, place: Floats) -> Floats:
 
 
 def contact_overlaps(model: PathModel, moved: Floats) -> Floats:
-    """(C,) `r_i + r_j - l` from the relative displacements, negative for a gap.
+    """(..., C) `r_i + r_j - l` from the relative displacements, negative for a gap.
 
     Stiff grains overlap by a fraction 1e-8 and keep their digits: `l0^2 - l^2 = -(2 d0 + u).u`.
     """
     d = model.d0 + moved
-    length = np.hypot(d[:, 0], d[:, 1])
-    shortening = -((d + model.d0) * moved).sum(axis=1) / (length + model.length0)
+    length = np.hypot(d[..., 0], d[..., 1])
+    shortening = -((d + model.d0) * moved).sum(axis=-1) / (length + model.length0)
     return np.asarray(model.overlap0 + shortening)
 
 
@@ -163,41 +163,46 @@ class PathContacts(ContactState):
 
     @property
     def overlap(self) -> Floats:
-        """(C,) `r_i + r_j - l`."""
+        """(..., C) `r_i + r_j - l`."""
         return self.exact_overlap
 
 
 def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
-    """Contacts with their forces: `N` from the geometry, `T` at its strength where sliding.
-
-    `N` of a closed contact may be negative, so that it stays smooth beyond an opening that is yet
-    to be located.
-    """
+    """Contacts of a state with their forces, see `moved_contacts`."""
     moved = relative_displacements(model, state.place)
+    return moved_contacts(model, moved, state.shear_force, mode.regime, mode.side)
+
+
+def moved_contacts(
+    model: PathModel, moved: Floats, T: Floats, regime: Regimes, side: Floats
+) -> PathContacts:
+    """Contacts (..., C) whose branches have `moved` (..., C, 2), with their forces.
+
+    `N` is that of the geometry, `T` at its strength on its side where they slide. `N` of a closed
+    contact may be negative, so that it stays smooth beyond an opening that is yet to be located.
+    """
     d = model.d0 + moved
-    length = np.hypot(d[:, 0], d[:, 1])
-    n = d / length[:, None]
+    length = np.hypot(d[..., 0], d[..., 1])
+    n = d / length[..., None]
     radii_i, radii_j = model.radii[model.contacts].T
-    is_open = mode.regime == Regime.OPEN
+    is_open = regime == Regime.OPEN
     contacts = PathContacts(
         length=length,
         n=n,
-        t=np.column_stack([-n[:, 1], n[:, 0]]),
-        normal_force=np.zeros(model.contact_count),
-        shear_force=np.where(is_open, 0.0, state.shear_force),
+        t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
+        normal_force=np.zeros_like(length),
+        shear_force=np.where(is_open, 0.0, T),
         radii_i=radii_i,
         radii_j=radii_j,
         exact_overlap=contact_overlaps(model, moved),
     )
     normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
     contacts = replace(contacts, normal_force=normal)
-    sliding = mode.regime == Regime.SLIDING
+    sliding = regime == Regime.SLIDING
     if not (sliding.any() and model.law.keeps_strength):
         return contacts
     strength = np.where(sliding, model.law.strength(contacts), 0.0)
-    return replace(
-        contacts, shear_force=np.where(sliding, mode.side * strength, contacts.shear_force)
-    )
+    return replace(contacts, shear_force=np.where(sliding, side * strength, contacts.shear_force))
 
 
 def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
