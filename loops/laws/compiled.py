@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -145,13 +146,15 @@ def answer_of(
     law: FrictionalLaw, radii: Floats, overlap: Floats, before: Floats, T: Floats
 ) -> Floats:
     """Return (4, C) what a compiled law fills in, from numpy."""
-    i, j = radii
-    touching = i + j
-    n = np.tile([1.0, 0.0], (len(i), 1))
-    state = ContactState(touching - overlap, n, n[:, ::-1], 0.0 * T, T, i, j)
-    N = np.asarray(law.closed_force(state), dtype=float)
-    state = ContactState(touching - overlap, n, n[:, ::-1], N, T, i, j)
+    state = pressed_contacts(law, radii, radii[0] + radii[1] - overlap, T)
     D = law.local_stiffness(state, np.ones(len(T), dtype=np.int8))
     kept = np.where(T != 0.0, T - D[:, 1, 0] * (before - overlap), T)
     most = np.where(np.isfinite(law.mu), law.strength(state), np.inf)
-    return np.array([N, D[:, 1, 1], most, kept])
+    return np.array([state.normal_force, D[:, 1, 1], most, kept])
+
+
+def pressed_contacts(law: FrictionalLaw, radii: Floats, length: Floats, T: Floats) -> ContactState:
+    """Return contacts (C,) of these lengths and shear forces, with the law's normal forces."""
+    n = np.tile([1.0, 0.0], (len(length), 1))
+    state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, *radii)
+    return replace(state, normal_force=np.asarray(law.closed_force(state), dtype=float))

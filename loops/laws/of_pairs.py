@@ -16,7 +16,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, median
 from loops.graph import ContactState
 from loops.laws.cohesive import CohesiveFrictional
-from loops.laws.compiled import Filling, answer_of, compiled
+from loops.laws.compiled import Filling, answer_of, compiled, pressed_contacts
 from loops.laws.frictional import ContactLaw, FrictionalLaw, LinearFrictional, Regime
 from loops.laws.hertz_mindlin import HERTZ, HertzMindlin, effective_radius
 from loops.laws.rolling_resistance import RollingResistance
@@ -418,12 +418,10 @@ class FormulaPairs(PairLaw):
         Overlaps are measured from where a closed contact opens.
         """
         i, j = self.between
-        own, n = overlap[self.rows], np.tile([1.0, 0.0], (len(i), 1))
-        reach = self.reach[self.rows]
+        own, reach = overlap[self.rows], self.reach[self.rows]
         length = (i + j) + reach - np.where(own > 0, own, SMALL_OVERLAP * (i + j))
         T = np.broadcast_to(T, len(overlap))[self.rows]
-        state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, i, j)
-        return own > 0, replace(state, normal_force=np.asarray(self.law.closed_force(state)))
+        return own > 0, pressed_contacts(self.law, self.between, length, T)
 
     def parting(self) -> ContactState:
         """Return the contacts (R,) where they open, with the force there.
