@@ -33,7 +33,12 @@ from stability.packing.response import (
     ResponseStatus,
     response_of,
 )
-from stability.packing.yielding import YieldResponse, checked_band, yield_response
+from stability.packing.yielding import (
+    YieldResponse,
+    checked_band,
+    forces_with_slip,
+    yield_response,
+)
 
 # Share of its strength from which a contact is a candidate for sliding.
 CANDIDATES = 0.7
@@ -90,11 +95,8 @@ class PackingIncrements:
 
     def _forces(self, motion: Floats, H: Floats, slip: Floats) -> tuple[Floats, Floats]:
         """Return relative motions of the contacts (E, 4), and changes of their forces."""
-        system = self.yielding.system
-        relative = relative_motion(system, motion, H)
-        forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
-        forces[self.yielding.rows] -= self.yielding.push * slip[:, None]
-        return relative, forces
+        relative = relative_motion(self.yielding.system, motion, H)
+        return relative, forces_with_slip(self.yielding, relative, slip)
 
     def _beyond(self, relative: Floats) -> Flags:
         """Return contacts between grains, no candidates, that end beyond their strength (C',)."""

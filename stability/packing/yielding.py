@@ -271,7 +271,12 @@ def forces_of_motion(yielding: YieldResponse, branch_rate: Floats, spin: Floats)
     rates = complementary_rates(yielding, np.zeros(len(yielding.rows), dtype=bool), relative)
     slip = np.maximum(-(yielding.distance + rates), 0.0)
     out = np.zeros_like(branch_rate)
-    forces = -np.einsum("eij,ej->ei", system.stiffness, relative)
-    forces[yielding.rows] -= yielding.push * slip[:, None]
-    out[kept] = forces[: len(kept), :2]
+    out[kept] = forces_with_slip(yielding, relative, slip)[: len(kept), :2]
     return out
+
+
+def forces_with_slip(yielding: YieldResponse, relative: Floats, slip: Floats) -> Floats:
+    """Return changes of forces `s` (E, 4) under motions `r` (E, 4) and slips (m,) of candidates."""
+    forces = -np.einsum("eij,ej->ei", yielding.system.stiffness, relative)
+    forces[yielding.rows] -= yielding.push * slip[:, None]
+    return forces
