@@ -262,7 +262,7 @@ def _by_closures(
     wanted: Sequence[tuple[Closure | None, Spins]],
     whole: bool = False,
 ) -> Iterator[LoopNumbers]:
-    """Yield the wanted tangents of loops, order by order; of the `whole` loop shape and stress."""
+    """Yield the wanted tangents of loops, order by order; if `whole` shape and stress besides."""
     for batch in loop_batches(graph, faces, loops=loops):
         cut, found = batch.graph, LoopNumbers(batch.row, {})
         if whole:

@@ -83,6 +83,11 @@ class FanLimits:
         self.states[kind].put(rows[new], states.take(new))
         self.found[kind][rows[new]] = True
 
+    def record_lost(self, rows: Integers, states: LoopStates, lost: Flags) -> None:
+        """Record the `SPECTRAL` limits that are lost, (R, 3), in the states of these rows."""
+        for kind, here in zip(SPECTRAL, lost.T, strict=True):
+            self.record(kind, rows[here], states.take(rows[here]))
+
 
 def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
     """Follow every programme from a state to where det K is lost, a contact opens or `reach` ends.
@@ -248,9 +253,7 @@ def _first_regimes(fan: Fan, now: LoopStates, limits: FanLimits) -> Integers:
     slides = going[(now.regime[going] == Regime.SLIDING).any(axis=1)]
     limits.record("yield", slides, now.take(slides))
     values, _, columns = fan.functions(now.take(going), going)
-    for k, kind in enumerate(SPECTRAL):
-        lost = going[values[:, columns["spectral"].start + k] <= SINGULAR_RTOL]
-        limits.record(kind, lost, now.take(lost))
+    limits.record_lost(going, now, values[:, columns["spectral"]] <= SINGULAR_RTOL)
     return going[~limits.found["det_K_zero"][going]]
 
 
@@ -270,9 +273,7 @@ def _after_event(
     poles = singular[:, strained].any(axis=1)
     branching = np.asarray(singular.any(axis=1))
     fires[branching, columns["spectral"]] = False
-    for k, kind in enumerate(SPECTRAL):
-        own = rows[fires[:, columns["spectral"].start + k]]
-        limits.record(kind, own, now.take(own))
+    limits.record_lost(rows, now, fires[:, columns["spectral"]])
     opening = fires[:, columns["opening"]].any(axis=1)
     told = {"opening": opening, "branching": branching, "limit": ends, "cone_opening": poles}
     for kind, where in told.items():
@@ -297,9 +298,8 @@ def _after_event(
     agrees = (values[:, columns["unloading"]] > 0.0).all(axis=1)
     # With these contacts sliding the programme does not go on: it ends here, or snaps.
     limits.record("limit", own[~agrees], now.take(own[~agrees]))
-    for k, kind in enumerate(SPECTRAL):
-        lost = own[agrees & (values[:, columns["spectral"].start + k] <= SINGULAR_RTOL)]
-        limits.record(kind, lost, now.take(lost))
+    lost = values[:, columns["spectral"]] <= SINGULAR_RTOL
+    limits.record_lost(own, now, agrees[:, None] & lost)
 
 
 def followed_limits(
