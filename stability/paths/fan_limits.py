@@ -295,7 +295,7 @@ def _after_event(
     # Regimes that have changed have a balance of their own.
     _set_balance(fan, balance, now, own)
     values, columns = pending(now.take(own), own)
-    agrees = (values[:, columns["unloading"]] > 0.0).all(axis=1)
+    agrees = np.asarray((values[:, columns["unloading"]] > 0.0).all(axis=1))
     # With these contacts sliding the programme does not go on: it ends here, or snaps.
     limits.record("limit", own[~agrees], now.take(own[~agrees]))
     lost = values[:, columns["spectral"]] <= SINGULAR_RTOL
