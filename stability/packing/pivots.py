@@ -20,11 +20,12 @@ PIVOT_STEPS = 40
 class UnsolvedError(Exception):
     """No regimes agree, or none were found: the motion of a pivot that nothing stops.
 
-    `turns` tells whether det K changes sign, `proof` why there are none (`Complementarity`).
+    `turns` tells whether det K changes sign, `proof` why there are none (`Complementarity`), if
+    they have been sought.
     """
 
-    def __init__(self, contact: int, motion: Floats, turns: bool, proof: str) -> None:
-        super().__init__("the rate problem has no solution" if proof else "no solution was found")
+    def __init__(self, contact: int, motion: Floats, turns: bool, proof: str = "") -> None:
+        super().__init__("no solution was found")
         self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
 
     @property
@@ -46,15 +47,13 @@ def pivot(
     c: int,
     critical: Integers,
     rounding: float,
-    search: bool = True,
 ) -> list[int]:
     """Bring one contact at yield to agree with its rates; all pairs that changed regime.
 
     The method of Cottle and Dantzig: the slip rate of the contact (or the distance of its rates
     from the cone) is raised from zero until it agrees with its regime, and others change regime
     where they would disagree. `critical` are the pairs at yield that agree, or have an event to
-    come. Where that meets no end, the regimes of all of them are sought
-    (`stability.regimes.agreeing`), for there may be some, unless `search` is false.
+    come. Where that meets no end, regimes are as before: `UnsolvedError`.
     """
     others = critical[critical != c]
     every = np.append(others, c)
@@ -90,24 +89,29 @@ def pivot(
             return [*changed, c]
         else:
             break
-    # Of the columns that are there; `slip_system` has others.
-    motion = packing.motion(unit)
     for other in changed:
         packing.flip(other)
-    proof = ""
-    if search:
-        found = agreeing(SlipProblem(*slip_system(packing, control, every)))
-        if found.solutions:
-            active = found.taken.rates
-            wrong = every[active != (packing.regime[every] == SLIDING)].tolist()
-            packing.set_regimes(every, np.where(active, SLIDING, ELASTIC))
-            return wrong
-        proof = found.proof
     turns = packing.sign(control.stress, control.strain)
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)
     packing.flip(c)
-    raise UnsolvedError(c, motion, bool(turns < 0), proof)
+    raise UnsolvedError(c, packing.motion(unit), bool(turns < 0))
+
+
+def seek(
+    packing: RegimeFactor, control: MixedControl, contacts: Integers
+) -> tuple[list[int] | None, str]:
+    """Seek regimes of all contacts at yield that agree, where a pivot meets no end.
+
+    All that changed regime, None if no regimes were found, and the proof that there are none.
+    """
+    found = agreeing(SlipProblem(*slip_system(packing, control, contacts)))
+    if not found.solutions:
+        return None, found.proof
+    active = found.taken.rates
+    changed = contacts[active != (packing.regime[contacts] == SLIDING)].tolist()
+    packing.set_regimes(contacts, np.where(active, SLIDING, ELASTIC))
+    return changed, ""
 
 
 def slip_system(

@@ -15,7 +15,6 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import Contacts
-from loops.graph import across_border
 from loops.laws.of_pairs import SMALL_OVERLAP
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
@@ -174,11 +173,11 @@ class _Cages:
     """
 
     def __init__(self, state: Contacts, idle: Flags) -> None:
-        self.state, self.idle = state, idle
+        from stability.compiled import cages
+
+        self.state, self.idle, self.kernels = state, idle, cages
         self.offset = state.images @ state.cell.T
         self.ends = np.ascontiguousarray(state.contacts.T)
-        self.wall = np.flatnonzero(state.at_wall)
-        self.normal = state.walls[self.ends[1, self.wall] - state.count]
         touching = state.law.touching
         kn, kt = state.law.stiffnesses(np.maximum(state.overlap, SMALL_OVERLAP * touching))
         self.ratio = kt / kn
@@ -188,36 +187,26 @@ class _Cages:
 
     def place(self, x: Floats, turned: Floats) -> None:
         """Set the centres (B, 2), and the turns times the radii (B,)."""
-        self.x, self.turned, law = x, turned, self.state.law
-        i, j = self.ends
-        d = across_border(x.take(i, axis=0), x.take(j, axis=0), self.offset)
-        if len(self.wall):
-            along = np.sum(d[self.wall] * self.normal, axis=1, keepdims=True)
-            d[self.wall] = along * self.normal
-        length = np.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)
-        overlap = np.maximum(law.touching - length, 0.0)
+        kernels = self.kernels
+        self.x, self.turned, state, law = x, turned, self.state, self.state.law
+        pairs = self.ends, self.offset, state.walls, x, law.touching
+        n, length, overlap = kernels.normals_and_overlaps(*pairs)
         N = law.normal_force(overlap)
         self.stored = float(np.sum(law.normal_energy(overlap) - law.at_touch * overlap))
         # The rest is of those that overlap.
         self.pressed = c = np.flatnonzero(overlap)
         self.load, self.overlap, self.length = (N - law.at_touch)[c], overlap[c], length[c]
-        self.n = n = d[c] / self.length[:, None]
+        self.n = n = n[c]
         # Secants, with which springs that stiffen leave an overlap in one step.
         self.kn = self.load / self.overlap
         self.kt, self.strength = self.ratio[c] * self.kn, law.shear_strength(overlap, N)[c]
-        i, j = i[c], j[c]
-        u = (x[j] - self.state.x[j]) - (x[i] - self.state.x[i])
-        self.slid = n[:, 0] * u[:, 1] - n[:, 1] * u[:, 0] - turned[i] - turned[j]
-        shear = self.kt * self.slid
-        self.slides = np.abs(shear) > self.strength
-        self.T = -np.minimum(np.maximum(shear, -self.strength), self.strength)
+        springs = self.kt, self.strength
+        found = kernels.sheared(self.ends, c, n, x - state.x, turned, *springs)
+        self.slid, self.T, self.slides = found
 
     def work(self, springs: Floats) -> float:
         """Return the energy stored, with what shear stores and takes at `kt`, strengths (2, R)."""
-        (kt, most), slid = springs[:, self.pressed], np.abs(self.slid)
-        T = np.minimum(kt * slid, most)
-        back = np.divide(T, 2.0 * kt, out=np.zeros(len(T)), where=kt > 0)
-        return self.stored + float(np.sum(T * (slid - back)))
+        return self.stored + self.kernels.work_of_shear(self.pressed, *springs, self.slid)
 
     def step(self) -> bool:
         """Take a step towards balance in which the energy falls; whether there was one.
@@ -230,7 +219,7 @@ class _Cages:
             return False
         kn, kt, load, T, slides = self.kn, self.kt, self.load, self.T, self.slides
         overlap, length = self.overlap, self.length
-        part, slip, grains = _parting_and_slip(self.ends[:, c], self.n, self.idle)
+        (part, slip), grains = self.kernels.parting_and_slip(self.ends, c, self.n, self.idle)
         left = part.T @ (load + kn * self.rounding) + slip.T @ T
         secant = np.where(slides, self.strength / np.where(slides, np.abs(self.slid), 1.0), kt)
         squeezed = part.T @ (kn[:, None] * part)
@@ -277,22 +266,3 @@ def _out_of_overlap(state: Contacts, idle: Flags) -> Contacts:
     T[cages.pressed] = cages.T
     moved = replace(state, x=cages.x, shear_force=T)
     return replace(moved, normal_force=moved.law.normal_force(moved.overlap))
-
-
-def _parting_and_slip(ends: Integers, n: Floats, idle: Flags) -> tuple[Floats, Floats, Integers]:
-    """Return how idle grains part contacts and shear them, (P, 3 G) each, and these grains (G,).
-
-    Unknowns of a grain: its displacement, and its spin times its radius.
-    """
-    met = np.zeros(len(idle), dtype=bool)
-    met[ends] = True
-    grains, place = np.flatnonzero(met & idle), np.empty(len(idle), dtype=np.int64)
-    place[grains] = np.arange(len(grains))
-    ways = np.zeros((2, len(n), 3))
-    ways[0, :, :2], ways[1, :, 0], ways[1, :, 1] = n, -n[:, 1], n[:, 0]
-    out = np.zeros((2, len(n), len(grains), 3))
-    for grain, sense in zip(ends, (-1.0, 1.0), strict=True):
-        c = np.flatnonzero(idle[grain])
-        ways[1, :, 2] = -sense
-        out[:, c, place[grain[c]]] += sense * ways[:, c]
-    return *out.reshape(2, len(n), -1), grains

@@ -231,15 +231,20 @@ class RegimeFactor:
 
     def driven(self, stress: Floats, strain: Floats, k: int) -> Combination:
         """Return rates under a unit force on a column's row, at a control that stands still."""
-        small, h = self._small(), np.zeros(5)
-        m = len(small.Y)
-        x = self._padded(-small.solved(self._changes(self.mutual[:, :, k : k + 1], m))[:, 0])
-        x[k] += 1.0
+        h, x = self._driven(stress, strain, [k])
+        return Combination(h[0], x[0])
+
+    def _driven(self, stress: Floats, strain: Floats, units: list[int]) -> tuple[Floats, Floats]:
+        """Return `h` (r, 5) and coefficients (r, columns) of `driven` by each of some columns."""
+        small, m = self._small(), len(self._small().Y)
+        h, x = np.zeros((5, len(units))), np.zeros((len(self.at), len(units)))
+        x[:m] = -small.solved(self._changes(self.mutual[:, :, units], m))
+        x[units, np.arange(len(units))] += 1.0
         if stress.any():
             A, _, columns = self._controlled(stress, strain, small.Y)
             h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
             x[:m] -= small.Y @ h
-        return Combination(h, x)
+        return np.ascontiguousarray(h.T), np.ascontiguousarray(x.T)
 
     def _padded(self, w: Floats) -> Floats:
         """Return coefficients with zeros for the columns that came since."""
@@ -303,18 +308,21 @@ class RegimeFactor:
 
     def edge(self, rates: tuple[Combination, ...], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs: rate of the yield function if stuck, minus slip rate."""
+        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
+        return self._edge(h, w, c)
+
+    def _edge(self, h: Floats, w: Floats, c: Integers) -> Floats:
+        """Return `edge` under strain rates and loads `h` (r, 5), coefficients `w` (r, columns)."""
         from stability.compiled.packing_columns import yield_rates
 
-        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
-        out = np.empty((len(c), len(rates)))
+        out = np.empty((len(c), len(h)))
         cached = self.yield_rates, self.motion_count, self.slip_sign
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
 
     def edges_of_pushes(self, control: MixedControl, rows: list[int], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs under a unit force on each row, the control held."""
-        units = self.columns(rows)
-        return self.edge(tuple(self.driven(*control[:2], k) for k in units), c)
+        return self._edge(*self._driven(*control[:2], self.columns(rows)), c)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

@@ -14,7 +14,7 @@ from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
 from stability.packing.controls import MixedControl
-from stability.packing.pivots import UnsolvedError, disagreeing, pivot
+from stability.packing.pivots import UnsolvedError, disagreeing, pivot, seek
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -339,18 +339,21 @@ class StrainIncrement:
             stuck = critical[(packing.regime[critical] == ELASTIC) & (critical != c)]
             packing.set_side(stuck, np.sign(self.T[stuck]))
             try:
-                # Springs make another problem: whether this one has a solution is asked once.
-                changed = pivot(
-                    packing, self.control, c, critical, self._rounding(rates), search=not facts
-                )
+                changed = pivot(packing, self.control, c, critical, self._rounding(rates))
             except UnsolvedError as stop:
+                # A light grain leaves before regimes of all contacts are sought.
                 if self._free(c, LIGHT_SHARE):
                     return
-                # The first mode is told; the last one is dragged.
-                grains = stop.facts["grains"]
-                facts = (facts or stop.facts) | {"grains": grains}
-                passed = self._pass(c, spring, facts)
-                continue
+                # Springs make another problem: whether this one has a solution is asked once.
+                every = np.append(critical[critical != c], c)
+                found, stop.proof = (None, "") if facts else seek(packing, self.control, every)
+                if found is None:
+                    # The first mode is told; the last one is dragged.
+                    grains = stop.facts["grains"]
+                    facts = (facts or stop.facts) | {"grains": grains}
+                    passed = self._pass(c, spring, facts)
+                    continue
+                changed = found
             if facts:
                 self.events.append(passed)
             for k in changed:

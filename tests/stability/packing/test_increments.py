@@ -413,7 +413,7 @@ def test_a_contact_that_agrees_to_rounding_is_flipped_at_once(value, agrees):
         assert pivot(packing, CONTROL, 0, np.array([0]), 1e-9) == packing.flipped == [0]
     else:
         with pytest.raises(UnsolvedError) as stop:
-            pivot(packing, CONTROL, 0, np.array([0]), 1e-9, search=False)
+            pivot(packing, CONTROL, 0, np.array([0]), 1e-9)
         assert not stop.value.turns and packing.flipped == [0, 0]
 
 

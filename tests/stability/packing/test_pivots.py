@@ -166,6 +166,21 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     assert [found.status for found in searched] == ["none"]
 
 
+def test_a_light_grain_leaves_before_regimes_of_all_are_sought(monkeypatch):
+    """Where every grain counts as light the instability of the test before is none."""
+    monkeypatch.setattr(strain_increment, "LIGHT_SHARE", 1e9)
+    monkeypatch.setattr(strain_increment, "seek", None)
+    path = follow(
+        Scene(yielding(36, 5, 3), LAW),
+        strained(1e-8 * STRAINS[2]),
+        closure="packing",
+        rows=1,
+        interval=1e-8,
+    )
+    assert path.status == "finished" and not path.of_kind("instability")
+    assert "unloaded" in [event.cause for event in path.of_kind("opening")]
+
+
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
     """Eight contacts at yield, columns for seven; a new factorisation from four on."""
     for module in (regime_factor, strain_increment, pivots):

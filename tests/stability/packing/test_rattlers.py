@@ -9,6 +9,7 @@ from loops import GrainGraph, HertzMindlin, LinearFrictional, Scene
 from loops.boundary import PlaneContacts
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
+from stability.compiled.cages import normals_and_overlaps, parting_and_slip, work_of_shear
 from stability.packing import rattlers
 from stability.packing.past import Passed
 from stability.packing.path_solver import PackingPathSolver
@@ -404,6 +405,64 @@ def test_numbers_of_grains_change_nothing(small):
     np.testing.assert_allclose(other.state.x, one.state.x[order], rtol=0, atol=1e-12)
     forces = one.state.normal_force[rows]
     np.testing.assert_allclose(other.state.normal_force, forces, rtol=0, atol=1e-12)
+
+
+def test_parting_and_slip_are_those_of_displacements_and_spins():
+    """`n . (u_j - u_i)`, and across it less both spins times radii; a pair with its own image."""
+    rng = np.random.default_rng(3)
+    ends, idle = np.array([[0, 1, 3, 2, 4], [1, 2, 2, 2, 0]]), np.arange(6) % 3 != 1
+    u, c = np.where(idle[:, None], rng.normal(size=(6, 3)), 0.0), np.array([0, 1, 3, 4])
+    angle = rng.uniform(0, 7, 4)
+    n = np.column_stack([np.cos(angle), np.sin(angle)])
+    (part, slip), grains = parting_and_slip(ends, c, n, idle)
+    (i, j), t = ends[:, c], np.column_stack([-n[:, 1], n[:, 0]])
+    assert grains.tolist() == [0, 2]
+    moves = u[grains].ravel()
+    apart = (u[j] - u[i])[:, :2]
+    np.testing.assert_allclose(part @ moves, np.sum(n * apart, axis=1), rtol=0, atol=1e-15)
+    wanted = np.sum(t * apart, axis=1) - u[i, 2] - u[j, 2]
+    np.testing.assert_allclose(slip @ moves, wanted, rtol=0, atol=1e-15)
+
+
+def test_overlaps_are_those_of_the_contact_table_bit_by_bit():
+    """Across the border of a cell, and at walls whose contacts keep their normals."""
+    rng = np.random.default_rng(0)
+    grain = np.array([0, 2, 1, 3, 0, 1, 2, 3])
+    branch = 0.5 * np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
+    planes = PlaneContacts(grain, branch, np.full(8, 2.0), np.zeros(8))
+    walled = GrainGraph(
+        x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[LARGE] * 4,
+        contacts=[[0, 1], [2, 3], [0, 2], [1, 3]], normal_force=[FORCE] * 4,
+    )  # fmt: skip
+    for state in (
+        contacts_of(start_state(jammed(12, 1, LAW)), LAW),
+        contacts_of(start_state(walled, between(planes)), LAW, between(planes)),
+    ):
+        state = replace(state, x=state.x + 0.02 * rng.normal(size=state.x.shape))
+        ends = np.ascontiguousarray(state.contacts.T)
+        offset = state.images @ state.cell.T
+        n, length, overlap = normals_and_overlaps(
+            ends, offset, state.walls, state.x, state.law.touching
+        )
+        np.testing.assert_array_equal(overlap, state.overlap)
+        np.testing.assert_array_equal(length, state.length)
+        np.testing.assert_array_equal(n, state.branches / state.length[:, None])
+        assert (overlap > 0).any() and (overlap == 0).any()
+
+
+def test_work_of_shear_is_the_area_under_force_over_slip():
+    """Up to the strength and on; without stiffness there is none."""
+    kt, most, slid = (
+        np.array([2.0, 2.0, 0.0]),
+        np.array([9.0, 1.0, 1.0]),
+        np.array([0.3, -4.0, 5.0]),
+    )
+    for k in range(3):
+        ways = np.linspace(0, abs(slid[k]), 80_001)
+        force = np.minimum(kt[k] * ways, most[k])
+        area = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(ways)))
+        found = work_of_shear(np.array([k]), kt, most, slid[[k]])
+        assert found == pytest.approx(area, rel=1e-8, abs=1e-15)
 
 
 def test_grains_that_hang_on_idle_ones_are_idle():
