@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, in_threads
-from loops.compiled import given, use_passes
+from loops.compiled import given, on_parts, use_passes
 from loops.errors import InputError
 from loops.faces import Faces
 from loops.geometry import require_plane
@@ -137,9 +137,29 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
     >>> edge_tensors(branch_vectors(oblong), find_faces(oblong)).round(12).tolist()
     [[[0.9, 0.0], [0.0, 0.1]]]
     """
-    if len(faces.loops) == 0:
+    d, loops = np.asarray(branches, dtype=float), faces.loops
+    if len(loops) == 0:
         return np.empty((0, 2, 2))
-    d = np.asarray(branches, dtype=float)
+    if use_passes(len(d)):
+        sums = _edge_sums(d, faces, loops)
+    else:
+        sums = _edge_sums_by_blocks(d, faces)[loops]
+    sums /= (sums[:, 0] + sums[:, 2])[:, None]
+    return sums[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+
+
+def _edge_sums(d: Floats, faces: Faces, loops: Integers) -> Floats:
+    """(L, 3) sums of x x, x y and y y over the branches around loops, by a kernel."""
+    from loops.compiled.passes import fill_edge_sums
+
+    d, contacts = given(d, np.float64), given(faces.contacts, np.int64)
+    offsets, sums = given(faces.offsets, np.int64), np.empty((len(loops), 3))
+    on_parts(lambda part: fill_edge_sums(d, contacts, offsets, loops[part], sums[part]), len(loops))
+    return sums
+
+
+def _edge_sums_by_blocks(d: Floats, faces: Faces) -> Floats:
+    """The sums of `_edge_sums` over all faces in numpy."""
     sums = np.empty((len(faces.kind), 3))
     cuts = np.searchsorted(faces.offsets, np.arange(0, faces.offsets[-1], TENSORS_AT_ONCE))
     for start, stop in pairwise(np.unique(np.append(cuts, len(sums))).tolist()):
@@ -148,9 +168,7 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
         x, y = d[faces.contacts[begin:end]].T.copy()
         for column, product in enumerate((x * x, x * y, y * y)):
             sums[start:stop, column] = np.add.reduceat(product, faces.offsets[start:stop] - begin)
-    sums = sums[faces.loops]
-    sums /= (sums[:, 0] + sums[:, 2])[:, None]
-    return sums[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return sums
 
 
 def principal(tensor: ArrayLike) -> tuple[Floats, Floats]:
@@ -319,11 +337,11 @@ def force_chains(
     near = np.flatnonzero(strong[i] & strong[j])
     n = branches[near] / np.hypot(*branches[near].T)[:, None]
     one, two = (np.einsum("ck,ck->c", along[g[near]], n) for g in (i, j))
-    # The larger of the deviations from both axes.
-    deviation = np.arccos(np.clip(np.minimum(np.abs(one), np.abs(two)), 0.0, 1.0))
-    along_axis = np.flatnonzero(deviation <= angle)
+    # Cosine of the larger of the deviations from both axes.
+    cosine = np.minimum(np.minimum(np.abs(one), np.abs(two)), 1.0)
+    along_axis = np.flatnonzero(cosine >= np.cos(angle))
     # By falling deviation: the last contact written at a side of a grain deviates least.
-    order = along_axis[np.argsort(deviation[along_axis], kind="stable")[::-1]]
+    order = along_axis[np.argsort(-cosine[along_axis], kind="stable")[::-1]]
     good = near[order]
     sides = 2 * graph.contacts[good] + np.column_stack([one[order] > 0, two[order] < 0])
     choice = np.full(2 * graph.grain_count, -1)

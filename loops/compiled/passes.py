@@ -69,6 +69,19 @@ def fill_reach(radii: Floats, contacts: Integers, reach: Floats) -> None:
 
 
 @kernel
+def fill_edge_sums(
+    d: Floats, contacts: Integers, offsets: Integers, loops: Integers, sums: Floats
+) -> None:
+    """Fill in the sums of x x, x y and y y over the branches around each of the loops, (L, 3)."""
+    for k in range(len(loops)):
+        xx, xy, yy = 0.0, 0.0, 0.0
+        for h in range(offsets[loops[k]], offsets[loops[k] + 1]):
+            x, y = d[contacts[h], 0], d[contacts[h], 1]
+            xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+        sums[k, 0], sums[k, 1], sums[k, 2] = xx, xy, yy
+
+
+@kernel
 def forces_at_end(
     contacts: Integers,
     side: int,

@@ -1,12 +1,15 @@
 """Kernels that pass over the contacts of a large packing: to the bit what numpy does."""
 
+import subprocess
+import sys
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
-from loops import GrainGraph, contact_frame, force_chains
+from loops import GrainGraph, contact_frame, find_faces, force_chains
 from loops.compiled import on_parts
+from loops.fabric import edge_tensors
 from loops.graph import branches_between
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
 from patterns.snapshots import build, checks, missing
@@ -68,6 +71,27 @@ def test_branches_and_their_frame(both, periodic):
         assert_equal(*both(lambda g=one: branches_between(g.x, g.contacts, g.images, g.cell)))
         assert_equal(*both(lambda g=one: contact_frame(g)))
         assert_equal(*both(lambda g=one: force_chains(g)))
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_shapes_by_edges_are_those_of_numpy_to_round_off(both, periodic):
+    graph = loaded(700, 5, periodic=periodic)
+    faces = find_faces(graph)
+    plain, fast = both(lambda: edge_tensors(graph.branches, faces))
+    assert len(plain) == len(faces.loops) > 500
+    np.testing.assert_allclose(fast, plain, rtol=1e-13, atol=1e-15)
+
+
+def test_a_part_of_a_package_loads_without_the_rest():
+    """What numba asks for is there, and the whole package loads as ever when it is wanted."""
+    code = (
+        "import sys; from loops.compiled import _load_blas; _load_blas(); "
+        "assert 'scipy.linalg.cython_blas' in sys.modules; assert 'scipy.linalg' not in sys.modules;"
+        "import numba, numpy as np; product = numba.njit(lambda a: a @ a); "
+        "assert product(2.0 * np.eye(2))[1, 1] == 4.0; "
+        "import scipy.linalg; assert scipy.linalg.inv([[4.0]]) == 0.25"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_batch_and_spheres_in_space_are_left_to_numpy(both):
