@@ -86,7 +86,8 @@ def test_a_part_of_a_package_loads_without_the_rest():
     """What numba asks for is there, and the whole package loads as ever when it is wanted."""
     code = (
         "import sys; from loops.compiled import _load_blas; _load_blas(); "
-        "assert 'scipy.linalg.cython_blas' in sys.modules; assert 'scipy.linalg' not in sys.modules;"
+        "assert 'scipy.linalg.cython_blas' in sys.modules; "
+        "assert 'scipy.linalg' not in sys.modules; "
         "import numba, numpy as np; product = numba.njit(lambda a: a @ a); "
         "assert product(2.0 * np.eye(2))[1, 1] == 4.0; "
         "import scipy.linalg; assert scipy.linalg.inv([[4.0]]) == 0.25"
