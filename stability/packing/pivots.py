@@ -61,7 +61,7 @@ def pivot(
     column = packing.column(len(packing.frame) + c)
     raised, base = 0.0, packing.solve(*control)
     for _ in range(PIVOT_STEPS):
-        unit = packing.driven(control.stress, control.strain, column)
+        (unit,) = packing.driven(control.stress, control.strain, [column])
         # A force -s on the shear row is one unit of slip, or of the distance from the cone.
         push = -packing.side[c]
         value, along = packing.edge((base, unit), every).T

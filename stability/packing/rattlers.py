@@ -196,13 +196,14 @@ class _Cages:
         # The rest is of those that overlap.
         self.pressed = c = np.flatnonzero(overlap)
         self.load, self.overlap, self.length = (N - law.at_touch)[c], overlap[c], length[c]
-        self.n = n = n[c]
+        n = n[c]
         # Secants, with which springs that stiffen leave an overlap in one step.
         self.kn = self.load / self.overlap
         self.kt, self.strength = self.ratio[c] * self.kn, law.shear_strength(overlap, N)[c]
         springs = self.kt, self.strength
         found = kernels.sheared(self.ends, c, n, x - state.x, turned, *springs)
         self.slid, self.T, self.slides = found
+        (self.part, self.slip), self.grains = kernels.parting_and_slip(self.ends, c, n, self.idle)
 
     def work(self, springs: Floats) -> float:
         """Return the energy stored, with what shear stores and takes at `kt`, strengths (2, R)."""
@@ -219,7 +220,7 @@ class _Cages:
             return False
         kn, kt, load, T, slides = self.kn, self.kt, self.load, self.T, self.slides
         overlap, length = self.overlap, self.length
-        (part, slip), grains = self.kernels.parting_and_slip(self.ends, c, self.n, self.idle)
+        part, slip, grains = self.part, self.slip, self.grains
         left = part.T @ (load + kn * self.rounding) + slip.T @ T
         secant = np.where(slides, self.strength / np.where(slides, np.abs(self.slid), 1.0), kt)
         squeezed = part.T @ (kn[:, None] * part)

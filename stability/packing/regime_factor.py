@@ -8,6 +8,7 @@ motion is `V h + U w`, `h` being the strain rate and the load.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -229,13 +230,8 @@ class RegimeFactor:
             h[:4] = np.linalg.solve(strain, rate)
         return Combination(h, self._padded(-small.Y @ h))
 
-    def driven(self, stress: Floats, strain: Floats, k: int) -> Combination:
-        """Return rates under a unit force on a column's row, at a control that stands still."""
-        h, x = self._driven(stress, strain, [k])
-        return Combination(h[0], x[0])
-
-    def _driven(self, stress: Floats, strain: Floats, units: list[int]) -> tuple[Floats, Floats]:
-        """Return `h` (r, 5) and coefficients (r, columns) of `driven` by each of some columns."""
+    def driven(self, stress: Floats, strain: Floats, units: list[int]) -> list[Combination]:
+        """Return rates under a unit force on the row of each column, at a control that stands."""
         small, m = self._small(), len(self._small().Y)
         h, x = np.zeros((5, len(units))), np.zeros((len(self.at), len(units)))
         x[:m] = -small.solved(self._changes(self.mutual[:, :, units], m))
@@ -244,7 +240,7 @@ class RegimeFactor:
             A, _, columns = self._controlled(stress, strain, small.Y)
             h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
             x[:m] -= small.Y @ h
-        return np.ascontiguousarray(h.T), np.ascontiguousarray(x.T)
+        return [Combination(*one) for one in zip(h.T, x.T, strict=True)]
 
     def _padded(self, w: Floats) -> Floats:
         """Return coefficients with zeros for the columns that came since."""
@@ -306,23 +302,19 @@ class RegimeFactor:
         un, ut = rates_of(self.frame, c, self.V, self.U, *rates)
         return un, ut
 
-    def edge(self, rates: tuple[Combination, ...], c: Integers) -> Floats:
+    def edge(self, rates: Sequence[Combination], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs: rate of the yield function if stuck, minus slip rate."""
-        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
-        return self._edge(h, w, c)
-
-    def _edge(self, h: Floats, w: Floats, c: Integers) -> Floats:
-        """Return `edge` under strain rates and loads `h` (r, 5), coefficients `w` (r, columns)."""
         from stability.compiled.packing_columns import yield_rates
 
-        out = np.empty((len(c), len(h)))
+        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
+        out = np.empty((len(c), len(rates)))
         cached = self.yield_rates, self.motion_count, self.slip_sign
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
 
     def edges_of_pushes(self, control: MixedControl, rows: list[int], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs under a unit force on each row, the control held."""
-        return self._edge(*self._driven(*control[:2], self.columns(rows)), c)
+        return self.edge(self.driven(*control[:2], self.columns(rows)), c)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

@@ -260,7 +260,14 @@ def path_model(
         raise InputError("volume", str(v0), "a positive area", "Give the reference area.")
     length = float(np.sqrt(v0))
     b = m = np.zeros((0, 2))
-    if closure == "affine":
+    if closure != "affine":
+        require_loop(graph)
+        ratio = v0 / abs(float(polygon_area(graph.x0)))
+        centred = from_centroid(graph.x0)
+        midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
+        b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
+        place = graph.x - graph.x0
+    else:
         gradient = np.linalg.lstsq(d0, d - d0)[0]
         place = np.asarray(-gradient.T.ravel(), dtype=float)
         image = d0 + d0 @ gradient
@@ -269,13 +276,6 @@ def path_model(
             ("branch vector", d, image, "an affine image of the reference"),
             "Make the current centres the reference, or use the traction closure.",
         )
-    else:
-        require_loop(graph)
-        ratio = v0 / abs(float(polygon_area(graph.x0)))
-        centred = from_centroid(graph.x0)
-        midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
-        b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
-        place = graph.x - graph.x0
     model = PathModel(
         law=law,
         closure=closure,

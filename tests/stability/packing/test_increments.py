@@ -393,8 +393,8 @@ class Edges:
     def solve(self, *control):
         return "base"
 
-    def driven(self, stress, strain, column):
-        return "unit"
+    def driven(self, stress, strain, columns):
+        return ["unit"]
 
     def flip(self, c):
         self.flipped.append(c)

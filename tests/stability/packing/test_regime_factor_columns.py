@@ -116,7 +116,7 @@ def test_a_force_on_a_row_adds_its_rates(stress_held):
     for row in (11, 25, len(pieces.frame) + 3):
         k = pieces.column(row)
         pieces.column(40)
-        found = pieces.driven(*control[:2], k)
+        (found,) = pieces.driven(*control[:2], [k])
         loaded = pieces_of(more=force_on(pieces, row))
         for change in CHANGES[:3]:
             loaded.set_regime(*change)
