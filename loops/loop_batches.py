@@ -334,16 +334,16 @@ class CompiledPacking:
         )
         if self.by_radii is None:
             conditions[2] = np.inf
-        rounding = ROUNDING * conditions * frobenius(matrices)
+        rounding = ROUNDING * conditions[1:] * frobenius(matrices[1:])
         poor = ~(np.abs(smallest) > rounding)
         # An eigenvalue that the choice of spin arms can turn has no sign, however exact.
-        poor[2] &= ~((np.abs(smallest[2]) <= sensitivity) & np.isfinite(conditions[2]))
+        poor[1] &= ~((np.abs(smallest[1]) <= sensitivity) & np.isfinite(conditions[2]))
         change = (0.0, 0.0, sensitivity)
         tangents = [
             solved(matrices[k], *TANGENTS[k], area, conditions[k], sensitivity=change[k])
             for k in range(3)
         ]
-        return tangents, poor[1:]
+        return tangents, poor
 
 
 def compiled_packing(

@@ -139,11 +139,11 @@ def tangents_of_faces(
     slides; `by_radii` tells whether spins shear by the radii or by the arms to the contact point.
     Returns the tangents (3, L, 4, 4) in the order (11, 12, 21, 22), their conditions (3, L),
     infinite where `macroscopic_tangent` is needed, the smallest eigenvalues of Ks in the symmetric
-    subspace (3, L), the sensitivity of the third (L,), and the areas (L,).
+    subspace by traction (2, L), the sensitivity of the third (L,), and the areas (L,).
     """
     count = len(loops)
     tangents, own, other = np.full((3, count, 4, 4), np.nan), np.empty((4, 4)), np.empty((4, 4))
-    conditions, smallest = np.full((3, count), np.inf), np.full((3, count), np.nan)
+    conditions, smallest = np.full((3, count), np.inf), np.full((2, count), np.nan)
     sensitivity, area = np.zeros(count), np.empty(count)
     system = np.empty((LONGEST_LOOP + 6, _width(LONGEST_LOOP + 6)))
     geometry, moment = np.empty((LONGEST_LOOP, 16)), np.empty((LONGEST_LOOP, 8))
@@ -152,7 +152,6 @@ def tangents_of_faces(
         begin, end = offsets[loops[loop]], offsets[loops[loop] + 1]
         area[loop], growth, stiff = _affine(rows, length, contacts, forward, begin, end, own)
         _store(own, tangents, 0, loop)
-        smallest[0, loop] = _smallest(own)
         norm = _norm(own)
         none = 1.0 if stiff == 0.0 else np.inf
         conditions[0, loop] = (max(1.0, stiff / norm) if norm > 0.0 else none) + growth
@@ -169,7 +168,7 @@ def tangents_of_faces(
             if n == 3 and not free:
                 # Three contact forces have as many components as f^ and P: the motion is affine.
                 _store(own, tangents, 1, loop)
-                conditions[1, loop], smallest[1, loop] = conditions[0, loop], smallest[0, loop]
+                conditions[1, loop], smallest[0, loop] = conditions[0, loop], _smallest(own)
                 continue
             if free:
                 for c in range(n):
@@ -189,7 +188,7 @@ def tangents_of_faces(
                     turn = max(turn, abs(geometry[c, TURN_N]))
                 gear *= min(turn, 1.0)
             conditions[k, loop] = n / (pivot * gear) + growth
-            smallest[k, loop] = _smallest(own)
+            smallest[free, loop] = _smallest(own)
             if not free or n % 2 == 1:
                 continue
             slips, gear = _system(geometry, moment, slip, n, True, not by_radii, system)
@@ -199,7 +198,7 @@ def tangents_of_faces(
                 continue
             _unscale(other, factor, scale_x, scale_y)
             doubt = ROUNDING * n / (pivot * gear) * _norm(other)
-            sensitivity[loop] = _change(own, other, smallest[k, loop]) + doubt
+            sensitivity[loop] = _change(own, other, smallest[free, loop]) + doubt
     return tangents, conditions, smallest, sensitivity, area
 
 

@@ -214,6 +214,8 @@ def _mechanics(
 def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
     """Verdicts on the loops by judge and order, and directions of instability by closure."""
     order = table["order"]
+    orders = np.flatnonzero(np.bincount(order))
+    most = max(LAST_ORDER, orders.max(initial=0))
     found: dict[str, dict[str, Any]] = {
         key: {}
         for key in (
@@ -223,13 +225,23 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         )
     }
     for judge in judges(table):
-        unstable, known = unstable_loops(table, judge), ~np.isnan(table[f"{judge}_lambda_min"])
-        found["untrusted_loops"][judge] = int(np.count_nonzero(~known))
-        found["unstable_loops"][judge] = mean_by_order(order, unstable, known)
-        found["unstable_by_order"][judge] = share_by_group(groups, unstable, known)
-        every = np.ones_like(known)
-        found["undetermined_loops"][judge] = mean_by_order(order, ~known, every)
-        found["undetermined_by_order"][judge] = share_by_group(groups, ~known, every)
+        unstable, undetermined = (
+            unstable_loops(table, judge),
+            np.isnan(table[f"{judge}_lambda_min"]),
+        )
+        # Loops that are judged stable, unstable, or neither, by order.
+        verdict = 3 * order + unstable + np.multiply(undetermined, 2, dtype=np.int8)
+        counts = np.bincount(verdict, minlength=3 * most + 3).reshape(-1, 3)
+        parts = {name: counts[k] for k, name in enumerate(GROUPS, 3)}
+        parts |= {GROUPS[-1]: counts[LAST_ORDER:].sum(axis=0), "all": counts.sum(axis=0)}
+        found["untrusted_loops"][judge] = int(parts["all"][2])
+        for kind, column, among in (("unstable", 1, 2), ("undetermined", 2, 3)):
+            some, every = counts[orders, column], counts[orders, :among].sum(axis=1)
+            found[f"{kind}_loops"][judge] = by_order(orders, some, every)
+            found[f"{kind}_by_order"][judge] = {
+                name: share_of(int(part[column]), int(part[:among].sum()))
+                for name, part in parts.items()
+            }
         found["eigenvalues"][judge] = {
             name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
         }
@@ -244,7 +256,8 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         opening = table[f"{judge}_cone_opening"]
         # Stable loops have no cone: they don't count as an opening of zero.
         cones = np.where(opening > 0, opening, np.nan)
-        means = mean_by_order(order, directions, ~np.isnan(directions))
+        total = np.bincount(order, np.where(undetermined, 0.0, directions))[orders]
+        means = by_order(orders, total, counts[orders, :2].sum(axis=1))
         found["mean_unstable_directions"][judge] = means
         found["unstable_directions"][judge] = spread_by_group(groups, directions)
         found["cone_opening"][judge] = spread_by_group(groups, cones)
@@ -395,20 +408,21 @@ def share_by_group(groups: Groups, having: Flags, known: Flags) -> dict[str, Any
 
 def share(having: Flags) -> dict[str, Any]:
     """Share of loops that have a property, its standard error `sqrt(p (1 - p)/n)` and number n."""
-    if len(having) == 0:
+    return share_of(int(np.count_nonzero(having)), len(having))
+
+
+def share_of(some: int, count: int) -> dict[str, Any]:
+    """`share` by numbers."""
+    if count == 0:
         return {"mean": float("nan"), "std_error": float("nan"), "count": 0}
-    p = float(having.mean())
-    error = float(np.sqrt(p * (1 - p) / len(having)))
-    return {"mean": p, "std_error": error, "count": len(having)}
+    p = some / count
+    return {"mean": p, "std_error": float(np.sqrt(p * (1 - p) / count)), "count": count}
 
 
-def mean_by_order(order: Integers, values: NDArray[Any], known: Flags) -> dict[str, float]:
-    """Mean of the known values for each order."""
-    number = np.bincount(order, known)
-    total = np.bincount(order, np.where(known, values, 0.0))
-    orders = np.flatnonzero(np.bincount(order))
+def by_order(orders: Integers, total: Floats, number: Floats) -> dict[str, float]:
+    """Means of orders: a total over a number for each."""
     with np.errstate(invalid="ignore"):
-        means = total[orders] / number[orders]
+        means = total / number
     return dict(zip(map(str, orders.tolist()), means.tolist(), strict=True))
 
 
