@@ -363,9 +363,9 @@ class Path(Shown):
         1 %. nan of paths that end otherwise than by 'control_limit' or a first instability.
         Under a growing load: stress along the direction, less that of the start, of the last state
         before the equilibrium was first lost by a motion of 1e-5 or more; and how much it changed
-        as the interval was halved over the second half of the path, by other numberings, and where
-        motions of a third or three times 1e-5 count, over itself. nan if it never was.
-        Errors of the first half are not in it (docs/sustaining.md).
+        as the interval was halved over the second half of the path, by other numberings, by grains
+        without load that coast, and where motions of a third or three times 1e-5 count, over
+        itself. nan if it never was.
     stress_spread : float
         Packings, where it was asked for: largest difference of the stress, over its largest change,
         to the same path with the other choice past instabilities, as far as both go; 0 where none
@@ -379,12 +379,13 @@ class Path(Shown):
         interval and of each motion): not at the end of a motion without rest.
     first_large_strain, first_large_spread : float
         Growing load: strain of the first large motion (of all motions over the last 5 % of the
-        load), nan if there was none; largest change of its load by other numberings and by a third
-        of the damping, over itself: nan if it was not asked for. A run without a large motion
+        load), nan if there was none; largest change of its load by other numberings, by a third
+        of the damping, by grains without load that coast, and where motions of a third of its
+        least strain count, over itself: nan if it was not asked for. A run without a large motion
         counts with the largest load.
     seconds, spread_seconds : float
         Growing load: seconds of the processor up to the end of the direction; and those that the
-        spreads took beside, for halves of the interval, other numberings and less damping.
+        spreads took beside, for halves of the interval and the runs of the spreads.
     velocity, spin : (G, 2), (G,) array
         Replays: velocities beyond the affine motion, and spins, half a step before the end.
     steps, time_step : int, float

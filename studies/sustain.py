@@ -167,8 +167,9 @@ def sustain(
     most_snaps : int
         Smaller motions after which a direction is left 'unfinished'.
     spread : bool
-        Whether directions with a large motion are loaded again, with two other numberings of grains
-        and contacts and with a third of the damping; three times the cost.
+        Whether directions with a large motion are loaded again: with two other numberings of grains
+        and contacts, with a third of the damping, and with grains without load that coast; four to
+        fourteen times the cost.
     hold : {'strain', 'stress'}
         Whether the sample comes to rest at a fixed cell or at fixed stress.
 

@@ -41,6 +41,8 @@ REACH = 4.0
 MAX_SPEED_RATIO = 1e3
 # Times that an interval is cut where it catches grains that carried nothing.
 CUTS_AT_CATCH = 3
+# Share of the gap up to which pairs are listed that a coasting grain goes in an interval at most.
+MOST_COAST = 0.25
 # Intervals before the end of a path that are kept, to go through them again.
 HISTORY = 64
 CONTROL_LIMIT = "limit of the control: the strain grows without bound"
@@ -62,6 +64,7 @@ class PackingPathSolver:
         past: Past | PassBy,
         load_kept: float = 1.0,
         pathologies: bool = False,
+        coasting: bool = False,
     ) -> None:
         start = contacts_at_start(scene)
         self.wandered, self.listed_gap = 0.0, MAY_CLOSE_GAP * 2.0 * start.mean_radius
@@ -72,6 +75,8 @@ class PackingPathSolver:
         self.looked: RegimeFactor | None = None
         self.size, self.past, self.load_kept = interval, past_of(past), load_kept
         self.parameter, self.intervals = 0.0, 0
+        # Whether grains that carry nothing go on, and how far (B, 2) for the loading parameter.
+        self.coasting, self.coast = coasting, np.zeros((1, 2))
         # Share of the last increment up to which no grain that carried nothing was caught.
         self.free_share = 1.0
         self.work = np.zeros(4)
@@ -360,7 +365,13 @@ class PackingPathSolver:
         Grains that carry nothing leave the system, or join it; some did not carry `before`.
         """
         start, idle = self.state, self.rattlers
-        self.state, self.rattlers, released = free_rattlers(state, before)
+        on = self.coasting and before is not None and duration > 0.0
+        free = self._coasted(state, duration) if on else state
+        self.state, self.rattlers, released = free_rattlers(free, before)
+        self.coast = np.zeros_like(state.x)
+        if on:
+            free_since = self.rattlers & before
+            self.coast[free_since] = (self.state.x - state.x)[free_since] / duration
         caught = idle & ~self.rattlers
         self.free_share = 1.0
         if before is not None and caught.any():
@@ -371,6 +382,15 @@ class PackingPathSolver:
         self.work[RELEASED] += released
         self.wandered += float(np.abs(self.state.x - state.x).max())
         self.imbalance = self.state.resultants - self.balance
+
+    def _coasted(self, state: Contacts, duration: float) -> Contacts:
+        """Return the state where grains without load have gone on as in the interval before.
+
+        No further than the pairs are listed. What they meet then pushes them out of overlap.
+        """
+        step = self.coast * duration
+        most = MOST_COAST * self.listed_gap / np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+        return replace(state, x=state.x + np.minimum(1.0, most)[:, None] * step)
 
     def _pass(self, met: InstabilityError, duration: float, stage: Stage) -> Stop | None:
         """Go through an instability that ended an interval, or stop there."""

@@ -1,6 +1,8 @@
 """Loads that packings sustain: closed forms, slow replays, the energy balance, the modes."""
 
 import functools
+import sys
+from dataclasses import replace
 from pathlib import Path
 from time import thread_time
 from types import SimpleNamespace
@@ -27,7 +29,9 @@ from stability.packing.sustain import (
     LARGE,
     MICRO_STRAIN,
     MODE_STRAIN,
+    Loading,
     _spread_of_the_threshold,
+    load_path,
 )
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed
@@ -186,6 +190,55 @@ def test_a_limit_that_hangs_on_the_strain_of_a_motion_says_so(strains, spread):
     ]
     limit = next(one.lost for one in motions if one.strain[0] >= MICRO_STRAIN)
     assert _spread_of_the_threshold(motions, limit) == spread
+
+
+def one_run(path, limit, motions):
+    """The path with other limit and motions (load, strain), of which the last is the large one."""
+    told = [
+        replace(path.motions[0], load=load, strain=np.array([e, 0, 0, 0])) for load, e in motions
+    ]
+    spread = {"limit": limit, "limit_spread": 1e-3, "spread_seconds": 0.0}
+    return replace(path, motions=tuple(told), **spread)
+
+
+@pytest.mark.parametrize(
+    ("own", "damped", "numbered", "coasting", "wanted"),
+    [
+        # Limit and motions of each run: nothing moves, then each of them alone.
+        ((), (), (), (), (1e-3, 0.0)),
+        ((), (), (0.99, [(2.0, 4e-4)]), (), (1e-2, 0.0)),
+        ((), (), (), (0.98, [(2.0, 4e-4)]), (2e-2, 0.0)),
+        ((), (0.9, [(1.8, 4e-4)]), (), (), (1e-3, 0.1)),
+        # Motions of a third of a large one count, of less not.
+        ((1.0, [(1.6, 1.1e-4), (2.0, 4e-4)]), (), (), (), (1e-3, 0.2)),
+        ((1.0, [(1.6, 0.9e-4), (2.0, 4e-4)]), (), (), (), (1e-3, 0.0)),
+        ((), (), (), (1.0, [(1.5, 1.1e-4)]), (1e-3, 0.25)),
+        ((), (1.0, [(1.6, 1.1e-4), (2.0, 4e-4)]), (), (), (1e-3, 0.2)),
+        # Two small ones over 5 % of the load count as one.
+        ((1.0, [(1.6, 0.6e-4), (1.62, 0.6e-4), (2.0, 4e-4)]), (), (), (), (1e-3, 0.19)),
+    ],
+)
+def test_spreads_are_the_largest_changes_of_all_runs(
+    own, damped, numbered, coasting, wanted, monkeypatch
+):
+    """Without a run of its own each is limit 1 and one motion under 2."""
+    how = {"largest": 0.02, "interval": 1e-4, "spread": False}
+    (path,) = sustain(Scene(SQUARE, LAW), [[-1, 0]], **how).paths
+    asked, plain = [], (1.0, [(2.0, 4e-4)])
+
+    def run(scene, direction, loading, faces):
+        asked.append(loading)
+        first = own if len(asked) == 1 else numbered
+        kind = coasting if loading.coasting else damped if loading.damping < 0.3 else first
+        return one_run(path, *(kind or plain))
+
+    monkeypatch.setattr(sys.modules["stability.packing.sustain"], "_loaded", run)
+    loading = Loading("diagonal", 3.0, INTERVAL, LARGE, 30, True)
+    found = load_path(Scene(SQUARE, LAW), np.array([-1.0, 0.0]), loading, None)
+    assert [found.limit_spread, found.first_large_spread] == pytest.approx(wanted)
+    assert len(asked) == 6 and sum(one.coasting for one in asked) == 2
+    for one in asked:
+        assert one.interval < INTERVAL / 4 if one.coasting else one.interval == INTERVAL
 
 
 def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():
