@@ -24,6 +24,7 @@ from loops.boundary import PlaneContacts
 from loops.contacts import start_state
 from stability import Stage
 from stability.packing import replay, sustain
+from stability.packing.path_solver import PackingPathSolver
 from stability.packing.sustain import (
     FLOW_STRAIN,
     LARGE,
@@ -239,6 +240,23 @@ def test_spreads_are_the_largest_changes_of_all_runs(
     assert len(asked) == 6 and sum(one.coasting for one in asked) == 2
     for one in asked:
         assert one.interval < INTERVAL / 4 if one.coasting else one.interval == INTERVAL
+
+
+def test_grains_without_load_coast_in_the_spread_alone(monkeypatch):
+    """In short intervals, and in no run without a spread."""
+    intervals, coasted = set(), PackingPathSolver._coasted
+
+    def told(solver, *args):
+        intervals.add(solver.size)
+        return coasted(solver, *args)
+
+    monkeypatch.setattr(PackingPathSolver, "_coasted", told)
+    how = {"largest": 0.02, "interval": 1e-4}
+    sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False)
+    assert not intervals
+    sustain(Scene(SQUARE, LAW), [[-1, 0]], **how)
+    assert max(intervals) == pytest.approx(1e-4 / 5.0)
+    assert min(abs(one - 1e-4 / 7.0) for one in intervals) < 1e-12
 
 
 def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():
