@@ -76,11 +76,12 @@ def overlapping_pairs(
         pairs = _overlapping(x, r, least)
     one, two = np.ascontiguousarray(pairs.T)
     overlap = r[one] + r[two] - np.hypot(x[one, 0] - x[two, 0], x[one, 1] - x[two, 1])
-    low, high = np.minimum(owner[one], owner[two]), np.maximum(owner[one], owner[two])
+    a, b = (one, two) if cell is None else (owner[one], owner[two])
+    low, high = np.minimum(a, b), np.maximum(a, b)
     kept = (low != high) & (overlap > least)
     if cell is not None:
         # Across a border a pair is found from both sides: once by the lower grain of the two.
-        real = np.where(one < count, owner[one], owner[two])
+        real = np.where(one < count, a, b)
         kept &= ((one < count) & (two < count)) | (((one < count) | (two < count)) & (real == low))
     return np.stack([low[kept], high[kept]], axis=1), overlap[kept]
 

@@ -22,14 +22,13 @@ def stiffness(state: Checked) -> Finding | None:
     rows = fit.rows
     kn, kt = (values[rows] for values in state.stiffnesses)
     secant = state.pressed[rows] / state.overlap[rows]
-    raw, shear_ratio = median(secant / kn), median(secant / kt)
-    exceeds = median(kt / kn)
+    raw, exceeds = median(secant / kn), median(kt / kn)
     off = abs(fit.ratio - 1) > STIFFNESS_OFF + fit.error
     found = Finding("stiffness", raw, f"N is {raw:.4g} times kn times the overlap (median)")
-    if off and abs(shear_ratio - 1) < NEAR_ROUND < abs(exceeds - 1):
+    if off and abs((shear_ratio := median(secant / kt)) - 1) < NEAR_ROUND < abs(exceeds - 1):
         cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
         return found.doubt(cause, "Exchange them.")
-    needed, power = _needed_stiffness(state, rows)
+    needed, power = _needed_stiffness(state, rows, secant)
     modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or power > 1 else ""
     if power != fit.power and not state.goes_with_root(kn, rows):
         return found.doubt(
@@ -59,9 +58,8 @@ def stiffness(state: Checked) -> Finding | None:
     return found
 
 
-def _needed_stiffness(state: Checked, rows: Integers) -> tuple[float, float]:
+def _needed_stiffness(state: Checked, rows: Integers, secant: Floats) -> tuple[float, float]:
     """Median kn that forces and overlaps need, and the power of the overlap that N goes with."""
-    secant = state.pressed[rows] / state.overlap[rows]
     of_hertz = state.goes_with_root(secant, rows)
     power = HertzMindlin.overlap_power if of_hertz else state.power
     return median(secant) / (1.0 / power), power
@@ -80,7 +78,7 @@ def needed_stiffness(state: Checked) -> Finding | None:
     rows = state.overlapping
     if len(rows) == 0:
         return None
-    needed, power = _needed_stiffness(state, rows)
+    needed, power = _needed_stiffness(state, rows, state.pressed[rows] / state.overlap[rows])
     says = f"forces and overlaps need kn = {needed:.4g} (median)"
     if power > 1:
         modulus = _needed_modulus(state, rows)
