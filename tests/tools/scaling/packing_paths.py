@@ -11,9 +11,11 @@
 - `growth`: time of an event and of a replay, and memory, over the number of grains;
 - `past`: both ways past an instability, against slow replays that keep the load of the start, over
   steps of 1e-4 and of 2e-5 of `yade-slow` and over probes along the softest direction;
-- `walls`, `hertz`: skill between walls, over the steps of `yade-walls-linear` or `yade-walls-hertz`
-  that the collection's `scripts/yade_walls.py` makes: the path with `dynamic`, the replay from rest
-  at the sample's rate;
+- `series`: skill over every interval of every series of `tests.tools.forecasting` that is in the
+  collection (its scripts make them): path by both ways past an instability, replays at the rate of
+  the sample from rest and with the velocities of the files, the grains' own motion, the rate
+  problem, persistence;
+- `forecasts`: axial stress over the next four or six snapshots of these series, from one;
 - `bonded`: the sample `bonded` of the project, discs with bonds that break: stress, contacts lost
   and skill of the path with `dynamic` and of a replay, interval by interval.
 
@@ -40,18 +42,19 @@ from matplotlib.ticker import NullLocator
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
-from patterns.snapshots.snapshot import sample_boundary
 from stability import Programme, Stage, follow
 from stability.packing import loop_changes, replay
+from studies.evolve import run_evolve
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
 from studies.reading import cells_by_number
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.loading import stress_of
-from studies.series.packing import packing_predictions
+from studies.series.packing import Following, interval_rate, packing_predictions
 from studies.series.run import run_series
 from studies.series.skill import PREDICTORS, mean_skill, score_skill
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, save_figure, styled
+from tests.tools.forecasting import SERIES, Series, read
 from tests.tools.scaling.in_place import replicated
 from tests.tools.scaling.measure import MB, _peak, _reset_peak, _timed
 
@@ -82,6 +85,14 @@ NOISE = 0.01
 # Snapshots of yade-slow before the steps of 1e-4 and of 2e-5; degrees of the softest direction;
 # inertial number of the replays that the ways past an instability are held against.
 BEFORE, SOFTEST, SLOW = (*range(22, 30), 12, 18, 20), 150.0, 2.5e-7
+# Starts of forecasts and the snapshots they go on for: steps of 2e-5, then of 1e-4.
+STARTS = {
+    "yade-slow": ((2, 6), (6, 6), (10, 6), (15, 6), (22, 4), (25, 4), (28, 4)),
+    "yade-small": (),
+    "others": ((3, 6), (6, 6), (12, 4), (13, 4)),
+}
+# Fall of the stress, over its first value, that counts as a drop.
+DROP = 1e-4
 UNITS = "seconds of the processor, MB = 2^20 bytes, strain, shares"
 
 
@@ -405,44 +416,103 @@ def _ways(
         }
 
 
-def between_walls(collection: Path, springs: str = "linear") -> Iterator[dict[str, Any]]:
-    """AUC for W2 < 0 of every step between walls, from the displacement of the walls alone."""
-    folder = collection / f"yade-walls-{springs}"
-    macro = pd.read_csv(folder / "macro.csv")
-    numbers = macro.snap[2:].tolist()
-    tables = [pd.read_csv(folder / f"grains_{k:02d}.csv.gz") for k in numbers]
-    files = [folder / f"grains_{k:02d}.csv.gz" for k in numbers]
-    states = [read_snapshot(path, shear_increment="radii", law=springs) for path in files]
-    before: Floats | None = None
-    for k, (one, two) in enumerate(pairwise(states)):
-        tracked = track_loops(one, two)
-        table = loop_increments(one, two, tracked)
-        actual = np.full(len(one.faces.loops), np.nan)
-        actual[table["loop_before"]] = table["w2"]
-        graph, law, faces = one.graph, one.mechanics()[0], one.faces
-        H, source = sample_strain(one, two)
-        assert source == "walls"
-        boundary, _ = sample_boundary(one)
-        mass = tables[k].set_index("id").mass[one.ids].to_numpy()
-        time = float(np.diff(macro.time[numbers[k : k + 2]])[0])
-        stage, how = strained(H), {"instabilities": 1000, "past": "dynamic"}
-        path = followed(Scene(graph, law, boundary), stage, **how)
-        again = replay(Scene(graph, law, boundary), H, duration=time, mass=mass)
-        row: dict[str, Any] = {"snapshot": numbers[k], "strain": H[1, 1], "status": path.status}
-        row |= {"unbalanced": macro.unbalanced[numbers[k]], "events": len(path.events)}
-        for name, end in (("path", path.states[-1]), ("replay", again.state)):
-            changed = loop_changes(graph, end, faces).normalised_work
-            row[name] = float(score_skill(-changed, actual, signed=True)["auc"])
-            row[f"{name}_stress"] = end.stress[1, 1]
-        row["stress"] = macro.sig_yy_wall[numbers[k + 1]]
-        if before is not None:
-            row["persistence"] = float(score_skill(-before, actual, signed=True)["auc"])
-        column, why, _ = packing_predictions(one, two, tracked, 0.99)
-        for name in ("own_w2", "packing_w2"):
-            row[name] = float(score_skill(-np.asarray(column[name]), actual, signed=True)["auc"])
-        yield row | {"rate_problem": why["packing_status"]}
-        before = np.full(len(two.faces.loops), np.nan)
-        before[table["loop_after"]] = table["w2"]
+def by_series(collection: Path) -> Iterator[dict[str, Any]]:
+    """AUC for W2 < 0 of every interval of every series, from the strain of the sample alone.
+
+    Replays take the time of the interval, from rest and with the velocities of the file; `spread`
+    is the distance of two from rest, with a damping of 0.1 and 0.6, over what the interval changes.
+    """
+    for series in SERIES:
+        if (collection / series.folder).is_dir():
+            for pair in series.pairs:
+                yield {"series": series.folder} | _of_interval(collection, series, pair)
+
+
+def _of_interval(collection: Path, series: Series, pair: tuple[int, int]) -> dict[str, Any]:
+    macro = pd.read_csv(collection / series.folder / "macro.csv").set_index("snap")
+    one, two = (read(collection, series, number) for number in pair)
+    scene, (H, _) = one.scene, sample_strain(one, two)
+    rate = interval_rate(one, two, H, macro.time[list(pair)].tolist(), Following()).options
+    rest = {"duration": rate["duration"], "mass": rate["mass"]}
+    row: dict[str, Any] = {"before": pair[0], "after": pair[1], "strain": H[1, 1]}
+    row |= {"step": float(f"{H[1, 1]:.0e}"), "unbalanced": macro.unbalanced[pair[0]]}
+    ends = {
+        "replay_rest": replay(scene, H, **rest).state,
+        "replay_moving": replay(scene, H, **rate).state,
+    }
+    for past in ("viscous", "dynamic"):
+        path = followed(scene, strained(H), instabilities=1000, past=past)
+        row |= {f"{past}_status": path.status, f"{past}_events": len(path.events)}
+        row[f"{past}_unstable"] = len({event.contacts for event in path.of_kind("instability")})
+        if path.status == "finished":
+            ends[past] = path.states[-1]
+    for name, end in ends.items():
+        row[name] = _auc(one, two, loop_changes(scene.graph, end, one.faces).normalised_work)
+        row[f"{name}_stress"] = end.stress[1, 1]
+    row["stress"] = stress_of(two)[1, 1]
+    little, much = (replay(scene, H, **rest, damping=d).state.forces for d in (0.1, 0.6))
+    own = scene.graph.contact_count
+    changed = np.linalg.norm(little[:own] - path.states[0].forces[:own])
+    row["spread"] = np.linalg.norm(little[:own] - much[:own]) / changed
+    column, why, _ = packing_predictions(one, two, track_loops(one, two), 0.99)
+    row |= {"rate_problem": why["packing_status"]}
+    for name, source in {"own_motion": "own_w2", "packing": "packing_w2"}.items():
+        row[name] = _auc(one, two, np.asarray(column[source]))
+    earlier, past_work = 2 * pair[0] - pair[1], np.full(len(one.faces.loops), np.nan)
+    if (collection / series.folder / series.files.format(earlier)).is_file():
+        zero = read(collection, series, earlier)
+        table = loop_increments(zero, one, track_loops(zero, one))
+        past_work[table["loop_after"]] = table["w2"]
+        row["persistence"] = _auc(one, two, past_work)
+    scored = _skill(one, two, np.zeros(len(past_work)))
+    return row | {"loops": scored["loops"], "base": scored["base"]}
+
+
+def by_start(collection: Path) -> Iterator[dict[str, Any]]:
+    """Forecasts of the axial stress over several snapshots, by path, replay and trivial ways.
+
+    A drop is a fall between two snapshots by more than `DROP` of the stress; `lead` is the strain
+    from the start to the last drop that was told. The trend is a line through two snapshots.
+    """
+    for series in SERIES:
+        if (collection / series.folder).is_dir():
+            for start, count in STARTS.get(series.folder, STARTS["others"]):
+                row = {"series": series.folder, "start": start, "snapshots": count}
+                yield row | _forecast(collection, series, range(start, start + count + 1))
+
+
+def _forecast(collection: Path, series: Series, numbers: range) -> dict[str, Any]:
+    folder = collection / series.folder
+    one, two = (read(collection, series, number) for number in (numbers[0] - 1, numbers[0]))
+    first, end = stress_of(two)[1, 1], read(collection, series, numbers[-1])
+    to = float(sample_strain(two, end)[0][1, 1])
+    law = {"law": series.law} if series.law else {}
+    with TemporaryDirectory() as out:
+        summary = run_evolve(
+            [folder / series.files.format(number) for number in numbers], Path(out) / "out",
+            cells=folder / "macro.csv" if series.cells else None, times=folder / "macro.csv",
+            by="both", programme="biaxial", axis=2, to=to, instabilities=1000,
+            shear_increment="radii", figures=False, **law,
+        )  # fmt: skip
+        told = pd.read_parquet(Path(out) / "out/forecast.parquet")
+    slope = (first - stress_of(one)[1, 1]) / sample_strain(one, two)[0][1, 1]
+    told["stress_trend"] = first + slope * told.driven
+    fell = {
+        way: np.diff([first, *told[f"stress_{way}"]]) < -DROP * first
+        for way in ("dem", "events", "replay", "trend")
+    }
+    row: dict[str, Any] = {"strain": to, "drops": int(fell["dem"].sum())}
+    row["status"] = summary["status"]
+    for name, way in {"path": "events", "replay": "replay", "trend": "trend"}.items():
+        found = fell["dem"] & fell[way]
+        row |= {name: int(found.sum()), f"false_{name}": int((fell[way] & ~fell["dem"]).sum())}
+        row[f"lead_{name}"] = float(told.driven[found].max())
+        row[f"error_{name}"] = _rms(told[f"stress_{way}"] - told.stress_dem)
+    return row | {"error_persistence": _rms(told.stress_persistence - told.stress_dem)}
+
+
+def _rms(error: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(error))))
 
 
 def of_bonds(folder: Path) -> Iterator[dict[str, Any]]:
@@ -554,8 +624,8 @@ STUDIES: dict[str, tuple[Callable[[Path], Any], Callable[[Rows], Figure] | None]
     "rates": (by_rate, rates_figure),
     "growth": (lambda _: growth(), growth_figure),
     "past": (by_way, None),
-    "walls": (between_walls, None),
-    "hertz": (partial(between_walls, springs="hertz"), None),
+    "series": (by_series, None),
+    "forecasts": (by_start, None),
     "bonded": (lambda _: of_bonds(sample_path("bonded")), bonded_figure),
 }
 
