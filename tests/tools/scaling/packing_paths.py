@@ -85,6 +85,12 @@ NOISE = 0.01
 # Snapshots of yade-slow before the steps of 1e-4 and of 2e-5; degrees of the softest direction;
 # inertial number of the replays that the ways past an instability are held against.
 BEFORE, SOFTEST, SLOW = (*range(22, 30), 12, 18, 20), 150.0, 2.5e-7
+# Paths of `series`: both ways past an instability; without the load that balances the start.
+PATHS: dict[str, dict[str, Any]] = {
+    "viscous": {"past": "viscous"},
+    "dynamic": {"past": "dynamic"},
+    "let_go": {"past": "viscous", "load_kept": 0.0},
+}
 # Starts of forecasts and the snapshots they go on for: steps of 2e-5, then of 1e-4.
 STARTS = {
     "yade-slow": ((2, 6), (6, 6), (10, 6), (15, 6), (22, 4), (25, 4), (28, 4)),
@@ -440,12 +446,12 @@ def _of_interval(collection: Path, series: Series, pair: tuple[int, int]) -> dic
         "replay_rest": replay(scene, H, **rest).state,
         "replay_moving": replay(scene, H, **rate).state,
     }
-    for past in ("viscous", "dynamic"):
-        path = followed(scene, strained(H), instabilities=1000, past=past)
-        row |= {f"{past}_status": path.status, f"{past}_events": len(path.events)}
-        row[f"{past}_unstable"] = len({event.contacts for event in path.of_kind("instability")})
+    for way, how in PATHS.items():
+        path = followed(scene, strained(H), instabilities=1000, **how)
+        row |= {f"{way}_status": path.status, f"{way}_events": len(path.events)}
+        row[f"{way}_unstable"] = len({event.contacts for event in path.of_kind("instability")})
         if path.status == "finished":
-            ends[past] = path.states[-1]
+            ends[way] = path.states[-1]
     for name, end in ends.items():
         row[name] = _auc(one, two, loop_changes(scene.graph, end, one.faces).normalised_work)
         row[f"{name}_stress"] = end.stress[1, 1]
