@@ -365,13 +365,13 @@ class PackingPathSolver:
         Grains that carry nothing leave the system, or join it; some did not carry `before`.
         """
         start, idle = self.state, self.rattlers
-        on = self.coasting and before is not None and duration > 0.0
-        free = self._coasted(state, duration) if on else state
+        free_before = before if self.coasting and duration > 0.0 else None
+        free = state if free_before is None else self._coasted(state, duration)
         self.state, self.rattlers, released = free_rattlers(free, before)
         self.coast = np.zeros_like(state.x)
-        if on:
-            free_since = self.rattlers & before
-            self.coast[free_since] = (self.state.x - state.x)[free_since] / duration
+        if free_before is not None:
+            coasting = self.rattlers & free_before
+            self.coast[coasting] = (self.state.x - state.x)[coasting] / duration
         caught = idle & ~self.rattlers
         self.free_share = 1.0
         if before is not None and caught.any():

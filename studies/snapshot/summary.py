@@ -419,7 +419,9 @@ def share_of(some: int, count: int) -> dict[str, Any]:
     return {"mean": p, "std_error": float(np.sqrt(p * (1 - p) / count)), "count": count}
 
 
-def by_order(orders: Integers, total: Floats, number: Floats) -> dict[str, float]:
+def by_order(
+    orders: Integers, total: Floats | Integers, number: Floats | Integers
+) -> dict[str, float]:
     """Means of orders: a total over a number for each."""
     with np.errstate(invalid="ignore"):
         means = total / number
