@@ -55,8 +55,8 @@ def differences(graph, seed, angle, monkeypatch):
     solvers = []
 
     class Kept(path_solver.PackingPathSolver):
-        def __init__(self, *how):
-            super().__init__(*how)
+        def __init__(self, *given, **options):
+            super().__init__(*given, **options)
             solvers.append(self)
 
     monkeypatch.setattr(sustain_module, "PackingPathSolver", Kept)
