@@ -106,8 +106,8 @@ def test_a_slow_replay_comes_to_the_forces_of_the_path(which):
     graph, planes, force = jammed_in_box(*which)
     stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
     path = walked(which, stage, interval=2e-6).states[-1]
-    how = {"boundary": between(planes, force), "balanced": True}
-    moved = replay(Scene(graph, which[2]), stage, inertial_number=2e-7, **how).state
+    scene = Scene(graph, which[2], between(planes, force))
+    moved = replay(scene, stage, inertial_number=2e-7, balanced=True).state
     first = np.arange(graph.contact_count + len(planes.grain))
     size = np.abs(path.forces).max()
     # A grain that joins has no shear forces; in the replay it has rolled up against some.
