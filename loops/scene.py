@@ -51,6 +51,9 @@ class Scene(Shown):
             raise InputError("graph of a scene", type(graph).__name__, "a GrainGraph", remedy)
         if boundary is None:
             object.__setattr__(self, "boundary", boundary_of(self.graph))
+        elif not isinstance(boundary, Boundary):
+            received, remedy = type(boundary).__name__, "Give boundary_of(graph, walls=, held=)."
+            raise InputError("boundary of a scene", received, "a Boundary", remedy)
 
     @property
     def given_volume(self) -> float | None:

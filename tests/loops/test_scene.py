@@ -30,6 +30,8 @@ def test_a_scene_ends_at_the_cell_of_its_graph():
     assert gl.Scene(LOOP, LAW).boundary.kind == "free"
     own = boundary_of(graph, volume=2.0)
     assert gl.Scene(graph, LAW, own).boundary is own
+    with pytest.raises(InputError, match=r"boundary of a scene: got Faces, expected a Boundary"):
+        gl.Scene(graph, LAW, gl.find_faces(graph))
 
 
 def test_a_snapshot_has_one_scene_and_its_faces(box):

@@ -83,7 +83,7 @@ def scene(times: int, sliding: bool) -> tuple[GrainGraph, LinearFrictional, Face
 def measured(name: str, times: int, sliding: bool) -> tuple[dict[str, Any], Floats, Floats]:
     """Time and memory of a method, the operators and their stated errors."""
     options = METHODS[name][0]
-    loops_in_place(Scene(*scene(1, False)), **options)
+    loops_in_place(Scene(*replicated(1, sliding=False)), **options)
     graph, law, faces = scene(times, sliding)
     before, found = _reset_peak(), []
     _, seconds = _timed(lambda: found.append(loops_in_place(Scene(graph, law), faces, **options)))

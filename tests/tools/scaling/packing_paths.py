@@ -400,6 +400,11 @@ def _ways(
     told = loop_changes(graph, slow.state, faces).normalised_work
     row = {"start": name, "strain": float(np.linalg.norm(H)), "replay_seconds": spent}
     row["replay_auc"] = _auc(one, two, told)
+    carry = _contacts(graph)
+    lost = set() if two is None else carry - _contacts(two.graph)
+    lost_slowly = carry - _contacts(slow.state.graph())
+    row |= {"opened": len(lost), "replay_opened": len(lost_slowly)}
+    row["replay_opened_too"] = len(lost & lost_slowly)
     for past in ("viscous", "dynamic"):
         path, spent = _spent(followed, graph, law, strained(H), instabilities=1000, past=past)
         first, last, wanted = (
@@ -407,10 +412,12 @@ def _ways(
         )
         work = loop_changes(graph, path.states[-1], faces).normalised_work
         known = np.isfinite(work) & np.isfinite(told)
-        unstable = path.of_kind("instability")
+        unstable, opened = path.of_kind("instability"), carry - _contacts(path.states[-1].graph())
         yield row | {
             "past": past,
             "status": path.status,
+            "opened_too": len(lost & opened),
+            "opened_with_replay": len(lost_slowly & opened),
             "from_replay": np.linalg.norm(last - wanted) / np.linalg.norm(wanted - first),
             "signs_of_replay": float(np.mean((work < 0)[known] == (told < 0)[known])),
             "auc": _auc(one, two, work),
