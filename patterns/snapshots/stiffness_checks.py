@@ -123,6 +123,7 @@ def wrong_radii(state: Checked) -> tuple[Integers, Floats]:
     common = np.repeat(change, count)
     agrees = np.abs(off[rows] - common) <= allowed[rows] + NEAR_ROUND * np.abs(common)
     sound = np.add.reduceat(agrees, first, dtype=np.int64) >= AGREEING_CONTACTS * count
+    sound &= state.radii[grains] + change > 0
     return grains[sound], change[sound]
 
 

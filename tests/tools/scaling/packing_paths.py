@@ -191,7 +191,7 @@ def probed(name: str) -> Iterator[dict[str, Any]]:
         # Axial strains are counted from the start of the probe.
         direction = np.diag([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
         stages = [strained(direction, step) for step in np.diff(amplitudes, prepend=0.0)]
-        path, spent = _spent(followed, snapshot.graph, law, stages, instabilities=1000)
+        path, spent = _spent(followed, Scene(snapshot.graph, law), stages, instabilities=1000)
         if path.status != "finished":
             continue
         stress = np.array([one.stress for one in path.states])
@@ -272,7 +272,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
         row["events"] = len(path.events)
         yield row | {"rate": 0.0, "auc": _auc(start, end, told)}
         for rate in RATES:
-            found, spent = _spent(replay, graph, law, H, inertial_number=rate)
+            found, spent = _spent(replay, Scene(graph, law), H, inertial_number=rate)
             forces = found.state.forces[: graph.contact_count]
             work = loop_changes(graph, found.state, faces).normalised_work
             known = np.isfinite(work) & np.isfinite(told)
@@ -334,11 +334,11 @@ def grown(times: int) -> dict[str, Any]:
     for name, steps in (("replay", 200), ("longer replay", 1200)):
         before = _reset_peak()
         how = {"duration": steps * 0.3, "time_step": 0.3, "mass": mass}
-        _, row[f"{name} seconds"] = _spent(replay, graph, law, H, **how)
+        _, row[f"{name} seconds"] = _spent(replay, Scene(graph, law), H, **how)
         row["replay_mb"] = (_peak() - before) / MB
     row["step_ms"] = row.pop("longer replay seconds") - row.pop("replay seconds")
     before = _reset_peak()
-    path, spent = _spent(followed, graph, law, strained(H), instabilities=10**6)
+    path, spent = _spent(followed, Scene(graph, law), strained(H), instabilities=10**6)
     unstable = len({event.contacts for event in path.of_kind("instability")})
     return row | {
         "path_mb": (_peak() - before) / MB, "path_seconds": spent, "events": len(path.events),
@@ -396,7 +396,7 @@ def _ways(
     name: str, one: Snapshot, two: Snapshot | None, law: LinearFrictional, H: Floats
 ) -> Iterator[dict[str, Any]]:
     graph, faces = one.graph, find_faces(one.graph)
-    slow, spent = _spent(replay, graph, law, H, inertial_number=SLOW, balanced=True)
+    slow, spent = _spent(replay, Scene(graph, law), H, inertial_number=SLOW, balanced=True)
     told = loop_changes(graph, slow.state, faces).normalised_work
     row = {"start": name, "strain": float(np.linalg.norm(H)), "replay_seconds": spent}
     row["replay_auc"] = _auc(one, two, told)
@@ -406,7 +406,9 @@ def _ways(
     row |= {"opened": len(lost), "replay_opened": len(lost_slowly)}
     row["replay_opened_too"] = len(lost & lost_slowly)
     for past in ("viscous", "dynamic"):
-        path, spent = _spent(followed, graph, law, strained(H), instabilities=1000, past=past)
+        path, spent = _spent(
+            followed, Scene(graph, law), strained(H), instabilities=1000, past=past
+        )
         first, last, wanted = (
             end.forces[: graph.contact_count] for end in (*path.states, slow.state)
         )
