@@ -8,10 +8,8 @@ file alone, so a kernel calls only kernels of the same file.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from importlib import import_module
-from importlib.util import find_spec, module_from_spec
 from threading import Thread
 from typing import Any
 
@@ -42,26 +40,13 @@ WIDTH = 8
 
 def load_ahead(contacts: int) -> None:
     """Load the kernels on another thread if so many contacts will use them."""
-
-    def load() -> None:
-        _load_blas()
-        # The first call of a kernel takes as long as loading numba itself.
-        import_module("loops.compiled.network").spatial_order(given(np.zeros((1, 2)), np.float64))
-
     if use_compiled(None, contacts):
-        Thread(target=load, daemon=True).start()
+        Thread(target=_load, daemon=True).start()
 
 
-def _load_blas() -> None:
-    """Load the one part of scipy.linalg that numba asks for: the rest takes a third of its time."""
-    package = "scipy.linalg"
-    if package not in sys.modules and (found := find_spec(package)) is not None:
-        # The part needs a parent, which does not run; whoever wants the whole loads it later.
-        sys.modules[package] = module_from_spec(found)
-        try:
-            import_module(f"{package}.cython_blas")
-        finally:
-            del sys.modules[package]
+def _load() -> None:
+    """Load numba and call one kernel: the first one takes as long as numba itself."""
+    import_module("loops.compiled.network").spatial_order(given(np.zeros((1, 2)), np.float64))
 
 
 def use_compiled(compiled: bool | None, contacts: int) -> bool:

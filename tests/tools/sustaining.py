@@ -81,14 +81,16 @@ def limits_anew(table: pd.DataFrame) -> pd.DataFrame:
 
 @styled()
 def figure_of_loads(table: pd.DataFrame) -> Figure:
-    """Bars of Yade from held to moved, limits and first large motions, one panel a state."""
+    """Bars of Yade from held to moved, limits, spreads, first large motions, one panel a state."""
     states = [state for state in TITLES if (table["state"] == state).any()]
     figure, (panels,) = new_panels(1, len(states), 2.9, width=TWO_COLUMNS)
     for ax, state in zip(panels, states, strict=True):
         own = table[table["state"] == state].reset_index(drop=True)
         place, high = np.arange(len(own)), own["moved"].replace(np.inf, np.nan)
         ax.bar(place, high - own["held"], 0.6, own["held"], color="0.75", label="Yade: held, moved")
-        ax.plot(place, own["limit"], "o", color=BLUE, markersize=4, label="equilibrium lost")
+        limit, spread = own["limit"], own["limit"] * own["limit_spread"]
+        look = {"color": BLUE, "markersize": 4, "capsize": 3}
+        ax.errorbar(place, limit, spread, fmt="o", label="equilibrium lost, its spread", **look)
         large = own["first_large_load"]
         ax.plot(place, large, "X", color=VERMILION, markersize=5, label="first large motion")
         ax.set_xticks(place, [f"{d:g}" for d in own["degrees"]])

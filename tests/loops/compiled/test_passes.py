@@ -1,7 +1,5 @@
 """Kernels that pass over the contacts of a large packing: to the bit what numpy does."""
 
-import subprocess
-import sys
 from dataclasses import fields
 
 import numpy as np
@@ -80,19 +78,6 @@ def test_shapes_by_edges_are_those_of_numpy_to_round_off(both, periodic):
     plain, fast = both(lambda: edge_tensors(graph.branches, faces))
     assert len(plain) == len(faces.loops) > 500
     np.testing.assert_allclose(fast, plain, rtol=1e-13, atol=1e-15)
-
-
-def test_a_part_of_a_package_loads_without_the_rest():
-    """What numba asks for is there, and the whole package loads as ever when it is wanted."""
-    code = (
-        "import sys; from loops.compiled import _load_blas; _load_blas(); "
-        "assert 'scipy.linalg.cython_blas' in sys.modules; "
-        "assert 'scipy.linalg' not in sys.modules; "
-        "import numba, numpy as np; product = numba.njit(lambda a: a @ a); "
-        "assert product(2.0 * np.eye(2))[1, 1] == 4.0; "
-        "import scipy.linalg; assert scipy.linalg.inv([[4.0]]) == 0.25"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_batch_and_spheres_in_space_are_left_to_numpy(both):

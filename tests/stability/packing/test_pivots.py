@@ -138,6 +138,12 @@ def test_a_path_finds_the_solution_that_pivots_miss():
     assert seen["unique", "finished"] == 3
 
 
+def path_to_an_instability():
+    """A path on which the pivot of a contact meets no end."""
+    scene, stage = Scene(yielding(36, 5, 3), LAW), strained(1e-8 * STRAINS[2])
+    return follow(scene, stage, closure="packing", rows=1, interval=1e-8)
+
+
 def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     """Proved to have none; three springs are tried before the mode stops."""
     searched, sought = [], pivots.agreeing
@@ -153,13 +159,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
 
     monkeypatch.setattr(pivots, "agreeing", search)
     monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
-    path = follow(
-        Scene(yielding(36, 5, 3), LAW),
-        strained(1e-8 * STRAINS[2]),
-        closure="packing",
-        rows=1,
-        interval=1e-8,
-    )
+    path = path_to_an_instability()
     (instability,) = path.of_kind("instability")
     assert instability.cause == "no_regimes" and instability.passed == "dragged"
     assert springs == list(strain_increment.GROUND_SPRINGS[:3])
@@ -170,13 +170,7 @@ def test_a_light_grain_leaves_before_regimes_of_all_are_sought(monkeypatch):
     """Where every grain counts as light the instability of the test before is none."""
     monkeypatch.setattr(strain_increment, "LIGHT_SHARE", 1e9)
     monkeypatch.setattr(strain_increment, "seek", None)
-    path = follow(
-        Scene(yielding(36, 5, 3), LAW),
-        strained(1e-8 * STRAINS[2]),
-        closure="packing",
-        rows=1,
-        interval=1e-8,
-    )
+    path = path_to_an_instability()
     assert path.status == "finished" and not path.of_kind("instability")
     assert "unloaded" in [event.cause for event in path.of_kind("opening")]
 
