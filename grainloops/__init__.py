@@ -81,17 +81,6 @@ if TYPE_CHECKING:
     from studies.snapshot.stress import stress as stress
     from studies.sustain import sustain as sustain
 
-# Names that have left for their room; for one release.
-FORMER = {
-    name: f"stability.{name}" for name in ("normalised_second_order_work", "spectrum", "statuses")
-} | {
-    name: f"loops.{name}"
-    for name in ("contact_forces", "from_networkx", "loop_fates", "match_contacts")
-}
-FORMER |= {
-    f"plot_{name}": f"grainloops.plot.{name}" for name in "cone envelope loop map path".split()
-}
-FORMER |= {"figure_width": "grainloops.plot.figure_width", "loop_of_snapshot": "grainloops.loop"}
 # Words that are asked for, with the names to look at.
 MEANT = {
     "read load open snapshot": "read_snapshot",
@@ -121,4 +110,4 @@ MEANT = {
     "material": "LoopMaterial",
 }
 SERVED.update(table="studies.answers.table_of", plot="studies.answers.plot_of")
-lazy_face(__name__, FORMER, MEANT)
+lazy_face(__name__, MEANT)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -310,20 +309,3 @@ def plane_stiffness(planes: PlaneContacts, radii: Floats, law: ContactLaw) -> Fl
     turning = (state.shear_force / state.length)[:, None, None]
     blocks[:, :2, :2] -= turning * state.n[:, :, None] * state.t[:, None, :]
     return blocks
-
-
-# Arguments of questions to a packing that `Boundary` has replaced; for one release.
-FORMER = ("planes", "plane_force", "held", "volume")
-
-
-def former_boundary(
-    graph: GrainGraph, options: dict[str, Any], former: Sequence[str] = FORMER
-) -> Boundary | None:
-    """Take the `former` options out, and return the boundary they stand for; None without any."""
-    given = {name: options.pop(name) for name in former if name in options}
-    if not given:
-        return None
-    planes, force = given.get("planes"), given.get("plane_force")
-    if planes is not None and force is not None:
-        planes = replace(planes, force=np.asarray(force, dtype=float))
-    return boundary_of(graph, walls=planes, held=given.get("held"), volume=given.get("volume"))

@@ -404,7 +404,7 @@ class LoopsInPlace(Shown):
         return self.matrix_error + self.alone_error
 
 
-@of_scene()
+@of_scene
 def loops_in_place(
     scene: Scene,
     faces: Faces | None = None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import sys
-import warnings
 from collections.abc import Mapping
 from importlib import import_module
 from types import ModuleType
@@ -27,10 +26,6 @@ class LazyFace(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         places = self.__dict__["places"]
-        former = self.__dict__["former"]
-        if name in former:
-            warn_of_old_name(f"{self.__name__}.{name}", former[name])
-            return named(former[name])
         if name not in places:
             raise AttributeError(self._missing(name), name=name, obj=self)
         module = import_module(places[name])
@@ -63,14 +58,11 @@ def _is_special(name: str) -> bool:
     return name.startswith("__")
 
 
-def lazy_face(
-    package: str, former: Mapping[str, str] | None = None, meant: Mapping[str, str] | None = None
-) -> None:
+def lazy_face(package: str, meant: Mapping[str, str] | None = None) -> None:
     """Make a package a `LazyFace` of the names that it imports for type checkers.
 
-    They are read from its source, so that each stands there once. `former` are names that have
-    left, with where they are now: they work with a warning. `meant` has for words that are no names
-    those that the error points to.
+    They are read from its source, so that each stands there once. `meant` has for words that are no
+    names those that the error points to.
     """
     face = sys.modules[package]
     loader: Any = face.__loader__
@@ -80,13 +72,7 @@ def lazy_face(
         if isinstance(one, ast.ImportFrom) and one.module not in ("typing", __name__)
         for name in one.names
     }
-    face.__dict__.update(places=places, former=dict(former or {}), __all__=sorted(places))
+    face.__dict__.update(places=places, __all__=sorted(places))
     face.__dict__["meant"] = {word: said for key, said in (meant or {}).items()
                               for word in key.split()}  # fmt: skip
     face.__class__ = LazyFace
-
-
-def warn_of_old_name(old: str, new: str) -> None:
-    """Warn that a public name works for this release alone, and say which one replaces it."""
-    said = f"{old} is gone with the next release: use {new}"
-    warnings.warn(said, DeprecationWarning, stacklevel=3)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, wraps
 from os import PathLike
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast
+from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
-from loops.boundary import FORMER, Boundary, boundary_of, former_boundary
+from loops.boundary import Boundary, boundary_of
 from loops.errors import InputError
 from loops.faces import Faces, find_faces
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw
-from loops.lazy import warn_of_old_name
 from loops.shown import Shown
 
 
@@ -99,9 +98,11 @@ def scene_of(subject: Subject) -> Scene:
     """
     if isinstance(subject, Scene):
         return subject
-    # Asked of the type: a snapshot without a law says itself what it lacks.
+    # Looked up on the type: a snapshot without a law names itself what it lacks.
     if not hasattr(type(subject), "scene"):
         received, expected = type(subject).__name__, "a Scene or a Snapshot"
+        if isinstance(subject, GrainGraph):
+            received = "a graph without its law"
         named = isinstance(subject, str | PathLike)
         remedy = "Read it: gl.read_snapshot(path)." if named else "Give Scene(graph, law)."
         raise InputError("first argument", received, expected, remedy)
@@ -109,48 +110,12 @@ def scene_of(subject: Subject) -> Scene:
 
 
 def of_scene(
-    former: Sequence[str] = FORMER, **defaults: Any
-) -> Callable[
-    [Callable[Concatenate[Scene, Asked], Answer]], Callable[Concatenate[Subject, Asked], Answer]
-]:
-    """Let a question about a scene take a snapshot too, and for this release a graph and its law.
+    question: Callable[Concatenate[Scene, Asked], Answer],
+) -> Callable[Concatenate[Subject, Asked], Answer]:
+    """Let a function of a scene take a snapshot too."""
 
-    That form warns. Its options `boundary` and `regime` are the scene's, `former` ones make a
-    boundary (`former_boundary`), and what it left out has its `defaults`, or functions of what is
-    asked first.
-    """
+    @wraps(question)
+    def of_subject(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
+        return question(scene_of(subject), *args, **options)
 
-    def of(
-        question: Callable[Concatenate[Scene, Asked], Answer],
-    ) -> Callable[Concatenate[Subject, Asked], Answer]:
-        loose, name = cast(Callable[..., Answer], question), question.__name__
-
-        def of_pair(graph: GrainGraph, law: ContactLaw, *args: Any, **options: Any) -> Answer:
-            boundary, regime = options.pop("boundary", None), options.pop("regime", None)
-            given = graph if regime is None else graph.replace(regime=regime)
-            if boundary is None:
-                boundary = former_boundary(graph, options, former)
-            left_out = {
-                name: value(*args[:1]) if callable(value) else value
-                for name, value in defaults.items()
-            }
-            return loose(Scene(given, law, boundary), *args, **(left_out | options))
-
-        @wraps(question)
-        def asked(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
-            if isinstance(subject, GrainGraph):
-                law = args[0] if args else options.get("law")
-                if not hasattr(law, "regime"):
-                    where, received = f"first argument of {name}", "a graph without its law"
-                    remedy = "Give Scene(graph, law)."
-                    raise InputError(where, received, "a Scene or a Snapshot", remedy)
-                given = ("boundary", *former)
-                scene = "Scene(graph, law"
-                scene += ", boundary)" if any(one in options for one in given) else ")"
-                warn_of_old_name(f"{name}(graph, law, ...)", f"{name}({scene}, ...)")
-                return cast(Callable[..., Answer], of_pair)(subject, *args, **options)
-            return loose(scene_of(subject), *args, **options)
-
-        return asked
-
-    return of
+    return of_subject

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from stability.second_order_work import PlaneCone as PlaneCone
     from stability.second_order_work import PolarDiagram as PolarDiagram
     from stability.second_order_work import alpha_e as alpha_e
-    from stability.second_order_work import imhof_fraction as imhof_fraction
     from stability.second_order_work import (
         normalised_second_order_work as normalised_second_order_work,
     )

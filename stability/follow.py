@@ -17,7 +17,7 @@ from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage
 
 
-@of_scene(closure="affine")
+@of_scene
 def follow(
     scene: Scene,
     stages: Sequence[Stage] | Stage,

@@ -58,7 +58,7 @@ def rates_at(
 ) -> PackingResponse: ...
 
 
-@of_scene(closure=lambda control=None: None if isinstance(control, Support) else "affine")
+@of_scene
 def rates_at(
     scene: Scene,
     programme: Programme | str | Support | None = None,

@@ -238,42 +238,6 @@ def unstable_fraction(eigenvalues: ArrayLike) -> Floats:
     return fraction.reshape(values.shape[:-1])
 
 
-def imhof_fraction(eigenvalues: ArrayLike) -> Floats:
-    """Unstable fraction for any number of eigenvalues, by Imhof's integral.
-
-    P(sum lambda_i z_i^2 < 0), z normal, is 1/2 - (1/pi) times the integral over u > 0 of
-    sin(theta)/(u rho), theta = sum atan(lambda_i u)/2, rho = prod (1 + lambda_i^2 u^2)^(1/4).
-    The trapezoidal rule in ln u converges geometrically; zero eigenvalues drop out by themselves.
-    Work grows as m; arrays in flight stay within some tens of MB.
-
-    Parameters
-    ----------
-    eigenvalues : array_like, shape (..., m)
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Absolute error below 1e-15 for m up to 4, below 1e-14 for ten coinciding eigenvalues; NaN
-        where an eigenvalue is not finite; 0 for the zero form.
-
-    Raises
-    ------
-    InputError
-        If there is no last axis, or it is empty.
-
-    Examples
-    --------
-    >>> round(float(imhof_fraction([1.0, 0.4, -0.2, 0.0])), 12)
-    0.126400021852
-    """
-    values = _eigenvalues(eigenvalues)
-    rows = values.reshape(-1, values.shape[-1])
-    fraction = np.where(np.isfinite(rows).all(axis=1), 0.0, np.nan)
-    regular = np.isfinite(fraction) & (rows != 0.0).any(axis=1)
-    fraction[regular] = _chunked(_imhof, _unit_scale(rows[regular]))
-    return fraction.reshape(values.shape[:-1])
-
-
 def _eigenvalues(eigenvalues: ArrayLike) -> Floats:
     values = np.asarray(eigenvalues, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] == 0:

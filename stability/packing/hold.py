@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, get_args
@@ -120,19 +119,6 @@ class HeldPacking(Shown):
         regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
         return Scene(self.graph.replace(regime=regime), self.law, self.boundary)
 
-    @property
-    def planes(self) -> PlaneContacts | None:
-        """Return the walls of the boundary, as before; with a warning."""
-        warnings.warn("HeldPacking: take boundary.walls", DeprecationWarning, stacklevel=2)
-        return self.boundary.walls
-
-    @property
-    def plane_force(self) -> Floats:
-        """Return the forces of the walls, as before; with a warning."""
-        warnings.warn("HeldPacking: take boundary.walls.force", DeprecationWarning, stacklevel=2)
-        walls = self.boundary.walls
-        return np.zeros((0, 2)) if walls is None or walls.force is None else walls.force
-
     def __str__(self) -> str:
         before, after = (np.diag(s) for s in (self.stress_before, self.stress))
         other = "" if self.other_status == self.status else f" (other damping: {self.other_status})"
@@ -160,7 +146,7 @@ class _Run(NamedTuple):
     steps: int
 
 
-@of_scene()
+@of_scene
 def hold(
     scene: Scene,
     *,

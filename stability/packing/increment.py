@@ -137,7 +137,7 @@ def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
     return replace(yielding, **arrays)
 
 
-@of_scene()
+@of_scene
 def packing_increment(
     scene: Scene,
     strain: ArrayLike,

@@ -237,7 +237,7 @@ def _first_closing(x: Floats, radii: Floats, v: Floats) -> Floats:
     return first
 
 
-@of_scene()
+@of_scene
 def indicators(
     scene: Scene,
     faces: Faces | None = None,

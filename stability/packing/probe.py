@@ -202,7 +202,7 @@ class Probe(Shown):
         )
 
 
-@of_scene()
+@of_scene
 @one_blas_thread()
 def probe(
     scene: Scene,

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from loops.compiled.motion import Servo
 
 
-@of_scene()
+@of_scene
 def replay(
     scene: Scene,
     strain: ArrayLike | Stage,

@@ -167,7 +167,7 @@ class Loading(NamedTuple):
     coasting: bool = False
 
 
-@of_scene()
+@of_scene
 def sustain(
     scene: Scene,
     directions: ArrayLike = 24,

@@ -30,10 +30,11 @@ from patterns.diamond.closed_form import (
     work_shear_then_compress,
 )
 from patterns.diamond.drained import drained_path
-from stability import bromwich_margin, imhof_fraction, restrict, symmetric_part, symmetric_spectrum
+from stability import bromwich_margin, restrict, symmetric_part, symmetric_spectrum
 from tests.docs.pages import DOCS, page, says, section, tables, unsaid
 from tests.docs.test_citations import PAGES, SOURCES
 from tests.docs.test_paper_page import equation_numbers
+from tests.tools.settled.fractions import imhof
 
 sys.path.insert(0, str(DOCS / "site"))
 try:
@@ -205,7 +206,7 @@ def unsaid_decimals(name, values):
 
 
 def test_numbers_of_stability():
-    fraction = float(imhof_fraction([1.0, 0.4, -0.2]))
+    fraction = float(imhof(np.array([[1.0, 0.4, -0.2]]), 0.25)[0])
     assert says("0.12640", fraction)
     assert unsaid_decimals("stability", [fraction, 0.4, -0.2]) == []
 

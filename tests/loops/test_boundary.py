@@ -8,9 +8,7 @@ import pytest
 import grainloops as gl
 from loops import Boundary, GrainGraph, Scene, boundary_of
 from loops.boundary import PlaneContacts, plane_contacts
-from stability import rates_at
-from stability.packing import replay
-from tests.packings import LAW, jammed
+from tests.packings import jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 H = np.diag([1.0, -0.4])
@@ -66,30 +64,6 @@ def test_smooth_walls_have_no_shear_force_in_the_rate_problem():
     assert abs(rough.state(graph.radii).shear_force[0]) == pytest.approx(0.2)
 
 
-def test_former_arguments_warn_and_give_the_same():
-    graph, planes, force = jammed_in_box(*JAMMED[3])
-    law, boundary = JAMMED[3][2], between(planes, force, volume=12.0)
-    former, scene = {"planes": planes, "plane_force": force}, Scene(graph, law, boundary)
-    with pytest.warns(DeprecationWarning, match=r"replay\(graph.*use replay\(Scene.*boundary\)"):
-        old = replay(graph, law, 1e-5 * H, duration=5.0, **former).state
-    np.testing.assert_array_equal(old.x, replay(scene, 1e-5 * H, duration=5.0).state.x)
-    stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 1e-6)
-    with pytest.warns(DeprecationWarning, match="follow"):
-        path = gl.follow(graph, law, stage, closure="packing", **former)
-    np.testing.assert_array_equal(path.P, gl.follow(scene, stage).P)
-    with pytest.warns(DeprecationWarning, match="hold"):
-        held = gl.hold(graph, law, volume=12.0, unbalanced=1e-2, **former)
-    with pytest.warns(DeprecationWarning, match=r"boundary.walls"):
-        assert held.planes is held.boundary.walls
-    with pytest.warns(DeprecationWarning, match=r"boundary.walls.force"):
-        assert held.plane_force is held.boundary.walls.force
-    periodic, some = jammed(12, 1), np.arange(12) < 2
-    with pytest.warns(DeprecationWarning, match=r"use rates_at\(Scene"):
-        answer = rates_at(periodic, LAW, H=H, closure="packing", held=some)
-    other = rates_at(Scene(periodic, LAW, boundary_of(periodic, held=some)), H=H)
-    np.testing.assert_array_equal(answer.motion, other.motion)
-
-
 def test_the_volume_of_a_loop_is_that_of_its_boundary():
     ring, law = gl.regular_polygon(4), gl.LinearFrictional(1.0, 0.5)
     stage = gl.Stage("isotropic_strain", "H11", 0.01)
@@ -98,9 +72,6 @@ def test_the_volume_of_a_loop_is_that_of_its_boundary():
         for v in (2.0, 4.0)
     ]
     np.testing.assert_allclose(paths[0].P[-1], 2.0 * paths[1].P[-1], rtol=1e-9, atol=1e-15)
-    with pytest.warns(DeprecationWarning, match="follow"):
-        old = gl.follow(ring, law, stage, volume=2.0)
-    np.testing.assert_array_equal(old.P, paths[0].P)
     with pytest.raises(gl.InputError, match="volume"):
         gl.follow(Scene(ring, law), stage, closure="affine", volume=2.0)
 

@@ -4,15 +4,11 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-import stability
 from loops import InputError
 from loops.boundary import boundary_of
-from loops.in_place import loops_in_place
-from loops.scene import of_scene, scene_of
+from loops.scene import scene_of
 from patterns.snapshots.snapshot import sample_boundary
-from stability import programmes
-from stability.packing import packing_increment, probe, replay
-from stability.packing import sustain as sustain_packing
+from stability.packing import probe, replay
 from tests.packings import jammed
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
@@ -45,14 +41,10 @@ def test_a_snapshot_has_one_scene_and_its_faces(box):
     np.testing.assert_array_equal(scene.graph.regime, box.regime)
 
 
-def test_a_question_takes_a_scene_a_snapshot_or_the_former_pair(box):
-    boundary, _ = sample_boundary(box)
-    whole = gl.indicators(box)
-    with pytest.warns(DeprecationWarning, match=r"use indicators\(Scene\(graph, law, boundary\)"):
-        pair = gl.indicators(box.graph, box.law, box.faces, regime=box.regime, boundary=boundary)
-    for other in (gl.indicators(box.scene), pair):
-        for name, values in whole.items():
-            np.testing.assert_array_equal(other[name], values)
+def test_a_question_takes_a_scene_or_a_snapshot(box):
+    whole, other = gl.indicators(box), gl.indicators(box.scene)
+    for name, values in whole.items():
+        np.testing.assert_array_equal(other[name], values)
 
 
 def test_probes_of_a_scene_are_those_of_its_snapshot(box):
@@ -60,19 +52,6 @@ def test_probes_of_a_scene_are_those_of_its_snapshot(box):
     np.testing.assert_array_equal(first.stress_rate, second.stress_rate)
     third = probe(box, 2)
     np.testing.assert_array_equal(first.stress_rate, third.stress_rate)
-
-
-def test_a_regime_that_is_given_is_that_of_the_graph():
-    seen = []
-
-    def question(scene):
-        seen.append(scene)
-
-    graph = jammed(24, 3)
-    flags = np.full(graph.contact_count, gl.Regime.SLIDING, dtype=np.int8)
-    with pytest.warns(DeprecationWarning, match="question"):
-        of_scene()(question)(graph, LAW, regime=flags)
-    np.testing.assert_array_equal(seen[0].graph.regime, flags)
 
 
 def test_a_replay_of_so_many_steps():
@@ -100,10 +79,7 @@ def test_a_scene_in_a_cell_is_followed_as_a_packing():
     first = gl.follow(scene, stage)
     second = gl.follow(scene, stage, closure="packing")
     np.testing.assert_array_equal(first.P, second.P)
-    with pytest.warns(DeprecationWarning, match=r"follow\(Scene\(graph, law\)"):
-        old = gl.follow(scene.graph, LAW, gl.Stage(programmes.oedometric(), "H11", 1e-5))
     affine = gl.follow(scene, stage, closure="affine")
-    np.testing.assert_array_equal(old.P, affine.P)
     assert np.abs(affine.P[-1] - first.P[-1]).max() > 0
 
 
@@ -140,31 +116,3 @@ def test_a_snapshot_without_a_law_says_what_it_lacks():
 
 def test_the_front_door_holds_at_most_72_names():
     assert len(gl.__all__) <= 72 and {"Scene", "replay"} <= set(gl.__all__)
-
-
-def test_names_that_left_the_front_door_work_with_a_warning():
-    with pytest.warns(DeprecationWarning, match=r"use stability.spectrum"):
-        assert gl.spectrum is stability.spectrum
-
-
-def old_forms():
-    graph = jammed(12, 1)
-    faces = gl.find_faces(graph)
-    return {
-        "probe": lambda *first: probe(*first, 2).stress_rate,
-        "sustain": lambda *first: sustain_packing(*first, [[-1, 0]], largest=1e-6).limit,
-        "indicators": lambda *first: gl.indicators(*first)["vibrality"],
-        "hold": lambda *first: gl.hold(*first).stress,
-        "replay": lambda *first: gl.replay(*first, 1e-6 * np.eye(2), steps=3).state.x,
-        "packing_increment": lambda *first: packing_increment(*first, 1e-6 * np.eye(2)).motion,
-        "loops_in_place": lambda *first: loops_in_place(*first, faces).matrix,
-    }, graph
-
-
-@pytest.mark.parametrize("name", old_forms()[0])
-def test_every_old_form_warns_and_says_what_to_write(name):
-    ask, graph = old_forms()[0][name], old_forms()[1]
-    told = rf"{name}\(graph, law, ...\) is gone with the next release: use {name}\(Scene\("
-    with pytest.warns(DeprecationWarning, match=told):
-        old = ask(graph, LAW)
-    np.testing.assert_array_equal(old, ask(gl.Scene(graph, LAW)))

@@ -178,14 +178,6 @@ def test_a_snapshot_stands_for_its_scene():
     np.testing.assert_array_equal(one.cauchy_rate, other.cauchy_rate)
 
 
-def test_the_old_form_of_a_loop_warns_and_is_affine():
-    programme = gl.programmes.oedometric()
-    with pytest.warns(DeprecationWarning, match=r"rates_at\(Scene\(graph, law\), ...\)"):
-        old = gl.rates_at(PENTAGON, FREE, programme)
-    new = gl.rates_at(Scene(PENTAGON, FREE), programme, closure="affine")
-    np.testing.assert_array_equal(old.stress_rate, new.stress_rate)
-
-
 def test_no_solution_has_no_rates():
     """A contact along axis 1 carries nothing along axis 2."""
     graph = gl.GrainGraph([[0.0, 0.0], [1.0, 0.0]], [0.5] * 2, [[0, 1]])

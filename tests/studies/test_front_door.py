@@ -165,7 +165,7 @@ def test_a_scene_answers_as_its_snapshot(ends):
     assert gl.check(sample.scene).verdict == "ok"
     one, same = gl.loop(sample, 1), gl.loop(sample.scene, 1)
     np.testing.assert_array_equal(one.graph.x, same.graph.x)
-    with pytest.raises(gl.InputError, match=r"got GrainGraph, expected a Scene or a Snapshot"):
+    with pytest.raises(gl.InputError, match=r"got a graph without its law, expected a Scene"):
         gl.fabric(sample.graph)
 
 
@@ -203,13 +203,6 @@ def test_evolution_is_drawn_with_its_errors(tmp_path):
         gl.plot.evolution(table, "nothing")
     with pytest.raises(gl.InputError, match="a file that is there"):
         gl.plot.evolution(tmp_path / "none")
-
-
-def test_old_names_work_with_a_warning(snapshot):
-    with pytest.warns(DeprecationWarning, match=r"use grainloops\.plot\.map"):
-        assert gl.plot_map is gl.plot.map
-    with pytest.warns(DeprecationWarning, match=r"use grainloops\.loop"):
-        assert gl.loop_of_snapshot is gl.loop
 
 
 @pytest.mark.parametrize("degrees", [0.0, 12.0, 89.0])

@@ -9,7 +9,7 @@ import pytest
 from loops import affine_tangent, traction_tangent
 from patterns import synthetic_network
 from patterns.diamond import TABLE_1, tangent
-from stability import imhof_fraction, restrict, symmetric_spectrum
+from stability import restrict, symmetric_spectrum
 from tests.benchmarks.methods import POINT_B, Row, error_at_b, irregular_rings
 from tests.oracles.hard_cases import hard_case, parallel_half_edges
 from tests.tools.settled.__main__ import GROUPS, main
@@ -61,7 +61,6 @@ def test_tolerance_bounds_the_error_of_dop853():
 
 def test_oracle_of_the_fraction_agrees_with_imhof():
     exact = [fraction_50(spectrum) for spectrum in SPECTRA]
-    np.testing.assert_allclose(imhof_fraction(SPECTRA), exact, atol=1e-15)
     np.testing.assert_allclose(imhof(SPECTRA, 0.25), exact, atol=1e-15)
     assert np.abs(imhof(SPECTRA, 2.0) - exact).max() > 1e-4
 

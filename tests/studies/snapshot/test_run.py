@@ -19,13 +19,14 @@ from loops import (
     traction_tangent,
 )
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
-from stability import imhof_fraction, restrict, symmetric_part
+from stability import restrict, symmetric_part
 from studies.cli import main
 from studies.snapshot import figures, run_snapshot
 from studies.snapshot.quadrons import quadron_figure
 from studies.snapshot.table import loop_columns
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
+from tests.tools.settled.fractions import imhof
 from tests.unsaved import leave_files_empty
 
 KEYS = [
@@ -206,7 +207,7 @@ def test_table_against_fifty_digits(results):
         scale = np.abs(spectrum).max()
         assert abs(table["traction_lambda_min"][row] - spectrum[0]) < 1e-11 * scale
         share = table["traction_unstable_fraction"][row]
-        assert share == pytest.approx(float(imhof_fraction(spectrum)), abs=1e-9)
+        assert share == pytest.approx(float(imhof(spectrum[None], 0.25)[0]), abs=1e-9)
         slides = np.count_nonzero(snapshot.regime[picked] == Regime.SLIDING)
         assert table["sliding_contacts"][row] == slides
 

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.stats import norm, qmc
 
 from loops.arrays import Floats
-from stability import imhof_fraction, unstable_fraction
+from stability import unstable_fraction
 from tests.benchmarks.methods import Rows
 from tests.oracles.fifty_digits import DIGITS
 
@@ -44,7 +44,6 @@ def fraction_methods(quick: bool) -> Rows:
     for step in STEPS:
         label = f"step {step:g}{', the default' if step == DEFAULT_STEP else ''}"
         ways.append(("Imhof, trapezoid in ln u", label, partial(imhof, step=step), many))
-    ways.append(("imhof_fraction", "as in the code", imhof_fraction, many))
     ways.append(("Imhof, scipy quad", "adaptive", _by_quad, SPECTRA))
     for power in DIRECTIONS[: 2 if quick else None]:
         for name, drawn in (("random directions", _normals), ("Sobol directions", _sobol)):
