@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     import networkx
 
 
+# Fields with a number for each contact, (..., C).
+CONTACT_FIELDS = ("normal_force", "shear_force", "regime", "rolling_moment")
+
+
 def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
     """A read-only array; copied only if the caller could still write to it."""
     array: NDArray[Any] = np.asarray(values, dtype=dtype)
@@ -185,8 +189,9 @@ class GrainGraph(Shown):
     def replace(self, **changes: Any) -> GrainGraph:
         """Return a graph with some fields changed, validated again.
 
-        Regimes belong to the forces that they were read with: with other forces or contacts they
-        are dropped unless given again. So are rolling moments with other contacts.
+        Regimes belong to the forces that they were read with: with other forces they are dropped
+        unless given again. Other contacts keep the fields that the contacts have (forces, images,
+        regimes, rolling moments), in this order, unless one of them is given: then all are needed.
 
         Examples
         --------
@@ -195,11 +200,21 @@ class GrainGraph(Shown):
         >>> pair.replace(normal_force=[0.1]).normal_force.tolist()
         [0.1]
         """
-        if changes.keys() & {"contacts", "normal_force", "shear_force"}:
+        fields = (*CONTACT_FIELDS, "images")
+        if "contacts" in changes and (given := [name for name in fields if name in changes]):
+            left = [name for name in fields if name not in changes and np.any(getattr(self, name))]
+            if left:
+                received = f"new contacts with {', '.join(given)} and without {', '.join(left)}"
+                expected = "each field of the contacts, in their new order"
+                raise InputError("replace", received, expected, "Give it, or None to leave it out.")
+        elif changes.keys() & {"normal_force", "shear_force"}:
             changes = {"regime": None, **changes}
-        if "contacts" in changes:
-            changes = {"rolling_moment": None, **changes}
         return replace(self, **changes)
+
+    def at_contacts(self, rows: Any) -> dict[str, Any]:
+        """Forces, regimes and rolling moments of some contacts, by the names of their fields."""
+        values = {name: getattr(self, name) for name in CONTACT_FIELDS}
+        return {name: None if v is None else v[..., rows] for name, v in values.items()}
 
 
 def require_one_state(graph: GrainGraph) -> None:
@@ -467,8 +482,9 @@ def to_networkx(graph: GrainGraph | HasGraph) -> networkx.MultiGraph:
     """Grain graph as a networkx multigraph.
 
     Nodes are the grain indices with the attributes `x`, `x0` (pairs) and `radius`; edges carry
-    `contact` (the index), `i`, `j`, `normal_force`, `shear_force` and `image`; the graph carries
-    `cell` and `cell0` (None if not periodic). A multigraph, as a periodic cell may hold two
+    `contact` (the index), `i`, `j`, `normal_force`, `shear_force`, `image`, and `regime` and
+    `rolling_moment` where the graph has them; the graph carries `cell` and `cell0` (None if not
+    periodic). A multigraph, as a periodic cell may hold two
     contacts between the same two grains.
 
     Parameters
@@ -511,9 +527,8 @@ def to_networkx(graph: GrainGraph | HasGraph) -> networkx.MultiGraph:
             contact=c,
             i=i,
             j=j,
-            normal_force=float(graph.normal_force[c]),
-            shear_force=float(graph.shear_force[c]),
             image=tuple(images[c].tolist()),
+            **{n: v.item() for n, v in graph.at_contacts(c).items() if v is not None},
         )
     return out
 
@@ -522,7 +537,8 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     """Grain graph from a networkx graph.
 
     Nodes need `x` (a pair) and `radius`; `x0` is optional. Edges may carry `normal_force`,
-    `shear_force`, `image`, `contact` (their place in the order) and `i`, `j` (their direction);
+    `shear_force`, `image`, `contact` (their place in the order), `i`, `j` (their direction), and
+    all of them `regime` or `rolling_moment`;
     the graph may carry `cell` and `cell0`. Grains are numbered in the order of the nodes.
 
     Parameters
@@ -567,8 +583,11 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
             [[number[data.get("i", a)], number[data.get("j", b)]] for a, b, data in edges],
             dtype=np.int64,
         ),
-        normal_force=np.array([data.get("normal_force", 0.0) for *_, data in edges]),
-        shear_force=np.array([data.get("shear_force", 0.0) for *_, data in edges]),
+        **{
+            name: [data.get(name, None if name == "regime" else 0.0) for *_, data in edges]
+            for name in CONTACT_FIELDS
+            if any(name in data for *_, data in edges)
+        },
         images=None
         if cell is None
         else np.array([data.get("image", (0, 0)) for *_, data in edges], dtype=np.int64),

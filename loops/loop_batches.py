@@ -105,14 +105,11 @@ def loop_batches(
                 edges = sign * graph.branches[contacts[over]]
                 x[over] = np.cumsum(edges, axis=1) - edges
                 origin[over] = graph.x[grains[over, 0]]
-            batch = GrainGraph(
-                x=x,
-                radii=graph.radii[grains],
-                contacts=ring,
-                normal_force=graph.normal_force[contacts],
-                shear_force=graph.shear_force[contacts],
-                regime=None if graph.regime is None else graph.regime[contacts],
-            )
+            fields = graph.at_contacts(contacts)
+            if graph.rolling_moment is not None:
+                # On the second grain of a contact, which is the first of the ring's if it turns.
+                fields["rolling_moment"] *= np.where(group.forward[part], 1.0, -1.0)
+            batch = GrainGraph(x=x, radii=graph.radii[grains], contacts=ring, **fields)
             face = group.face[part]
             yield LoopBatch(batch, grains, contacts, face, row[face], origin)
 

@@ -375,10 +375,8 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
         x=cut.x[0],
         radii=cut.radii[0],
         contacts=cut.contacts,
-        normal_force=cut.normal_force[0],
-        shear_force=cut.shear_force[0],
-        regime=regime[contacts],
-    )
+        **{name: None if v is None else v[0] for name, v in cut.at_contacts(slice(None)).items()},
+    ).replace(regime=regime[contacts])
     return SnapshotLoop(
         graph, law.take(contacts), regime[contacts], snapshot.ids[grains], grains, contacts
     )
@@ -444,14 +442,12 @@ def planar(
         f"{len(pairs)} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
         f"{ten}{more}; their forces are missing in every stress"
     )
-    of_contacts = {
-        name: None if (values := getattr(graph, name)) is None else values[kept]
-        for name in ("contacts", "normal_force", "shear_force", "images", "rolling_moment")
-    }
+    images = None if graph.images is None else graph.images[kept]
     regime = None if regime is None else regime[kept]
+    of_contacts = graph.at_contacts(kept) | {"images": images, "regime": regime}
     return replace(
         snapshot,
-        graph=graph.replace(**of_contacts, regime=regime),
+        graph=graph.replace(contacts=graph.contacts[kept], **of_contacts),
         law=None if law is None else law.take(kept),
         regime=regime,
         notes=(*snapshot.notes, note),

@@ -300,16 +300,14 @@ def renumbered(scene: Scene, seed: int) -> Scene:
     grains, rows = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
     place = np.empty_like(grains)
     place[grains] = np.arange(len(grains))
-    moment, images = graph.rolling_moment, graph.images
+    images = graph.images
     other = GrainGraph(
         x=graph.x[grains],
         radii=graph.radii[grains],
         contacts=place[graph.contacts[rows]],
         images=None if images is None else images[rows],
         cell=graph.cell,
-        normal_force=graph.normal_force[rows],
-        shear_force=graph.shear_force[rows],
-        rolling_moment=None if moment is None else moment[rows],
+        **graph.at_contacts(rows),
     )
     if boundary.walls is not None:
         walls = replace(boundary.walls, grain=place[boundary.walls.grain])

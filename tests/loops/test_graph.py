@@ -119,6 +119,8 @@ def test_networkx_round_trip_keeps_every_array():
         images=[[0, 0], [0, 0], [1, 0]],
         cell=[[2.0, 0.1], [0.0, 2.0]],
         cell0=[[2.1, 0.0], [0.0, 2.0]],
+        regime=[2, 1, 0],
+        rolling_moment=[0.001, 0.0, -0.002],
     )
     network = to_networkx(graph)
     assert network.number_of_edges() == 3
@@ -133,8 +135,56 @@ def test_networkx_round_trip_keeps_every_array():
         "images",
         "cell",
         "cell0",
+        "regime",
+        "rolling_moment",
     ):
         np.testing.assert_array_equal(getattr(back, name), getattr(graph, name), err_msg=name)
+
+
+def test_a_regime_on_some_edges_alone_is_refused():
+    network = to_networkx(GrainGraph(**PAIR, regime=[2]))
+    network.add_node(2, x=(0.0, 0.9), radius=0.5)
+    network.add_edge(0, 2, normal_force=0.1)
+    with pytest.raises(InputError, match=r"regime of contact \d: got None"):
+        from_networkx(network)
+
+
+STATE = {"normal_force": [3.0, 2.0, 1.0], "shear_force": [0.3, -0.2, 0.1]}
+STATE |= {"regime": [2, 1, 2], "rolling_moment": [0.1, 0.2, 0.3]}
+
+
+def triangle():
+    return GrainGraph([[0, 0], [1, 0], [0, 1.0]], [0.6] * 3, [[0, 1], [1, 2], [2, 0]], **STATE)
+
+
+def test_contacts_of_renumbered_grains_keep_what_they_have():
+    place = np.array([2, 0, 1])
+    other = triangle().replace(
+        x=triangle().x[np.argsort(place)], contacts=place[triangle().contacts]
+    )
+    for name, values in STATE.items():
+        np.testing.assert_array_equal(getattr(other, name), values, err_msg=name)
+
+
+def test_contacts_in_another_order_need_every_field():
+    rows = [2, 0, 1]
+    graph, contacts = triangle(), triangle().contacts[rows]
+    with pytest.raises(InputError, match="with normal_force, shear_force and without regime, roll"):
+        graph.replace(
+            contacts=contacts,
+            **{name: np.array(STATE[name])[rows] for name in ("normal_force", "shear_force")},
+        )
+    with pytest.raises(InputError, match="with regime and without normal_force, shear_force, roll"):
+        graph.replace(contacts=contacts, regime=[2, 2, 1])
+    other = graph.replace(contacts=contacts, **graph.at_contacts(rows))
+    assert other.regime.tolist() == [2, 2, 1] and other.rolling_moment.tolist() == [0.3, 0.1, 0.2]
+    fewer = graph.replace(contacts=contacts[:2], **dict.fromkeys(STATE))
+    assert fewer.regime is None and fewer.rolling_moment is None and not fewer.normal_force.any()
+
+
+def test_fewer_contacts_need_their_fields():
+    with pytest.raises(InputError, match=r"regime: got shape \(3,\), expected shape \(..., 2\)"):
+        triangle().replace(contacts=[[0, 1], [1, 2]])
 
 
 def test_networkx_of_the_users_own():

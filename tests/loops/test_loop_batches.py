@@ -56,6 +56,27 @@ def test_half_shared_stress_of_the_loops_adds_up_to_the_sample(graph):
     assert np.abs(rest).max() < 0.05 * np.abs(sample).max()
 
 
+def test_rolling_moments_of_loops_are_those_on_the_same_grains():
+    """Contacts that the loop's ring turns around have the moment of the other grain."""
+    graph = next(periodic_networks())
+    rng = np.random.default_rng(2)
+    moment = rng.normal(size=graph.contact_count)
+    regime = rng.integers(0, 3, graph.contact_count)
+    graph = graph.replace(rolling_moment=moment, regime=regime)
+    on_grain = {}
+    for c, (i, j) in enumerate(graph.contacts.tolist()):
+        on_grain[c, i], on_grain[c, j] = -moment[c], moment[c]
+    turned = 0
+    for batch in loop_batches(graph, find_faces(graph)):
+        np.testing.assert_array_equal(batch.graph.regime, graph.regime[batch.contacts])
+        seconds = np.roll(batch.grains, -1, axis=1)
+        for k, row in enumerate(batch.contacts.tolist()):
+            expected = [on_grain[c, g] for c, g in zip(row, seconds[k].tolist(), strict=True)]
+            assert batch.graph.rolling_moment[k].tolist() == expected
+            turned += np.count_nonzero(expected != moment[row])
+    assert turned > 1000
+
+
 def test_a_loop_across_the_border_is_unrolled():
     cell = np.array([[2.0, 0.3], [0.0, 2.0]])
     x = np.array([[0.1, 0.1], [1.1, 0.1], [0.1, 1.1], [1.1, 1.1]])

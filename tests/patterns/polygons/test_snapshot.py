@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,16 @@ def synthetic_snapshot():
     )
     regime = np.where(rng.random(graph.contact_count) < 0.2, Regime.SLIDING, Regime.ELASTIC)
     return Snapshot(graph, law, regime.astype(np.int8), rng.permutation(150) + 1000, 0, ())
+
+
+def test_a_loop_has_its_rolling_moments_and_the_snapshots_regimes():
+    snapshot = synthetic_snapshot()
+    moment = np.random.default_rng(1).normal(size=snapshot.graph.contact_count)
+    rolling = replace(snapshot, graph=snapshot.graph.replace(rolling_moment=moment))
+    loop = loop_of_snapshot(rolling, 5)
+    np.testing.assert_array_equal(np.abs(loop.graph.rolling_moment), np.abs(moment[loop.contacts]))
+    np.testing.assert_array_equal(loop.graph.regime, snapshot.regime[loop.contacts])
+    assert loop_of_snapshot(snapshot, 5).graph.rolling_moment is None
 
 
 @pytest.mark.parametrize("source", ["sample", "periodic"])

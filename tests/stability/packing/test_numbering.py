@@ -9,7 +9,7 @@ import pytest
 from loops import GrainGraph, Scene
 from loops.contacts import start_state
 from stability.packing import path_solver, sustain
-from stability.packing.sustain import Loading, load_path
+from stability.packing.sustain import Loading, load_path, renumbered
 from tests.packings import LAW, jammed
 
 sustain_module = sys.modules[sustain.__module__]
@@ -125,3 +125,19 @@ def test_numbers_and_axes_change_no_load_in_192_directions(monkeypatch):
         if wrong:
             found[grains, k, angle] = wrong
     assert found == {} and len(statuses) > 1
+
+
+def test_a_packing_in_another_order_has_its_regimes_and_moments():
+    graph = jammed(24, 3, LAW)
+    rng = np.random.default_rng(1)
+    count = graph.contact_count
+    graph = graph.replace(
+        normal_force=np.arange(count),
+        regime=rng.integers(0, 3, count),
+        rolling_moment=rng.normal(size=count),
+    )
+    other = renumbered(Scene(graph, LAW), 2).graph
+    rows = other.normal_force.astype(int).tolist()
+    assert rows != list(range(count))
+    np.testing.assert_array_equal(other.regime, graph.regime[rows])
+    np.testing.assert_array_equal(other.rolling_moment, graph.rolling_moment[rows])
