@@ -270,16 +270,15 @@ def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def run_domain(
-    parameters: DomainParameters, out: Path, *, force: bool = False, csv: bool = False
-) -> Summary:
-    """Find the bifurcation domains of diamonds, and write the table, summary and figure."""
-    with study(
-        "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
-    ) as results:
+def run_domain(parameters: DomainParameters, out: Path, **files: Any) -> Summary:
+    """Find the bifurcation domains of diamonds, and write the table, summary and figure.
+
+    `files` are `force`, `csv` and `figures` of a study.
+    """
+    with study("domain", out, parameters.described(), UNITS["domain"], **files) as results:
         table = domain_table(parameters.cases(), parameters.directions)
         summary = results.write_results({"domain": table}, domain_summary(table, parameters))
-        results.save_figures([("domain", domain_figure(table, parameters.cases()))])
+        results.save_figures([("domain", lambda: domain_figure(table, parameters.cases()))])
     return summary
 
 

@@ -32,7 +32,7 @@ from studies.series.evolution import components
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons
-from studies.study import study
+from studies.study import Figures, study
 
 By = Literal["events", "replay", "both"]
 Options = TypeVar("Options")
@@ -260,7 +260,7 @@ def run_evolve(
     cells: Path | None = None,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     animation: bool = False,
     progress: Callable[[float], None] | None = None,
     **how: Any,
@@ -277,7 +277,9 @@ def run_evolve(
     held_control = hold_control(hold, hold_stress)
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
     configuration |= {"hold": held_control}
-    with study("evolve", out, configuration, UNITS["evolve"], force=force, csv=csv) as results:
+    with study(
+        "evolve", out, configuration, UNITS["evolve"], force=force, csv=csv, figures=figures
+    ) as results:
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]

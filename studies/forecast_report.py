@@ -15,7 +15,7 @@ from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
-from studies.study import study
+from studies.study import Figures, study
 
 
 def run_forecast(
@@ -28,7 +28,7 @@ def run_forecast(
     hold_stress: bool = False,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     progress: Callable[[float], None] | None = None,
     **how: Any,
 ) -> Summary:
@@ -41,7 +41,9 @@ def run_forecast(
     control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked.described(), "hold": control}
     configuration |= {"spread": spread, "inertial_number": inertial_number}
-    with study("forecast", out, configuration, UNITS["evolve"], force=force, csv=csv) as results:
+    with study(
+        "forecast", out, configuration, UNITS["evolve"], force=force, csv=csv, figures=figures
+    ) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         given = snapshot.scene, snapshot.ids, asked, inertial_number
@@ -57,7 +59,7 @@ def run_forecast(
             from studies.forecast_figures import forecast_figure
             from studies.snapshot.table import loops_for_map
 
-            drawn = [("forecast", forecast_figure(found))]
+            drawn = [("forecast", lambda: forecast_figure(found))]
             maps = loops_for_map(snapshot, found.loops)
             title = f"Forecast of {readable(path.name)}"
             results.write_report(title, summary, drawn, maps)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, get_args
@@ -33,7 +34,7 @@ from studies.present_domain import (
     stresses_of,
     virgin_domain,
 )
-from studies.study import study
+from studies.study import Drawings, study
 from studies.style import BLACK, LINE_COLOURS, key_columns, new_panels, styled
 
 # Strain at which the programmes of a virgin loop end.
@@ -193,13 +194,12 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
     )
 
 
-def run_loop_domains(
-    parameters: LoopDomainParameters, out: Path, *, force: bool = False, csv: bool = False
-) -> Summary:
-    """Find the bifurcation domains of loops, and write the table, summary and figures."""
-    with study(
-        "domain", out, parameters.described(), UNITS["domain"], force=force, csv=csv
-    ) as results:
+def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) -> Summary:
+    """Find the bifurcation domains of loops, and write the table, summary and figures.
+
+    `files` are `force`, `csv` and `figures` of a study.
+    """
+    with study("domain", out, parameters.described(), UNITS["domain"], **files) as results:
         table, loops, alone = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
         found["definitions"] = definitions("domain")
@@ -207,11 +207,10 @@ def run_loop_domains(
         if PRESENT in alone:
             tables["boundary"] = alone[PRESENT].rows
         summary = results.write_results(tables, found)
+        drawn: Drawings = loop_figures(table, loops, parameters)
         if alone:
-            figures = [(name, loop_domain_figure(alone, plane)) for name, plane in PLANES]
-        else:
-            figures = loop_figures(table, loops, parameters)
-        results.save_figures(figures)
+            drawn = [(name, partial(loop_domain_figure, alone, plane)) for name, plane in PLANES]
+        results.save_figures(drawn)
     return summary
 
 
@@ -224,13 +223,12 @@ def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:
 
 def loop_figures(
     table: pd.DataFrame, loops: list[dict[str, Any]], parameters: LoopDomainParameters
-) -> list[tuple[str, Figure]]:
+) -> Drawings:
     """The domains over one another, and the unstable share over order if there are several."""
-    figures = [("domain", domains_figure(table, parameters)),
-               ("domain-strain", domains_figure(table, parameters, ("E1", "E2")))]  # fmt: skip
+    yield "domain", lambda: domains_figure(table, parameters)
+    yield "domain-strain", lambda: domains_figure(table, parameters, ("E1", "E2"))
     if len({loop.order for loop in parameters.loops}) > 1 and "unstable_share" in loops[0]:
-        figures.append(("domain-share", share_figure(pd.DataFrame(loops))))
-    return figures
+        yield "domain-share", lambda: share_figure(pd.DataFrame(loops))
 
 
 @styled()

@@ -20,7 +20,7 @@ from stability.material.loop_set import LoopSet, loops_of
 from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
-from studies.study import study
+from studies.study import Figures, study
 from studies.style import BLUE, GREY, VERMILION, new_panels, say_empty, styled
 
 UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
@@ -104,7 +104,7 @@ def run_material(
     snapshot: Path | None = None,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     **how: Any,
 ) -> Summary:
     """March averaged loops and a single one, write the tables, figures and a report.
@@ -113,7 +113,9 @@ def run_material(
     `read_planar`. Tables `path` (both sets) and `loops` (what was averaged).
     """
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
-    with study("material", out, source | asdict(options), UNITS, force=force, csv=csv) as results:
+    with study(
+        "material", out, source | asdict(options), UNITS, force=force, csv=csv, figures=figures
+    ) as results:
         loops, law, notes = _loops(options, snapshot, how)
         number = _single(loops, options.single)
         paths = {
@@ -128,7 +130,7 @@ def run_material(
         if figures:
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
             title = f"Loops of {name} as a material"
-            results.write_report(title, summary, [("material", draw_material(table))], [])
+            results.write_report(title, summary, [("material", lambda: draw_material(table))], [])
     return summary
 
 

@@ -345,7 +345,7 @@ def as_arrow(values: Any) -> Any:
 
 @cache
 def words(name: str) -> dict[str, dict[str, Any]]:
-    """Parts of one of the two files."""
+    """Parts of columns.toml, definitions.toml or captions.toml."""
     return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text(encoding="utf-8"))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from patterns import Snapshot
 from stability.packing import Probe, Sustained
 from studies.output import Summary
 from studies.snapshot.figures import draw_values, loop_drawer
+from studies.study import Drawings
 from studies.style import (
     BLUE,
     DIVERGING,
@@ -66,16 +66,17 @@ SHEAR_LOOK = (GREEN, "-.")
 
 def probe_figures(
     snapshot: Snapshot, found: Probe, loops: pd.DataFrame, summary: Summary
-) -> Iterator[tuple[str, Figure]]:
+) -> Drawings:
     """Every figure of a probe by name."""
-    yield "envelope", figure_of(response_envelope(found, summary["mean_kn"]))
-    yield "work", polar_work(found)
+    yield "envelope", lambda: response_envelope(found, summary["mean_kn"])
+    yield "work", lambda: polar_work(found)
     if found.softest is not None:
-        yield "orders", figure_of(order_shares(summary["orders"]))
+        yield "orders", lambda: order_shares(summary["orders"])
         # Under stress control work is a compliance.
         factor = summary["mean_kn"] ** (1 if found.control == "stress" else -1)
         unit = "· mean $k_n$" if found.control == "stress" else "/ mean $k_n$"
-        yield "map", additive_work_map(snapshot, factor * loops["additive_w"].to_numpy(), unit)
+        work = factor * loops["additive_w"].to_numpy()
+        yield "map", lambda: additive_work_map(snapshot, work, unit)
 
 
 @styled()
@@ -184,14 +185,12 @@ def additive_work_map(snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n
 # ---- paths
 
 
-def path_figures(
-    snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: Summary
-) -> Iterator[tuple[str, Figure]]:
+def path_figures(snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: Summary) -> Drawings:
     """Every figure of a path by name."""
-    yield "stress_strain", stress_and_volume(tables, summary["driven"])
+    yield "stress_strain", lambda: stress_and_volume(tables, summary["driven"])
     if summary["forecast"] is not None:
-        yield "forecast", dem_comparison_figure(tables, summary["driven"])
-    yield "map", work_maps(snapshot, tables["loops"], summary)
+        yield "forecast", lambda: dem_comparison_figure(tables, summary["driven"])
+    yield "map", lambda: work_maps(snapshot, tables["loops"], summary)
 
 
 @styled()
@@ -318,15 +317,15 @@ def sustain_figures(
     rates: Probe,
     tables: dict[str, pd.DataFrame],
     summary: Summary,
-) -> Iterator[tuple[str, Figure]]:
+) -> Drawings:
     """Every figure by name."""
-    yield "limits", limit_surface(found, rates)
-    yield "work", polar_work(rates)
-    yield "paths", load_curves(found, tables["paths"])
+    yield "limits", lambda: limit_surface(found, rates)
+    yield "work", lambda: polar_work(rates)
+    yield "paths", lambda: load_curves(found, tables["paths"])
     if summary["weakest"] is not None:
-        yield "orders", figure_of(order_shares(summary["orders"]))
+        yield "orders", lambda: order_shares(summary["orders"])
         work = tables["loops"]["additive_w"].to_numpy() / summary["mean_kn"]
-        yield "map", additive_work_map(snapshot, work)
+        yield "map", lambda: additive_work_map(snapshot, work)
 
 
 @styled()

@@ -36,7 +36,7 @@ from studies.snapshot.in_packing import (
     sample_edge,
     scene_at_rest,
 )
-from studies.study import study
+from studies.study import Figures, study
 
 # Way to an amplitude.
 By = Literal["events", "increment"]
@@ -63,7 +63,7 @@ def run_probe(
     scheduler: str | None = None,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     progress: Callable[[int], None] | None = None,
     **how: Any,
 ) -> Summary:
@@ -91,7 +91,9 @@ def run_probe(
     check_choice("--past", past, get_args(Past))
     held_control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
-    with study("probe", out, configuration, UNITS["probe"], force=force, csv=csv) as results:
+    with study(
+        "probe", out, configuration, UNITS["probe"], force=force, csv=csv, figures=figures
+    ) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), held_control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)

@@ -5,29 +5,49 @@ from __future__ import annotations
 import base64
 import json
 import mimetypes
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
+from loops.errors import InputError
 from studies.output import (
     Summary,
     folder_within,
     provenance,
     result_folder,
+    words,
     write_summary,
     write_table,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+# Figures of a study by name: each a figure, or a function that makes it or its axes.
+Drawings = Iterable[tuple[str, Any]]
+FigureFormat = Literal["png", "svg", "pdf"]
+
+
+class Figures(NamedTuple):
+    """Which figures a study draws: their names, all of them if there are none, and the format."""
+
+    names: tuple[str, ...] = ()
+    format: FigureFormat = "png"
+
+
+ALL_FIGURES = Figures()
+
+
+class Picture(NamedTuple):
+    """A picture or video of a page: name, MIME type, bytes."""
+
+    name: str
+    kind: str
+    content: bytes
 
 
 @dataclass(frozen=True)
@@ -37,6 +57,7 @@ class Results:
     folder: Path
     source: dict[str, Any]
     csv: bool = False
+    figures: Figures | None = ALL_FIGURES
 
     def write_tables(self, tables: Mapping[str, Any]) -> None:
         """Write tables by name as Parquet (and CSV if `csv`): data frames, or arrays by column."""
@@ -56,25 +77,33 @@ class Results:
         self.write_tables(tables)
         return self.write_summary(summary)
 
-    def save_figures(self, figures: Iterable[tuple[str, Figure]]) -> list[Path]:
-        """Save each figure as PNG and SVG when it has been drawn; return the PNG files.
+    def save_figures(self, drawings: Drawings) -> list[Picture]:
+        """Make and save the figures that are wanted; return them for a page, a PDF as PNG.
 
-        A generator keeps one figure in memory at a time.
+        A generator of functions keeps one figure in memory at a time.
         """
+        if self.figures is None:
+            return []
         # matplotlib is loaded only if something is drawn.
-        from studies.style import save_figure
+        from studies.style import figure_file, save_figure
 
-        saved = []
-        for name, figure in figures:
-            save_figure(figure, self.folder, name, self.source)
-            saved.append(self.folder / f"{name}.png")
-        return saved
+        pictures, (names, kind) = [], self.figures
+        for name, draw in drawings:
+            if names and name not in names:
+                continue
+            drawn = draw() if callable(draw) else draw
+            figure: Any = getattr(drawn, "figure", drawn)
+            content = save_figure(figure, self.folder, name, self.source, kind)
+            if kind == "pdf":
+                content = figure_file(figure, name, self.source)
+            pictures.append(Picture(name, PAGE_KINDS[kind], content))
+        return pictures
 
     def write_report(
         self,
         title: str,
-        summary: Mapping[str, Any],
-        drawn: Iterable[tuple[str, Figure]],
+        summary: Summary,
+        drawings: Drawings,
         maps: Sequence[LoopsForMap],
         largest: int | None = None,
         animation: Sequence[Path] = (),
@@ -83,11 +112,18 @@ class Results:
 
         `largest` is the number of loops of the largest snapshot, by default `summary["loops"]`.
         """
-        told = captions(self.source["command"].split()[1])
-        figures = []
-        for picture in (*self.save_figures(drawn), *animation):
-            name, caption = told[picture.stem]
-            figures.append((name, caption.format(**summary), picture))
+        told = words("captions")[self.source["command"].split()[1]]
+        pictures = self.save_figures(drawings)
+        missing = {*(self.figures.names if self.figures else ())} - {one.name for one in pictures}
+        if missing:
+            summary["notes"].append(f"nothing to draw in figures {', '.join(sorted(missing))}")
+            self.write_summary(summary)
+        pictures += [
+            Picture(file.stem, mimetypes.guess_type(file.name)[0] or "", file.read_bytes())
+            for file in animation
+        ]
+        said = ((*told[one.name], one) for one in pictures)
+        figures = [(name, text.format(**summary), one) for name, text, one in said]
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
 
 
@@ -123,6 +159,7 @@ def study(
     *,
     force: bool = False,
     csv: bool = False,
+    figures: Figures | bool = True,
     continued: bool = False,
 ) -> Iterator[Results]:
     """Open the results of a study; they appear in `out` when the block has ended without error.
@@ -132,20 +169,20 @@ def study(
     A study reads its input, computes, writes tables and summary and, if figures are asked for,
     saves figures and writes the report, from top to bottom of the block.
     """
+    wanted = (ALL_FIGURES if figures else None) if isinstance(figures, bool) else figures
+    if wanted is not None and wanted.names:
+        known = words("captions").get(command.split()[0], {})
+        for name in wanted.names:
+            if name not in known:
+                expected = f"none, or some of {', '.join(known)}"
+                raise InputError("--figures", repr(name), expected, "Correct the name.")
     place = folder_within(out) if continued else result_folder(out, force=force)
     with place as folder:
-        yield Results(folder, provenance(command, configuration, units), csv)
+        yield Results(folder, provenance(command, configuration, units), csv, wanted)
 
 
-def captions(command: str) -> dict[str, tuple[str, str]]:
-    """Title and caption of each figure of a command, from `captions.toml`.
-
-    A caption is a format string whose fields are keys of the study's summary.
-    """
-    text = (Path(__file__).parent / "captions.toml").read_text(encoding="utf-8")
-    return {name: (title, said) for name, (title, said) in tomllib.loads(text)[command].items()}
-
-
+# MIME types on a page of figures by the format of their files.
+PAGE_KINDS = {"png": "image/png", "svg": "image/svg+xml", "pdf": "image/png"}
 # Pixels on the page for one pixel of a figure, which has 300 to the inch.
 SCALE = 0.5
 # A figure wider than this (pixels) scrolls on a phone, where its letters would be too small.
@@ -173,12 +210,12 @@ def write_report(
     folder: Path,
     title: str,
     summary: Mapping[str, Any],
-    figures: Sequence[tuple[str, str, Path]],
+    figures: Sequence[tuple[str, str, Picture]],
     maps: Sequence[LoopsForMap],
     provenance: Mapping[str, Any],
     largest: int | None = None,
 ) -> Path:
-    """Write `report.html`, one file that loads nothing else; figures are title, caption and file.
+    """Write `report.html`, one file that loads nothing else; figures are title, caption, picture.
 
     The first map is shown, the others can be chosen; `largest` is the number of loops of the
     largest snapshot, by default that of the maps, else `loops` of the summary.
@@ -252,10 +289,9 @@ def map_section(maps: Sequence[LoopsForMap], largest: int) -> str:
     )
 
 
-def figure_html(title: str, caption: str, path: Path) -> str:
+def figure_html(title: str, caption: str, shown: Picture) -> str:
     """Figure or video with its caption; letters of all PNG figures have one size."""
-    kind = mimetypes.guess_type(path.name)[0] or "image/png"
-    content = path.read_bytes()
+    _, kind, content = shown
     data = f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
     width = ""
     if kind == "image/png":

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from io import BytesIO
 from itertools import chain
 from pathlib import Path
 from typing import Any, cast
@@ -43,6 +43,13 @@ FRAME_DPI = 110
 LOWEST = 2.4
 # Largest number of panels that fit on a page one below the other.
 STACKED = 6
+
+# Keys of title, program and provenance by the format of a figure, and the date that is left out.
+METADATA = {
+    "png": ("Title", "Software", "Description"),
+    "svg": ("Title", "Creator", "Description", "Date"),
+    "pdf": ("Title", "Creator", "Subject", "CreationDate"),
+}
 
 # Typed as Any: the list of keys that matplotlib types grows with its versions.
 STYLE: Any = {
@@ -169,32 +176,40 @@ def say_empty(ax: Axes, why: str) -> None:
     ax.text(0.5, 0.5, why, transform=ax.transAxes, ha="center", va="center", color=GREY)
 
 
-def save_figure(fig: Figure, folder: Path, name: str, source: Mapping[str, Any]) -> None:
-    """Save a figure as PNG (300 dpi) and SVG, its provenance in the metadata of both.
+def save_figure(
+    fig: Figure, folder: Path, name: str, source: Mapping[str, Any], kind: str = "png"
+) -> bytes:
+    """Save a figure as PNG, SVG or PDF; return the bytes of the file."""
+    content = figure_file(fig, name, source, kind)
+    (folder / f"{name}.{kind}").write_bytes(content)
+    return content
 
-    The description in the metadata is the provenance as JSON. No date is written: the same
-    numbers give the same files.
+
+def figure_file(fig: Figure, name: str, source: Mapping[str, Any], kind: str = "png") -> bytes:
+    """A figure as PNG (300 dpi), SVG or PDF, its provenance as JSON in the metadata.
+
+    No date is written: the same numbers give the same bytes.
     """
-    said = {"Title": name, "Description": as_json(source)}
     made_by = f"{source.get('command', 'grainloops')}, version {source.get('version', 'unknown')}"
+    keys = METADATA[kind]
+    said = dict(zip(keys, (name, made_by, as_json(source), None), strict=False))
+    file: Any = BytesIO()
     with styled():
         fig.set_dpi(mpl.rcParams["savefig.dpi"])
-        # The layout is computed here once; otherwise each file would compute it again.
         canvas = FigureCanvasAgg(fig)
         if (engine := fig.get_layout_engine()) is not None:
+            # By `savefig` everything would be drawn once more for the layout.
             engine.execute(fig)
             fig.set_layout_engine(None)
-        # The file is a tenth larger than by default, and takes two thirds of the time.
-        packed: Any = {"compress_level": 3}
-        canvas.draw()
-        png: Any = {"metadata": {**said, "Software": made_by}, "dpi": fig.dpi, "pil_kwargs": packed}
-        # Compression releases the interpreter, so that the SVG is written meanwhile.
-        with ThreadPoolExecutor(1) as packer:
-            packing = packer.submit(
-                imsave, folder / f"{name}.png", canvas.buffer_rgba(), origin="upper", **png
-            )
-            fig.savefig(folder / f"{name}.svg", metadata={**said, "Creator": made_by, "Date": None})
-        packing.result()
+        if kind == "png":
+            canvas.draw()
+            # The file is a tenth larger than by default, and takes two thirds of the time.
+            packed: Any = {"compress_level": 3}
+            how: Any = {"metadata": said, "dpi": fig.dpi, "pil_kwargs": packed}
+            imsave(file, canvas.buffer_rgba(), format="png", origin="upper", **how)
+        else:
+            fig.savefig(file, format=kind, metadata=said)
+    return bytes(file.getvalue())
 
 
 def write_animation(

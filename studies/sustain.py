@@ -35,7 +35,7 @@ from studies.reading import read_planar, reading
 from studies.series.evolution import components
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
-from studies.study import study
+from studies.study import Figures, study
 
 UNITS = (
     "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
@@ -66,7 +66,7 @@ def run_sustain(
     scheduler: str | None = None,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     **how: Any,
 ) -> Summary:
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
@@ -89,7 +89,9 @@ def run_sustain(
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
     require_folder(out, force=force)
     parts = _Parts(out.absolute(), "")
-    with study("sustain", out, configuration, UNITS, force=force, csv=csv) as results:
+    with study(
+        "sustain", out, configuration, UNITS, force=force, csv=csv, figures=figures
+    ) as results:
         moving = read_planar(path, **how)
         _followable(moving.scene, subspace)
         snapshot, held = held_snapshot(moving, control)

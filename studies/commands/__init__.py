@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from cyclopts import Group, Parameter, Token
 
-from loops.errors import InputError
+from loops.errors import InputError, check_choice
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
 FORMAT_NAMES = (
@@ -97,34 +97,37 @@ Cells = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Writing:
-    """Options of the results."""
+    """Options of the results.
+
+    Parameters
+    ----------
+    figures
+        Figures to draw; none: no report either. Default: all.
+    no_figures
+        The same as --figures none.
+    figure_format
+        png, svg or pdf.
+    """
 
     out: Out = None
     force: Force = False
     csv: Csv = False
     json: Json = False
-
-    def files(self) -> dict[str, Any]:
-        """The options that a study takes."""
-        return {"force": self.force, "csv": self.csv}
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class Drawing(Writing):
-    """Options of results with figures.
-
-    Parameters
-    ----------
-    no_figures
-        Draw no figures, write no report.
-    """
-
+    figures: Annotated[str | None, Parameter(group=FURTHER, metavar="NAME,...|none")] = None
     no_figures: Annotated[bool, Parameter(group=FURTHER)] = False
+    figure_format: Annotated[str, Parameter(group=FURTHER, metavar="NAME")] = "png"
 
     def files(self) -> dict[str, Any]:
         """The options that a study takes."""
-        return {**super().files(), "figures": not self.no_figures}
+        from studies.study import FigureFormat, Figures
+
+        if self.no_figures and self.figures is not None:
+            raise InputError("--figures, --no-figures", "both", "one of them", "Leave one out.")
+        check_choice("--figure-format", self.figure_format, get_args(FigureFormat))
+        none = self.no_figures or self.figures == "none"
+        names = () if self.figures is None else tuple(self.figures.split(","))
+        figures = False if none else Figures(names, self.figure_format)  # type: ignore[arg-type]
+        return {"force": self.force, "csv": self.csv, "figures": figures}
 
 
 @Parameter(name="*", group=FURTHER)

@@ -12,7 +12,6 @@ from studies.commands import (
     FURTHER,
     Answer,
     Cells,
-    Drawing,
     FluidBulkModulus,
     Holding,
     OneReading,
@@ -21,6 +20,7 @@ from studies.commands import (
     Replaying,
     StrainRatio,
     Whole,
+    Writing,
     answer,
     clock,
     out_or,
@@ -134,7 +134,7 @@ class Driving:
 def evolve_command(
     *paths: Annotated[Path, Parameter(required=True)],
     driving: Driving,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 20,
     instabilities: Instabilities = 20,
     pathologies: Annotated[bool, Parameter(group=FURTHER)] = False,
@@ -165,7 +165,7 @@ def evolve_command(
     animation
         Animate the loops' second-order work, as GIF.
     """
-    writing, reading = writing or Drawing(), reading or PlaneReading()
+    writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
     words: Any = {"by": by}
     with clock("grainloops evolve") as tell:
@@ -223,7 +223,7 @@ def forecast_command(
     /,
     *,
     driving: Driving,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 40,
     instabilities: Instabilities = 1000,
     no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
@@ -249,7 +249,7 @@ def forecast_command(
     damping
         Cundall's damping of the replay.
     """
-    writing, reading = writing or Drawing(), reading or OneReading()
+    writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "forecast", path)
     with clock("grainloops forecast") as tell:
         from studies.forecast_report import run_forecast

@@ -12,11 +12,11 @@ from loops.errors import InputError
 from studies.commands import (
     FURTHER,
     Answer,
-    Drawing,
     FluidBulkModulus,
     OneReading,
     StrainRatio,
     Whole,
+    Writing,
     answer,
     clock,
     numbers,
@@ -42,7 +42,7 @@ def material_command(
     single: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
     end: float | None = None,
     steps: Annotated[Whole, Parameter(group=FURTHER)] = 200,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Average loops as a material, and march the mean through a programme.
@@ -83,7 +83,7 @@ def material_command(
     steps
         Number of steps of the programme.
     """
-    writing, reading = writing or Drawing(), reading or OneReading()
+    writing, reading = writing or Writing(), reading or OneReading()
     of_loop = {"order": order, "alpha0_deg": alpha0, "orientations": orientations,
                "kappa": kappa, "phi_deg": phi, "confine": confine}  # fmt: skip
     asked: dict[str, Any] = {name: value for name, value in of_loop.items() if value is not None}

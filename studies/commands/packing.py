@@ -12,12 +12,12 @@ from studies.commands import (
     FURTHER,
     Answer,
     Candidates,
-    Drawing,
     Holding,
     OneReading,
     PastOption,
     Sharing,
     Whole,
+    Writing,
     YieldBand,
     answer,
     clock,
@@ -134,7 +134,7 @@ def probe_command(
     path: Path,
     /,
     *,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     directions: Whole = 72,
     control: Annotated[str, Parameter(metavar="strain|stress")] = "strain",
     subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
@@ -169,7 +169,7 @@ def probe_command(
     by
         How --amplitude is reached: from event to event, or in one solve.
     """
-    writing, reading = writing or Drawing(), reading or OneReading()
+    writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "probe", path)
     words: Any = {"control": control, "subspace": subspace, "past": past, "by": by}
     with clock("grainloops probe") as tell:
@@ -228,7 +228,7 @@ def sustain_command(
     path: Path,
     /,
     *,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     directions: Whole = 24,
     subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
     largest: float | None = None,
@@ -264,7 +264,7 @@ def sustain_command(
     hold_stress
         Bring the sample to rest at fixed stress first. Default: at fixed cell.
     """
-    writing, reading = writing or Drawing(), reading or OneReading()
+    writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "sustain", path)
     words: Any = {"subspace": subspace}
     with clock("grainloops sustain"):

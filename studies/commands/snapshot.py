@@ -20,7 +20,6 @@ from studies.commands import (
     Cells,
     Contacts,
     Csv,
-    Drawing,
     Force,
     Json,
     OneReading,
@@ -115,7 +114,7 @@ def snapshot_command(
     path: Path,
     /,
     *,
-    writing: Drawing | None = None,
+    writing: Writing | None = None,
     in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None,
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False,
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False,
@@ -136,7 +135,7 @@ def snapshot_command(
     paraview
         Write loops.vtp for ParaView.
     """
-    writing, reading = writing or Drawing(), reading or OneReading()
+    writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
     # The study checks the words itself, and says what is expected.
     words: Any = {"in_packing": in_packing}
@@ -406,9 +405,6 @@ def series_command(
     probe: Annotated[Whole | None, Parameter(metavar="N")] = None,
     indicators: Annotated[bool, Parameter(group=FURTHER)] = False,
     skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False,
-    figures: Annotated[
-        bool, Parameter(name="--figures", negative="--no-figures", show_default=False)
-    ] = True,
     animation: Annotated[bool, Parameter(group=FURTHER)] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
@@ -431,8 +427,6 @@ def series_command(
         Predict also by structural indicators: coordination, vibrality, D2min, ...
     skip_bad
         Leave out snapshots that can't be read.
-    figures
-        Draw the figures (default).
     animation
         Animate the series, as GIF.
     """
@@ -456,7 +450,6 @@ def series_command(
             probe=probe,
             indicators=indicators,
             skip_bad=skip_bad,
-            figures=figures,
             animation=animation,
             **writing.files(),
             **reading.how(),

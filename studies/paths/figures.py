@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +23,7 @@ from stability import PolarDiagram, alpha_e, spectrum, symmetric_spectrum
 from studies.paths.comparison import Compared
 from studies.paths.diamond import FollowedDiamond
 from studies.paths.polygon import RADIUS, Followed, operator_diagram
+from studies.study import Drawings
 from studies.style import (
     BLACK,
     BLUE,
@@ -67,23 +68,21 @@ CONTACT_LOOKS = {
 }
 
 
-def polygon_figures(
-    found: Followed, diagrams: dict[str, PolarDiagram]
-) -> Iterator[tuple[str, Figure]]:
+def polygon_figures(found: Followed, diagrams: dict[str, PolarDiagram]) -> Drawings:
     """Figures of one polygon with their names; `diagrams` are its polar diagrams by name."""
-    yield "loop", draw_loops(found, list(found.marks))
-    yield "stress_strain", figure_of(draw_stress(found))
-    yield "eigenvalues", figure_of(draw_eigenvalues(found))
-    yield "polar", draw_polar_figure(diagrams)
-    yield "cone", figure_of(draw_cone(found))
-    yield "unstable_fraction", figure_of(draw_unstable_fraction(found))
+    yield "loop", lambda: draw_loops(found, list(found.marks))
+    yield "stress_strain", lambda: draw_stress(found)
+    yield "eigenvalues", lambda: draw_eigenvalues(found)
+    yield "polar", lambda: draw_polar_figure(diagrams)
+    yield "cone", lambda: draw_cone(found)
+    yield "unstable_fraction", lambda: draw_unstable_fraction(found)
 
 
-def comparison_figures(compared: Compared) -> Iterator[tuple[str, Figure]]:
+def comparison_figures(compared: Compared) -> Drawings:
     """Figures of a comparison of orders with their names."""
-    yield "critical_strain", figure_of(draw_critical_strain(compared))
-    yield "first_loss", draw_yield_and_peak(compared)
-    yield "stress_strain", figure_of(draw_stress_strain(compared))
+    yield "critical_strain", lambda: draw_critical_strain(compared)
+    yield "first_loss", lambda: draw_yield_and_peak(compared)
+    yield "stress_strain", lambda: draw_stress_strain(compared)
 
 
 @styled()
@@ -429,27 +428,27 @@ def _order_axis(ax: Axes, orders: pd.Series) -> None:
 
 def diamond_figures(
     found: FollowedDiamond, ignored: FollowedDiamond | None, path_dependence: pd.DataFrame
-) -> Iterator[tuple[str, Figure]]:
+) -> Drawings:
     """Figures of the study with their names; `ignored` is the path without added contacts.
 
     `path_dependence` is the table of that name. Named states are drawn where the path reaches them,
     `added_contact` where contacts are added.
     """
-    yield "path_dependence", draw_path_dependence(path_dependence)
-    yield "axial_stress", figure_of(draw_stress(found))
-    yield "determinant", figure_of(draw_determinant(found))
-    yield "eigenvalues", figure_of(draw_eigenvalues(found))
-    yield "split", draw_split(found)
-    yield "cone", figure_of(draw_cone(found))
+    yield "path_dependence", lambda: draw_path_dependence(path_dependence)
+    yield "axial_stress", lambda: draw_stress(found)
+    yield "determinant", lambda: draw_determinant(found)
+    yield "eigenvalues", lambda: draw_eigenvalues(found)
+    yield "split", lambda: draw_split(found)
+    yield "cone", lambda: draw_cone(found)
     if found.marks:
         # At B every direction has the regime that it activates; beyond B all contacts slide.
         diagrams = {name: diagram for name, (diagram, _) in found.diagrams.items()}
         beyond = {} if found.beyond is None else {"B": operator_diagram(found.beyond.K[0])}
-        yield "polar", draw_polar_figure(diagrams, beyond)
+        yield "polar", lambda: draw_polar_figure(diagrams, beyond)
     if "A" in found.marks:
-        yield "loop_A", draw_loops(found, ["A"])
+        yield "loop_A", lambda: draw_loops(found, ["A"])
     if ignored is not None:
-        yield "added_contact", draw_added_contact(found, ignored)
+        yield "added_contact", lambda: draw_added_contact(found, ignored)
 
 
 @styled()

@@ -24,7 +24,7 @@ def _study(
     return study(name, out, options.described(), UNITS["paths"], **how)
 
 
-def run_diamond(options: DiamondOptions, out: Path, **how: bool) -> Summary:
+def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
     """Follow a diamond and write `summary.json`, tables and figures; return the summary.
 
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
@@ -40,7 +40,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: bool) -> Summary:
     return summary
 
 
-def run_polygon(options: PolygonOptions, out: Path, **how: bool) -> Summary:
+def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
     with _study("polygon", options, out, how) as results:
         found = follow_polygon(options)
@@ -50,7 +50,7 @@ def run_polygon(options: PolygonOptions, out: Path, **how: bool) -> Summary:
     return summary
 
 
-def run_comparison(options: ComparisonOptions, out: Path, **how: bool) -> Summary:
+def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
     with _study("polygon --compare", options, out, how) as results:
         compared = compare_orders(options)

@@ -37,7 +37,7 @@ from studies.series.tasks import PartTask, Series, tracked
 from studies.snapshot.figures import ORDER_SCALE, loop_drawer, order_bar
 from studies.snapshot.summary import JUDGE_TITLES
 from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map
-from studies.study import MOST_LOOPS, LoopsForMap
+from studies.study import MOST_LOOPS, Drawings, LoopsForMap
 from studies.style import (
     BLACK,
     BLUE,
@@ -356,34 +356,34 @@ def series_figures(
     tables: Mapping[str, pd.DataFrame],
     increments: Mapping[str, Any],
     mapped: MappedInterval | None,
-) -> Iterator[tuple[str, Figure]]:
+) -> Drawings:
     """Every figure of a series by name; `increments` are those of all intervals together."""
     evolution = tables["evolution"]
-    yield "orders_over_strain", orders_over_strain(evolution)
+    yield "orders_over_strain", lambda: orders_over_strain(evolution)
     if "S11" in evolution:
-        yield "stress_strain", stress_strain(evolution)
+        yield "stress_strain", lambda: stress_strain(evolution)
     if "probe_w2" in evolution:
-        yield "probes", probes_over_strain(evolution)
+        yield "probes", lambda: probes_over_strain(evolution)
     if len(evolution) > 1:
-        yield "fates", figure_of(fates_over_strain(evolution))
+        yield "fates", lambda: fates_over_strain(evolution)
     if "survival" in tables:
-        yield "survival", survival_by_verdict(tables["survival"])
+        yield "survival", lambda: survival_by_verdict(tables["survival"])
     if len(evolution) > 1:
         exchange = [tables["exchange"][name].to_numpy() for name in ExchangeCounts._fields]
-        yield "exchange", figure_of(exchange_heatmap(ExchangeCounts(*exchange)))
+        yield "exchange", lambda: exchange_heatmap(ExchangeCounts(*exchange))
     if "kinetics" in tables:
-        yield "kinetics", kinetics_figure(tables)
+        yield "kinetics", lambda: kinetics_figure(tables)
     if len(increments.get("W2", ())):
-        yield "work_signs", work_signs(increments)
+        yield "work_signs", lambda: work_signs(increments)
     packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
     if packed:
-        yield "skill_by_predictor", skill_by_predictor(tables["skill"])
-        yield "skill_by_interval", skill_by_interval(tables["skill"])
+        yield "skill_by_predictor", lambda: skill_by_predictor(tables["skill"])
+        yield "skill_by_interval", lambda: skill_by_interval(tables["skill"])
     if mapped is not None:
         if packed and np.isfinite(mapped.predicted["packing_nonaffinity"]).any():
-            yield "nonaffinity_map", nonaffinity_map(mapped)
+            yield "nonaffinity_map", lambda: nonaffinity_map(mapped)
         if "W2" in mapped.increments:
-            yield "work_map", figure_of(work_map(mapped))
+            yield "work_map", lambda: work_map(mapped)
 
 
 def joined_increments(series: Series) -> Columns:

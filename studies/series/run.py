@@ -48,7 +48,7 @@ from studies.series.tasks import (
 )
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import PLACE
-from studies.study import Results, study
+from studies.study import Figures, Results, study
 
 
 def run_series(
@@ -61,7 +61,7 @@ def run_series(
     skip_bad: bool = False,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     animation: bool = False,
     in_packing: bool | str = False,
     yield_band: float = 0.99,
@@ -129,7 +129,7 @@ def run_series(
                 raise failures[0].error()
             do_tasks(runner, series.intervals, "pairs", skip_bad=False)
         with study(
-            "series", out, configuration, UNITS["series"], csv=csv, continued=True
+            "series", out, configuration, UNITS["series"], csv=csv, figures=figures, continued=True
         ) as results:
             about = finished_parts(series)
             tables, summary = series_tables(series, about)
@@ -170,10 +170,10 @@ def _draw(
     results: Results,
     series: Series,
     tables: Mapping[str, Any],
-    summary: Mapping[str, Any],
+    summary: Summary,
     *,
     animation: bool,
-    figures: bool,
+    figures: Figures | bool,
 ) -> None:
     """Draw the animation, the figures and the report of a series that is written."""
     evolution, pictures = tables["evolution"], list[Path]()

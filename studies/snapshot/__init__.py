@@ -16,7 +16,7 @@ from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
 from studies.snapshot.table import loop_columns
-from studies.study import study
+from studies.study import Figures, study
 
 if TYPE_CHECKING:
     from loops.in_place import Method
@@ -28,7 +28,7 @@ def run_snapshot(
     *,
     force: bool = False,
     csv: bool = False,
-    figures: bool = True,
+    figures: Figures | bool = True,
     paraview: bool = False,
     in_packing: Method | None = None,
     quadrons: bool = False,
@@ -45,7 +45,9 @@ def run_snapshot(
 
         check_choice("--in-packing", in_packing, METHODS)
         configuration["in_packing"] = in_packing
-    with study("snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv) as results:
+    with study(
+        "snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv, figures=figures
+    ) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
             found = other.submit(chains_on_loops, snapshot) if snapshot.mechanical else None
@@ -87,7 +89,7 @@ def run_snapshot(
             if quadrons:
                 from studies.snapshot.quadrons import quadron_figure
 
-                drawn = chain(drawn, [("quadrons", quadron_figure(tables["quadrons"]))])
+                drawn = chain(drawn, [("quadrons", lambda: quadron_figure(tables["quadrons"]))])
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)
             results.write_report(title, summary, drawn, maps)

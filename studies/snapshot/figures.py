@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -37,6 +37,7 @@ from studies.snapshot.summary import (
     unstable_loops,
 )
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER, loop_polygons
+from studies.study import Drawings
 from studies.style import (
     BLACK,
     BLUE,
@@ -247,21 +248,21 @@ def snapshot_figures(
     fabric: Columns,
     summary: Summary,
     links: Floats | None = None,
-) -> Iterator[tuple[str, Figure]]:
+) -> Drawings:
     """Every figure of a snapshot by name; `links (L, 2, 2)` are those of force chains."""
     draw, groups = loop_drawer(snapshot), group_rows(table["order"])
     unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
-    yield "map", loop_map(snapshot, table, draw)
-    yield "orders", figure_of(order_bars(summary))
-    yield "fabric", fabric_rose(fabric, summary)
+    yield "map", lambda: loop_map(snapshot, table, draw)
+    yield "orders", lambda: order_bars(summary)
+    yield "fabric", lambda: fabric_rose(fabric, summary)
     if links is not None and summary["loops"]:
-        yield "chains", chains_figure(table, draw, links, groups, unstable)
+        yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
-        yield "eigenvalues", eigenvalue_distribution(table, groups, unstable)
+        yield "eigenvalues", lambda: eigenvalue_distribution(table, groups, unstable)
         if any(unstable[judge].any() for judge in rose_judges(unstable)):
-            yield "directions", unstable_rose(table, unstable, summary)
+            yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
-            yield "in_packing", in_packing(table, groups, surroundings_share(table))
+            yield "in_packing", lambda: in_packing(table, groups, surroundings_share(table))
 
 
 @styled()

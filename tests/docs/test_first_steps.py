@@ -7,6 +7,7 @@ import os
 import re
 import runpy
 import sys
+from dataclasses import fields
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from PIL import Image
 import grainloops as gl
 from loops import contact_forces
 from studies import cli
+from studies.commands import Writing
 from tests.docs.pages import page
 
 TEXT = page("first-steps")
@@ -92,7 +94,7 @@ def test_the_lines_for_the_shell_are_options_of_the_commands():
         command, *words = line.split()
         parameters = inspect.signature(getattr(cli, f"{command}_command")).parameters
         known = {name.replace("_", "-") for name in parameters}
-        known |= {"out", "table", "vtk"}
+        known |= {one.name.replace("_", "-") for one in fields(Writing)} | {"vtk"}
         for word in words:
             assert not word.startswith("--") or word.removeprefix("--") in known, line
 

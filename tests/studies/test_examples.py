@@ -31,7 +31,7 @@ def test_result_of_an_example(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["yade_diamond", str(tmp_path / "out")])
     with pytest.warns(RuntimeWarning, match="found in sys.modules"):
         runpy.run_module("studies.examples.yade_diamond", run_name="__main__")
-    endings = ("png", "svg", "parquet", "csv")
+    endings = ("png", "parquet", "csv")
     assert files(tmp_path / "out") == {"summary.json", *(f"yade_diamond.{e}" for e in endings)}
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["provenance"]["command"] == "grainloops example yade_diamond"

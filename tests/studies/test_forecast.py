@@ -302,7 +302,7 @@ def test_the_command_writes_what_the_call_returns(grains, found, tmp_path, monke
     assert status == 0
     said = capsys.readouterr().out
     names = {f"{name}.{kind}" for name in ("loops", "next") for kind in ("parquet", "csv")}
-    names |= {"forecast.png", "forecast.svg", "summary.json", "report.html"}
+    names |= {"forecast.png", "summary.json", "report.html"}
     assert {path.name for path in out.iterdir()} == names
     loops, summary = (
         pd.read_parquet(out / "loops.parquet"),

@@ -67,7 +67,7 @@ def test_a_ratio_that_rises_to_the_end_has_no_peak(tmp_path):
 def test_files_hold_units_meanings_and_provenance(hexagons):
     summary, out = hexagons
     names = {path.name for path in out.iterdir()}
-    assert {"path.parquet", "loops.parquet", "material.png", "material.svg", "report.html"} < names
+    assert {"path.parquet", "loops.parquet", "material.png", "report.html"} < names
     for name in ("path", "loops"):
         for field in pyarrow.parquet.read_schema(out / f"{name}.parquet"):
             said = {key: field.metadata.get(key) for key in (b"unit", b"meaning")}

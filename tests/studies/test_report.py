@@ -18,19 +18,18 @@ from studies.snapshot.table import loop_columns, loops_for_map
 from studies.study import (
     MOST_LOOPS,
     LoopsForMap,
+    Picture,
     encoded,
     mapping_table,
     summary_tables,
     value_text,
     write_report,
 )
+from tests.unsaved import PIXEL
 
 MADE = provenance("snapshot", {"path": "a <b>.csv", "columns": {"x": "px"}}, "as the input's")
 KINDS = {"f4": "<f4", "f8": "<f8", "i4": "<i4"}
 VOID = {"meta", "img", "input", "br", "wbr", "link"}
-PIXEL = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
-)
 
 
 class Strict(HTMLParser):
@@ -77,8 +76,7 @@ def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     snapshot = read_snapshot(sample_path("grains_periodic.parquet"), cell=sample_cell())
     table = loop_columns(snapshot)
-    figure = folder / "pixel.png"
-    figure.write_bytes(PIXEL)
+    figure = Picture("pixel", "image/png", PIXEL)
     summary = {
         "grains": 2000,
         "stress": np.eye(2),

@@ -1,12 +1,16 @@
-"""Figures saved with one layout are those that matplotlib saves, one by one."""
+"""Figures are those that are wanted, in the format that is, as matplotlib saves them."""
 
+import json
 from io import BytesIO
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import grainloops as gl
 from studies import style
+from studies.output import words
+from tests.studies.snapshot.test_run import run
 
 
 def drawn(panels):
@@ -30,13 +34,83 @@ def test_pictures_are_matplotlib_s_own(tmp_path, panels):
     assert saved.text["Title"] == "a"
 
 
-def test_the_same_numbers_give_the_same_files(tmp_path):
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_the_same_numbers_give_the_same_files(tmp_path, kind):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         for panels, figure in ((2, "a"), (1, "b")):
-            style.save_figure(drawn(panels), tmp_path / name, figure, {"command": "here"})
+            style.save_figure(drawn(panels), tmp_path / name, figure, {"command": "here"}, kind)
     files = sorted(file.name for file in (tmp_path / "one").iterdir())
-    assert files == ["a.png", "a.svg", "b.png", "b.svg"]
+    assert files == [f"a.{kind}", f"b.{kind}"]
     for file in files:
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
-    assert "<dc:title>a</dc:title>" in (tmp_path / "one" / "a.svg").read_text()
+        content = (tmp_path / "one" / file).read_bytes()
+        assert content == (tmp_path / "two" / file).read_bytes()
+        assert b"here" in content and b"CreationDate" not in content
+    if kind == "svg":
+        assert "<dc:title>a</dc:title>" in (tmp_path / "one" / "a.svg").read_text()
+
+
+def snapshot(*asked):
+    return ("snapshot", gl.sample_path(), *asked)
+
+
+COMMANDS = (
+    ("domain", "--directions", 5),
+    ("domain", "--compare", "3,4", "--closure", "affine", "--directions", 3),
+    ("diamond",),
+    ("polygon", "--order", 5),
+    ("polygon", "--compare", "3,4"),
+)
+LOOPS = [
+    pytest.param(words, marks=[pytest.mark.slow] * (k > 0), id=" ".join(map(str, words)))
+    for k, words in enumerate(COMMANDS)
+]
+TABLES = {".parquet", ".json"}
+
+
+@pytest.mark.parametrize("command", [snapshot(), *LOOPS])
+def test_no_figure_is_drawn_if_none_is_wanted(command, tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "figure_file", None)
+    for number, none in enumerate((("--figures", "none"), ("--no-figures",))):
+        out = tmp_path / f"{number}"
+        assert run(monkeypatch, *command, *none, "--out", out) == 0
+        assert {file.suffix for file in out.iterdir()} <= TABLES
+
+
+@pytest.mark.parametrize("command", LOOPS)
+def test_every_figure_has_a_name_that_can_be_asked_for(command, tmp_path, monkeypatch, unsaved):
+    assert run(monkeypatch, *command, "--out", tmp_path / "all") == 0
+    drawn = {file.stem for file in (tmp_path / "all").glob("*.png")}
+    assert drawn and drawn <= words("captions")[command[0]].keys()
+    one = min(drawn)
+    assert run(monkeypatch, *command, "--figures", one, "--out", tmp_path / "one") == 0
+    assert [file.name for file in (tmp_path / "one").glob("*.png")] == [f"{one}.png"]
+
+
+@pytest.mark.parametrize(("kind", "start"), [("svg", "svg+xml"), ("pdf", "png")])
+def test_wanted_figures_alone_are_made_and_stand_on_the_page(tmp_path, monkeypatch, kind, start):
+    monkeypatch.setattr("studies.snapshot.figures.loop_map", None)
+    out = tmp_path / "out"
+    asked = snapshot("--figures", "orders,in_packing", "--figure-format", kind, "--out", out)
+    assert run(monkeypatch, *asked) == 0
+    drawn = {file.name for file in out.iterdir() if file.suffix not in TABLES}
+    assert drawn == {f"orders.{kind}", "report.html"}
+    page = (out / "report.html").read_text()
+    assert page.count(f'<img src="data:image/{start};base64,') == 1
+    # Loops are judged in their packing with an option alone.
+    said = json.loads((out / "summary.json").read_text())["notes"]
+    assert said[-1] == "nothing to draw in figures in_packing"
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (("--figures", "map,maps"), "--figures: got 'maps', expected none, or some of map, orders"),
+        (("--figures", ""), "--figures: got '', expected none, or some of map, orders"),
+        (("--figure-format", "jpg"), "--figure-format: got 'jpg', expected png, svg or pdf"),
+        (("--figures", "map", "--no-figures"), "--figures, --no-figures: got both"),
+    ],
+)
+def test_other_words_are_refused(asked, said, tmp_path, monkeypatch, capsys):
+    assert run(monkeypatch, *snapshot(*asked, "--out", tmp_path / "out")) == 2
+    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()

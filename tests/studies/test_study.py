@@ -6,9 +6,9 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
-from studies.study import captions, study
+from studies.output import words
+from studies.study import study
 from studies.style import new_figure
-from tests.studies.test_report import PIXEL
 
 
 def frame():
@@ -34,11 +34,7 @@ def test_tables_keep_their_types_and_the_summary_its_provenance(tmp_path):
     assert written["files"] == ["orders.csv", "orders.parquet"]
 
 
-def test_figures_stand_under_their_captions_with_numbers_of_the_summary(tmp_path, monkeypatch):
-    def save(figure, folder, name, source):
-        (folder / f"{name}.png").write_bytes(PIXEL)
-
-    monkeypatch.setattr("studies.style.save_figure", save)
+def test_figures_stand_under_their_captions_with_numbers_of_the_summary(tmp_path, unsaved):
     with study("probe", tmp_path / "out", {}, "") as results:
         summary = results.write_summary({"softest_theta_deg": 12.34, "loops": 0})
         drawn = ((name, new_figure()) for name in ("orders", "map"))
@@ -58,8 +54,8 @@ def test_a_study_that_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", ["snapshot", "series", "probe", "evolve"])
+@pytest.mark.parametrize("command", words("captions"))
 def test_captions_are_sentences(command):
-    for title, said in captions(command).values():
+    for title, said in words("captions")[command].values():
         assert title[0].isupper() and not title.endswith(".")
         assert said[0].isupper() and said.endswith(".")

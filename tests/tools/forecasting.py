@@ -344,7 +344,6 @@ def figure(scored: Path, out: Path) -> None:
     """Draw the figure of the page from the scores."""
     drawn = figure_of(pd.read_csv(scored), calibration())
     save_figure(drawn, out.parent, out.stem, calibration().provenance)
-    out.with_suffix(".svg").unlink()
 
 
 if __name__ == "__main__":

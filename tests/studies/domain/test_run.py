@@ -207,7 +207,7 @@ def test_study_writes_its_results(tmp_path):
     asked = DomainParameters(kappa=(0.1, 0.5), phi_deg=10.0, directions=41)
     summary = run_domain(asked, tmp_path / "out", csv=True)
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {*("domain.parquet", "domain.csv", "domain.png", "domain.svg", "summary.json")}
+    assert names == {"domain.parquet", "domain.csv", "domain.png", "summary.json"}
     table = pyarrow.parquet.read_table(tmp_path / "out" / "domain.parquet").to_pandas()
     assert set(table.columns) >= {
         *("alpha0_deg", "kappa", "phi_deg", "contacts", "kind", "programme_deg", "regime"),

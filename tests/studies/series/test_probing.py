@@ -53,7 +53,7 @@ def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
         assert np.allclose(ends, wanted[0]) if wanted else np.isnan(ends.astype(float)).all()
         assert table["probe_undetermined"][k] == one["undetermined"] == 0
     assert table["probe_w2"].min() < 0.05
-    assert {"probes.png", "probes.svg"} <= {path.name for path in out.iterdir()}
+    assert (out / "probes.png").is_file()
     assert "probe" in json.loads((out / "summary.json").read_text())["definitions"]
     # The same call goes on; another number of directions is another series.
     predict(out, PATHS[:2], in_packing=False, probe=12)
