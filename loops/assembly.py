@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.errors import InputError
 from loops.geometry import require_plane
 from loops.graph import ContactState, GrainGraph, contact_state
-from loops.laws.frictional import ContactLaw
+from loops.laws.frictional import ContactLaw, require_law
 from loops.validation import checked_regimes
 
 if TYPE_CHECKING:
@@ -34,27 +33,6 @@ def contact_regime(
     if regime is not None:
         return checked_regimes(regime, state.length.shape[-1])
     return law.regime(state) if state.regime is None else state.regime
-
-
-def _stiffness(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """Material stiffness, or `InputError` if parameters of the law don't fit the contacts."""
-    count = state.length.shape[-1]
-    try:
-        stiffness = law.local_stiffness(state, regime)
-        rolling = np.broadcast_shapes(law.rolling_stiffness(state, regime).shape, (count,))
-        fits = stiffness.shape[-3:-2] == rolling[-1:] == (count,)
-    except InputError:
-        raise
-    except ValueError:
-        fits = False
-    if fits:
-        return stiffness
-    raise InputError(
-        "parameters of the contact law",
-        "arrays that do not fit the graph",
-        f"numbers, or arrays of shape (..., {count}), one value a contact",
-        "Use law.take(contacts) for the law of a part of the contacts.",
-    )
 
 
 def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
@@ -156,7 +134,7 @@ def contact_tangent(
         (force), moment per spin (force times length).
     """
     require_plane(state.n, "normals of the contacts")
-    stiffness = _stiffness(state, law, regime)
+    stiffness = law.local_stiffness(state, regime)
     g, *own = law.shear_kinematics(state)
     a, b = _pair(state.arm_i, state.arm_j), _pair(*(own if arms is None else arms))
     # Rates per unit of shear displacement: force along n and t, and T' alone.
@@ -211,7 +189,7 @@ def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Float
     tangent has the block of the first.
     """
     g, _, _ = law.shear_kinematics(state)
-    local = turning_block(_stiffness(state, law, regime), g, state)
+    local = turning_block(law.local_stiffness(state, regime), g, state)
     return _both_tangents(local) if state.n.shape[-1] == 3 else local
 
 
@@ -305,6 +283,7 @@ def assemble_tangent(
     >>> assemble_tangent(pair, LinearFrictional(kn=1.0, kt=0.5)).tolist()[0]
     [1.0, 0.0, -1.0, 0.0]
     """
+    require_law(law, graph.contact_shape)
     state = contact_state(graph)
     S = contact_tangent(state, law, contact_regime(state, law, regime))
     return assembled(S, *grain_ends(graph.contacts, graph.grain_count, spins))

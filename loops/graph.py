@@ -167,6 +167,11 @@ class GrainGraph(Shown):
         return self.contacts.shape[0]
 
     @property
+    def contact_shape(self) -> tuple[int, ...]:
+        """Shape `(..., C)` of what every contact has."""
+        return (*self.batch_shape, self.contact_count)
+
+    @property
     def batch_shape(self) -> tuple[int, ...]:
         """Shape of the leading batch axes, `()` for one state."""
         return np.broadcast_shapes(

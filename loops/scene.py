@@ -12,7 +12,7 @@ from loops.boundary import Boundary, boundary_of
 from loops.errors import InputError
 from loops.faces import Faces, find_faces
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
-from loops.laws.frictional import ContactLaw
+from loops.laws.frictional import ContactLaw, require_law
 from loops.shown import Shown
 
 
@@ -53,6 +53,7 @@ class Scene(Shown):
         elif not isinstance(boundary, Boundary):
             received, remedy = type(boundary).__name__, "Give boundary_of(graph, walls=, held=)."
             raise InputError("boundary of a scene", received, "a Boundary", remedy)
+        require_law(self.law, self.graph.contact_shape)
 
     @property
     def given_volume(self) -> float | None:

@@ -19,7 +19,7 @@ equations: the limit of spins with a vanishing resistance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, get_args
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_ar
 from loops.errors import InputError, check_choice
 from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import ContactState, GrainGraph, graph_of
-from loops.laws.frictional import ContactLaw
+from loops.laws.frictional import ContactLaw, require_law
 from loops.scene import Scene
 
 Closure = Literal["affine", "traction"]
@@ -67,11 +67,8 @@ def with_law(subject: GrainGraph | HasLaw, law: ContactLaw | None) -> tuple[Grai
     `InputError` for what has no graph, or no law.
     """
     graph = graph_of(subject)
-    own = getattr(subject, "law", None) if law is None else law
-    if own is None or not hasattr(own, "regime"):
-        received = "none" if own is None else type(own).__name__
-        expected = "a contact law, or as first argument a loop or scene, which has one"
-        raise InputError("law", received, expected, "Give gl.LinearFrictional(kn, kt, mu), say.")
+    own: Any = getattr(subject, "law", None) if law is None else law
+    require_law(own, graph.contact_shape)
     return graph, own
 
 

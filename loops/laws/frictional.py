@@ -125,14 +125,42 @@ class ContactLaw(Protocol):
         ...
 
 
-def require_law(law: object) -> None:
-    """Raise `InputError` unless the law has everything that `ContactLaw` asks for."""
-    names = [name for name in dir(ContactLaw) if not name.startswith("_")]
-    missing = [name for name in names if not hasattr(law, name)]
-    if missing:
-        received = f"{type(law).__name__} without {', '.join(missing)}"
-        expected = "a law with its tangent and its edge"
-        raise InputError("contact law", received, expected, "Derive it from gl.FrictionalLaw.")
+OF_A_LAW = [name for name in dir(ContactLaw) if not name.startswith("_")]
+# Parameters by contact of a law that takes its contacts itself.
+BY_CONTACT = ("kn", "kt", "mu", "k_r", "mu_r")
+
+
+def require_law(law: object, contacts: tuple[int, ...] | None = None) -> None:
+    """Raise `InputError` unless the law has everything that `ContactLaw` asks for.
+
+    Of contacts of this shape its parameters are numbers, or arrays with as many in the last axis.
+    """
+    missing = [name for name in OF_A_LAW if not hasattr(law, name)]
+    if isinstance(law, type) or missing:
+        received = "none" if law is None else f"{type(law).__name__} without {', '.join(missing)}"
+        received = f"the class {law.__name__}" if isinstance(law, type) else received
+        remedy = "Give gl.LinearFrictional(kn, kt, mu), say, or derive it from gl.FrictionalLaw."
+        raise InputError("contact law", received, "a law with its tangent and its edge", remedy)
+    if contacts is None:
+        return
+    everything = getattr(type(law), "take", None) is FrictionalLaw.take
+    for name, value in vars(law).items():
+        if name == "law":
+            require_law(value, contacts)
+        elif (everything or name in BY_CONTACT) and not isinstance(value, str):
+            _require_fit(f"{name} of the contact law", np.shape(value), contacts)
+
+
+def _require_fit(name: str, shape: tuple[int, ...], contacts: tuple[int, ...]) -> None:
+    """Raise `InputError` unless parameters are one for each state, or one for each contact."""
+    by_contact = shape[-1:] == contacts[-1:] or (len(shape) > 1 and shape[-1] == 1)
+    leading = zip(shape[-2::-1], contacts[-2::-1], strict=False)
+    fits = by_contact and len(shape) <= len(contacts) and all(n in (1, m) for n, m in leading)
+    if shape and not fits:
+        received = f"{shape[-1]} values" if len(shape) == 1 else f"shape {shape}"
+        expected = f"a number, or one for each of the {contacts[-1]} contacts of the graph"
+        remedy = "Give law.take(kept), with the contacts that the graph has kept."
+        raise InputError(name, received, expected, remedy)
 
 
 class FrictionalLaw(Shown):

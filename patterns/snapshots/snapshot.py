@@ -28,7 +28,7 @@ from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
 from loops.graph import state_of
-from loops.laws.frictional import of_tables
+from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
@@ -107,6 +107,10 @@ class Snapshot(Shown):
     time: float | None = None
     velocity: NDArray[np.float64] | None = None
     spin: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        if self.law is not None:
+            require_law(self.law, self.graph.contact_shape)
 
     @cached_property
     def faces(self) -> Faces:

@@ -37,7 +37,7 @@ from loops.closures.system import contact_springs, drive, form_of, relax, spring
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.geometry import reference_volume
 from loops.graph import require_one_state
-from loops.laws.frictional import edge_of, require_law, with_sides
+from loops.laws.frictional import edge_of, with_sides
 from stability.regimes import OPEN, SOLUTION_RTOL, Choice, EdgeRates, agreement, edge_options
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis
@@ -97,7 +97,6 @@ def edge_contacts(
     without force and without gap, unless flagged open. Frictionless contacts slide both ways and
     are left out.
     """
-    require_law(law)
     state = contact_state(graph)
     read = law.regime(state) if regime is None else np.asarray(regime, dtype=np.int8)
     stick = law.local_stiffness(state, np.full(read.shape, Regime.ELASTIC, dtype=np.int8))

@@ -125,7 +125,8 @@ class LoopBlock:
 
 def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> list[LoopBlock]:
     """Return the loops in blocks, the laws of their contacts checked."""
-    require_law(law)
+    for count in loops.graph_contacts:
+        require_law(law, (count,))
     offsets, rows, branches = loops.offsets, np.arange(len(loops.x)), loops.branches
     cells = None
     if closure == "cell":

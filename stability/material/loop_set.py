@@ -44,6 +44,8 @@ class LoopSet(Shown):
         Share of each contact that counts: 1, or 1/2 where two loops share it.
     law : ContactLaw or None
         Law of the packing that the loops come from.
+    graph_contacts : tuple of int
+        Number of contacts of each graph that they come from.
 
     Examples
     --------
@@ -62,6 +64,7 @@ class LoopSet(Shown):
     contacts: Integers
     share: float = 1.0
     law: ContactLaw | None = None
+    graph_contacts: tuple[int, ...] = ()
 
     @property
     def orders(self) -> Integers:
@@ -137,7 +140,9 @@ def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
     )
     orders = np.concatenate([part[0] for part in parts])
     offsets = np.concatenate([[0], np.cumsum(orders)])
-    return LoopSet(offsets, x, radii, normal, shear, np.ones(len(orders)), contacts)
+    counts = tuple(dict.fromkeys(graph.contact_count for graph in graphs))
+    weights = np.ones(len(orders))
+    return LoopSet(offsets, x, radii, normal, shear, weights, contacts, graph_contacts=counts)
 
 
 def _rows_of(graph: GrainGraph) -> tuple[Integers, Floats, Floats, Floats, Floats, Integers]:
@@ -276,5 +281,6 @@ def loops_of(
         contacts.append(batch.contacts.ravel())
     cut = loop_set(parts)
     return replace(
-        cut, weights=cut.areas, contacts=np.concatenate(contacts), share=SHARED_HALF, law=scene.law
-    )
+        cut, weights=cut.areas, contacts=np.concatenate(contacts), share=SHARED_HALF,
+        law=scene.law, graph_contacts=(scene.graph.contact_count,),
+    )  # fmt: skip

@@ -13,7 +13,7 @@ from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws.frictional import ContactLaw, Regime, edge_of, require_law
+from loops.laws.frictional import ContactLaw, Regime, edge_of
 from loops.scene import Scene
 from loops.system import (
     REFINEMENTS,
@@ -77,7 +77,6 @@ class LinearAnswer:
 def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     """Find the contacts within the yield band, and those whose known regime is sliding."""
     graph, law, boundary = scene.graph, scene.law, scene.boundary
-    require_law(law)
     checked_band(yield_band)
     state = scene.contact_state
     given = contact_regime(state, law, None)

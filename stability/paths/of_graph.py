@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from loops import Scene
 from loops.closures import Closure, Spins
-from loops.laws.frictional import require_law
 from loops.laws.movable import require_unlimited_rolling
 from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
@@ -30,7 +29,6 @@ def follow_loop(
 ) -> Path:
     """Follow a loop through its stages, see `stability.follow`."""
     graph, law = scene.graph, scene.law
-    require_law(law)
     require_unlimited_rolling(law)
     contacts = scene.contact_state
     model = path_model(graph, contacts, law, closure, options.spins, scene.given_volume)
@@ -59,7 +57,6 @@ def rates_of_loop(
 ) -> Regimes[EdgeTrial]:
     """Find the rates of a loop under a programme, see `stability.rates_at`."""
     graph, law = scene.graph, scene.law
-    require_law(law)
     contacts = scene.contact_state
     model = path_model(graph, contacts, law, closure, spins, scene.given_volume)
     mode, state = start_mode(model, contacts), unpack(model, initial_state(model, contacts))

@@ -256,7 +256,7 @@ def test_a_loop_scene_or_snapshot_stands_for_its_graph_and_law(snapshot):
 @pytest.mark.parametrize(
     ("question", "said"),
     [
-        (lambda one: gl.traction_tangent(one.graph), "law: got none, expected a contact law"),
+        (lambda one: gl.traction_tangent(one.graph), "contact law: got none, expected a law"),
         (lambda one: gl.traction_tangent("loop"), "first argument: got str, expected a graph"),
         (lambda one: gl.directional_work(one, [[1.0, 0.0]], closure="affine"), "law: got list"),
         (lambda one: gl.directional_work(one, closure="affine"), "directions: got shape"),
