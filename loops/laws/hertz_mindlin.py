@@ -125,7 +125,7 @@ class HertzMindlin(FrictionalLaw):
         object.__setattr__(self, "ratio", ratio)
 
     table_words = property(lambda self: {"law": "hertz", "shear_history": self.shear_history})
-    of_moduli = property(lambda self: self.ratio is None)
+    of_moduli = property(lambda self: np.ndim(self.young) == 0)
 
     @property
     def stiffness_ratio(self) -> Floats:

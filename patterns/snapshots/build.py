@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -42,6 +43,10 @@ from patterns.snapshots.walls import WallContacts
 LawName = Literal["linear", "hertz", "cohesive", "bonded"]
 # Those of `CohesiveFrictional`: attraction, and bonds.
 COHESIVE = ("cohesive", "bonded")
+# Shear forces that are all below this share of the mean normal force are rounding; without friction
+# those that digits of a text leave.
+NO_SHEAR = 1e-9
+NO_SHEAR_OF_TEXT = 1e-4
 # Multiples of the rounding of centres above which an overlap tells a law.
 SURE_ROUNDINGS = 20.0
 TOLD = (
@@ -165,7 +170,9 @@ def _told_law(
 
 def _lacks(parameters: Parameters, table: Table) -> list[str]:
     """List the options of the law that neither the call nor the table gives."""
-    wanted = (("kn", "kn", parameters.kn), ("kt", "ks", parameters.kt))
+    wanted = [("kn", "kn", parameters.kn)]
+    if not _frictionless(table, parameters.mu):
+        wanted.append(("kt", "ks", parameters.kt))
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
     if parameters.law == "hertz" and (lacks or parameters.young is not None):
         lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
@@ -235,6 +242,10 @@ def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: b
     return notes + [str(one) for one in findings if one.severity != "ok"]
 
 
+def _frictionless(table: Table, mu: float | None) -> bool:
+    return not table.column("mu").any() if table.has("mu") else mu == 0
+
+
 def _forces(
     table: Table, rows: Integers, n: Floats, mu: float | None
 ) -> tuple[Floats | None, Floats, Floats]:
@@ -244,7 +255,7 @@ def _forces(
     vector may lean out of the tangent by its own rounding (1e-9 of the force in Yade's): the total
     force keeps that share in `N`.
     """
-    frictionless = not table.column("mu").any() if table.has("mu") else mu == 0
+    frictionless = _frictionless(table, mu)
     force = table.optional("fx_on_2", "fy_on_2")
     vectors = table.optional("fsx", "fsy") if force is None else None
     if force is None and (vectors is not None or table.has("fn")):
@@ -273,6 +284,9 @@ def _forces(
         f = some(force, rows)
         normal = np.einsum("ck,ck->c", f, n)
         shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
+        none = NO_SHEAR_OF_TEXT if frictionless else NO_SHEAR
+        if np.abs(shear).max() <= none * float(np.abs(normal).mean()):
+            shear = np.zeros(len(rows))
     elif table.has("fn"):
         normal = some(table.column("fn"), rows)
     return force, normal, shear
@@ -369,10 +383,9 @@ def _law(
             cohesion = _parameter(table, rows, "cohesion", given, "--cohesion", notes)
         else:
             notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
-    slides_at, strength = "mu N", cohesion if mu is None else mu * normal + cohesion
-    if cohesive:
-        slides_at = "cohesion + mu N"
-    carries = strength > 0 if cohesive else normal > 0
+    slides_at = "cohesion + mu N" if cohesive else "mu N"
+    strength = cohesion + (normal if mu is None else mu * normal)
+    carries = strength > 0
     if table.has("sliding"):
         sliding = (some(table.column("sliding"), rows) != 0) & carries
     elif mu is not None:
@@ -387,6 +400,9 @@ def _law(
         mu = np.where(sliding, np.abs(shear) / loaded, np.inf)
         if sliding.any():
             notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
+    # Nothing sticks without friction, and nothing slides: there is no shear force.
+    free = (mu == 0) & (cohesion == 0)
+    sliding &= ~free
     chosen = parameters.shear_increment
     increment = chosen or of_source or "branch"
     if chosen is None and of_source == "radii":
@@ -404,9 +420,14 @@ def _law(
         history = parameters.shear_history or "force"
         rule = "T stays" if history == "force" else "T goes with kt"
         notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
-        return HertzMindlin(young, poisson, mu, increment, history, ratio), regime
+        law = HertzMindlin(young, poisson, mu, increment, history, ratio)
+        ratio = np.where(free, 0.0, law.stiffness_ratio) if free.any() else ratio
+        return replace(law, ratio=ratio), regime
     kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
-    kt = _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    kt = 0.0 if free.all() else _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    if free.any():
+        kt = np.where(free, 0.0, kt)
+        notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
     if cohesive:
         bonded = parameters.law == "bonded"
         notes.append(f"law {parameters.law!r}: see CohesiveFrictional")
@@ -421,23 +442,22 @@ def _moduli(
     normal: Floats,
     parameters: Parameters,
     notes: list[str],
-) -> tuple[Floats, Floats, Floats | None]:
+) -> tuple[Floats | float, Floats | float, Floats | None]:
     """Young's modulus, Poisson's ratio, and kt/kn where the file gives tangents.
 
     A tangent `kn = (6 E*^2 R* N)^(1/3)` tells `E*` without the overlap, which a file may round.
     """
-    shape = len(rows)
     if parameters.young is not None and parameters.poisson is not None:
         if table.has("kn") or table.has("ks"):
             notes.append("columns 'kn' and 'ks' not used: --young and --poisson are given")
-        return np.full(shape, parameters.young), np.full(shape, parameters.poisson), None
+        return parameters.young, parameters.poisson, None
     kn, ks = some(table.column("kn"), rows), some(table.column("ks"), rows)
     told = (kn > 0) & (normal > 0)
     if not told.any():
         remedy = "Give --young and --poisson."
         raise InputError(f"column 'kn' of {table.path}", "no tangent", "one at a force", remedy)
     reduced = radii.prod(axis=1) / radii.sum(axis=1)
-    modulus, ratio = np.empty(shape), np.empty(shape)
+    modulus, ratio = np.empty(len(rows)), np.empty(len(rows))
     # At Poisson's ratio 0 Young's modulus is E/(1 - nu^2) = 2 E*.
     modulus[told] = 2.0 * np.sqrt(kn[told] ** 3 / (6.0 * reduced[told] * normal[told]))
     ratio[told] = ks[told] / kn[told]
@@ -447,7 +467,7 @@ def _moduli(
         f"E/(1 - nu^2) = {median(modulus):.4g} and kt/kn = {median(ratio):.4g} (medians), "
         "from the columns 'kn' and 'ks' as tangents"
     )
-    return modulus, np.zeros(shape), ratio
+    return modulus, 0.0, ratio
 
 
 def _parameter(

@@ -173,8 +173,10 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
     """Return contacts that may slide: from a share of their strength on, or said to slide."""
     near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
     regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
-    # Without a shear force there is no side to slide to: frictionless contacts always slide.
-    may_slide = (state.shear_force != 0) & (regimes == Regime.SLIDING)
+    # Without a shear force there is no side to slide to. Frictionless contacts always slide: the
+    # shear that they carry is rounding.
+    rough = (np.asarray(law.mu) > 0) | (law.strength(state) > 0)
+    may_slide = rough & (state.shear_force != 0) & (regimes == Regime.SLIDING)
     full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
     return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
 

@@ -399,8 +399,9 @@ def test_forces_against_overlaps_in_numbers(law):
     made = elastic(factor)
     power = 1.0
     if law != "springs":
-        ratio = None if law == "modulus" else 0.5
-        of_hertz = HertzMindlin(1e7, 0.0, 0.5, ratio=ratio)
+        # One modulus for all, or those that the tangents of each contact give.
+        modulus, ratio = (1e7, None) if law == "modulus" else (np.full(COUNT, 1e7), 0.5)
+        of_hertz = HertzMindlin(modulus, 0.0, 0.5, ratio=ratio)
         force = factor * of_hertz.closed_force(SimpleNamespace(**hertz_state(made)))
         made = dataclasses.replace(uneven(normal=force), law=of_hertz)
         # kn goes with the third root of N: what N needs goes with the other two thirds.
