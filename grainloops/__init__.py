@@ -109,5 +109,5 @@ MEANT = {
     "boundary cell walls": "Scene(graph, law, boundary); snapshot.scene has them",
     "material": "LoopMaterial",
 }
-SERVED.update(table="studies.answers.table_of", plot="studies.answers.plot_of")
+SERVED.update(table="studies.results.table_of", plot="studies.results.plot_of")
 lazy_face(__name__, MEANT)

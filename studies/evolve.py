@@ -32,7 +32,7 @@ from studies.series.evolution import components
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons
-from studies.study import Figures, study
+from studies.study import files_of, study
 
 By = Literal["events", "replay", "both"]
 Options = TypeVar("Options")
@@ -258,28 +258,25 @@ def run_evolve(
     hold: bool = False,
     hold_stress: bool = False,
     cells: Path | None = None,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     animation: bool = False,
     progress: Callable[[float], None] | None = None,
     **how: Any,
 ) -> Summary:
     """Follow the first snapshot, write tables, figures and a report; return the summary.
 
-    `how` are options of `evolve` and of `read_planar`; later snapshots are compared with the path
-    `by` events, with a `replay` by the equations of motion, or with both. The replay has the rate
-    at which the code went on to the next snapshot, as in `run_series`. `hold` brings the first
-    snapshot to rest at fixed cell before it is followed, `hold_stress` at fixed stress.
+    `how` are options of `evolve`, of `read_planar` and files of `study`; later snapshots are
+    compared with the path `by` events, with a `replay` by the equations of motion, or with both.
+    The replay has the rate at which the code went on to the next snapshot, as in `run_series`.
+    `hold` brings the first snapshot to rest at fixed cell before it is followed, `hold_stress` at
+    fixed stress.
     """
+    files = files_of(how)
     own = {one.name: how.pop(one.name) for one in fields(Evolving) if one.name in how}
     asked = Evolving(**own)
     held_control = hold_control(hold, hold_stress)
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
     configuration |= {"hold": held_control}
-    with study(
-        "evolve", out, configuration, UNITS["evolve"], force=force, csv=csv, figures=figures
-    ) as results:
+    with study("evolve", out, configuration, UNITS["evolve"], **files) as results:
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
         after = [one.read() for one in planned[1:]]
@@ -306,7 +303,7 @@ def run_evolve(
             # Nothing has moved at the start.
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
-        if figures:
+        if results.figures:
             from studies.packing_figures import path_figures
             from studies.snapshot.table import loops_for_map
 

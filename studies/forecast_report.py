@@ -15,7 +15,7 @@ from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
-from studies.study import Figures, study
+from studies.study import files_of, study
 
 
 def run_forecast(
@@ -26,24 +26,20 @@ def run_forecast(
     inertial_number: float = DEFAULT_RATE,
     hold: bool = False,
     hold_stress: bool = False,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     progress: Callable[[float], None] | None = None,
     **how: Any,
 ) -> Summary:
     """Forecast a snapshot, write tables, a figure and a report; return the summary.
 
-    `how` are options of `evolve` and of `read_planar`.
+    `how` are options of `evolve`, of `read_planar` and files of `study`.
     """
+    files = files_of(how)
     own = {one: how.pop(one) for one in Evolving.__dataclass_fields__ if one in how}
     asked = Evolving(**DEFAULTS | own)
     control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked.described(), "hold": control}
     configuration |= {"spread": spread, "inertial_number": inertial_number}
-    with study(
-        "forecast", out, configuration, UNITS["evolve"], force=force, csv=csv, figures=figures
-    ) as results:
+    with study("forecast", out, configuration, UNITS["evolve"], **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         given = snapshot.scene, snapshot.ids, asked, inertial_number
@@ -55,7 +51,7 @@ def run_forecast(
             | {"held": held, "mean_kn": snapshot.mean_kn, "inertial_number": inertial_number}
             | forecast_summary(found, notes, spread=spread),
         )
-        if figures:
+        if results.figures:
             from studies.forecast_figures import forecast_figure
             from studies.snapshot.table import loops_for_map
 

@@ -20,7 +20,7 @@ from stability.material.loop_set import LoopSet, loops_of
 from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
-from studies.study import Figures, study
+from studies.study import files_of, study
 from studies.style import BLUE, GREY, VERMILION, new_panels, say_empty, styled
 
 UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
@@ -102,20 +102,16 @@ def run_material(
     out: Path,
     *,
     snapshot: Path | None = None,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     **how: Any,
 ) -> Summary:
     """March averaged loops and a single one, write the tables, figures and a report.
 
     Without a `snapshot` copies of one loop, else the loops of a packing; `how` are options of
-    `read_planar`. Tables `path` (both sets) and `loops` (what was averaged).
+    `read_planar` and files of `study`. Tables `path` (both sets) and `loops` (what was averaged).
     """
+    files = files_of(how)
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
-    with study(
-        "material", out, source | asdict(options), UNITS, force=force, csv=csv, figures=figures
-    ) as results:
+    with study("material", out, source | asdict(options), UNITS, **files) as results:
         loops, law, notes = _loops(options, snapshot, how)
         number = _single(loops, options.single)
         paths = {
@@ -127,7 +123,7 @@ def run_material(
             {"path": table, "loops": averaged_loops(loops)},
             material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
         )
-        if figures:
+        if results.figures:
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
             title = f"Loops of {name} as a material"
             results.write_report(title, summary, [("material", lambda: draw_material(table))], [])

@@ -42,7 +42,7 @@ from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.polygon import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
-from studies.snapshot.fabric import axes_rose, axis_errors, strong_contacts
+from studies.snapshot.fabric import Fabric, axes_rose, axis_errors, strong_contacts
 from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
 from studies.snapshot.table import loop_columns
 from studies.style import (
@@ -387,6 +387,11 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
               "loops": "long axes of loops by area"}  # fmt: skip
     finish_rose(ax, titles[of], "probability density (1/rad)")
     return ax
+
+
+def plot_fabric(found: Fabric, ax: Axes | None = None) -> Axes:
+    """Directions of the contacts of a sample."""
+    return plot_rose(found.snapshot, ax=ax)
 
 
 @drawn(ONE_COLUMN, 2.8)

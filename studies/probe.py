@@ -36,7 +36,7 @@ from studies.snapshot.in_packing import (
     sample_edge,
     scene_at_rest,
 )
-from studies.study import Figures, study
+from studies.study import files_of, study
 
 # Way to an amplitude.
 By = Literal["events", "increment"]
@@ -61,9 +61,6 @@ def run_probe(
     hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     progress: Callable[[int], None] | None = None,
     **how: Any,
 ) -> Summary:
@@ -74,8 +71,9 @@ def run_probe(
     ('increment'), contacts from the share `candidates` of their strength on as candidates.
     `past` is the way of the paths to an amplitude past an instability. `progress` is told how many
     directions are done.
-    `how` are options of `read_planar`. Directions that are followed to an amplitude are shared
-    among this number of processes, by default one a core, or among the workers of a Dask scheduler.
+    `how` are options of `read_planar` and files of `study`. Directions that are followed to an
+    amplitude are shared among this number of processes, by default one a core, or among the workers
+    of a Dask scheduler.
     """
     _require_followed(amplitude, by, shared=(workers, scheduler) != (None, None))
     asked: dict[str, Any] = {
@@ -90,10 +88,9 @@ def run_probe(
     }
     check_choice("--past", past, get_args(Past))
     held_control = hold_control(hold, hold_stress)
+    files = files_of(how)
     configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
-    with study(
-        "probe", out, configuration, UNITS["probe"], force=force, csv=csv, figures=figures
-    ) as results:
+    with study("probe", out, configuration, UNITS["probe"], **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), held_control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, yield_band)
@@ -131,7 +128,7 @@ def run_probe(
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         found_values["ended"] = ended_paths(paths, reached)
         summary = results.write_results(tables, found_values | asked)
-        if figures:
+        if results.figures:
             from studies.packing_figures import probe_figures
             from studies.snapshot.table import loops_for_map
 

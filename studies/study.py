@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError
+from loops.errors import check_choice
 from studies.output import (
     Summary,
     folder_within,
@@ -150,6 +150,11 @@ class LoopsForMap:
         return len(self.offsets) - 1
 
 
+def files_of(how: dict[str, Any]) -> dict[str, Any]:
+    """Take the options of a study's files out of others: `force`, `csv`, `figures`."""
+    return {name: how.pop(name) for name in ("force", "csv", "figures") if name in how}
+
+
 @contextmanager
 def study(
     command: str,
@@ -170,12 +175,8 @@ def study(
     saves figures and writes the report, from top to bottom of the block.
     """
     wanted = (ALL_FIGURES if figures else None) if isinstance(figures, bool) else figures
-    if wanted is not None and wanted.names:
-        known = words("captions").get(command.split()[0], {})
-        for name in wanted.names:
-            if name not in known:
-                expected = f"none, or some of {', '.join(known)}"
-                raise InputError("--figures", repr(name), expected, "Correct the name.")
+    for name in wanted.names if wanted else ():
+        check_choice("--figures", name, ("none", *words("captions")[command.split()[0]]))
     place = folder_within(out) if continued else result_folder(out, force=force)
     with place as folder:
         yield Results(folder, provenance(command, configuration, units), csv, wanted)

@@ -35,7 +35,7 @@ from studies.reading import read_planar, reading
 from studies.series.evolution import components
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
-from studies.study import Figures, study
+from studies.study import files_of, study
 
 UNITS = (
     "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
@@ -64,17 +64,14 @@ def run_sustain(
     hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     **how: Any,
 ) -> Summary:
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
 
     The state is brought to rest first, at fixed cell or with `hold_stress` at fixed stress. `how`
-    are options of `read_planar`. Directions are shared among this number of processes, by default
-    one a core, or among the workers of a Dask scheduler. Finished directions are kept beside `out`:
-    the same call continues an interrupted run.
+    are options of `read_planar` and files of `study`. Directions are shared among this number of
+    processes, by default one a core, or among the workers of a Dask scheduler. Finished directions
+    are kept beside `out`: the same call continues an interrupted run.
     """
     control: HoldControl = "stress" if hold_stress else "strain"
     asked: dict[str, Any] = {
@@ -86,12 +83,11 @@ def run_sustain(
         "most_snaps": most_snaps,
         "spread": spread,
     }
+    files = files_of(how)
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
-    require_folder(out, force=force)
+    require_folder(out, force=files.get("force", False))
     parts = _Parts(out.absolute(), "")
-    with study(
-        "sustain", out, configuration, UNITS, force=force, csv=csv, figures=figures
-    ) as results:
+    with study("sustain", out, configuration, UNITS, **files) as results:
         moving = read_planar(path, **how)
         _followable(moving.scene, subspace)
         snapshot, held = held_snapshot(moving, control)
@@ -117,7 +113,7 @@ def run_sustain(
             | {"mean_kn": snapshot.mean_kn}
             | sustain_summary(found, rates, tables)
         )
-        if figures:
+        if results.figures:
             from studies.packing_figures import sustain_figures
             from studies.snapshot.table import loops_for_map
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,7 @@ from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamon
 from studies.paths.figures import comparison_figures, diamond_figures, polygon_figures
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
 from studies.paths.polygon import follow_polygon, polygon_diagrams, polygon_summary, polygon_table
-from studies.study import Results, study
-
-Options = DiamondOptions | PolygonOptions | ComparisonOptions
-
-
-def _study(
-    name: str, options: Options, out: Path, how: dict[str, Any]
-) -> AbstractContextManager[Results]:
-    return study(name, out, options.described(), UNITS["paths"], **how)
+from studies.study import study
 
 
 def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
@@ -30,7 +21,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
     `contacts_A`; with contacts added, `added_contact`. `how` are `force` and `csv` of a study.
     """
-    with _study("diamond", options, out, how) as results:
+    with study("diamond", out, options.described(), UNITS["paths"], **how) as results:
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
@@ -42,7 +33,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
 
 def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     """Follow a polygon and write `summary.json`, the table `path` and figures."""
-    with _study("polygon", options, out, how) as results:
+    with study("polygon", out, options.described(), UNITS["paths"], **how) as results:
         found = follow_polygon(options)
         summary = results.write_results({"path": polygon_table(found)}, polygon_summary(found))
         diagrams = polygon_diagrams(found, summary["critical_strain"]["diagonal"])
@@ -52,7 +43,8 @@ def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
 
 def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
-    with _study("polygon --compare", options, out, how) as results:
+    described = options.described()
+    with study("polygon --compare", out, described, UNITS["paths"], **how) as results:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
         summary = results.write_results(tables, compared.summary())

@@ -16,7 +16,7 @@ from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
 from studies.snapshot.table import loop_columns
-from studies.study import Figures, study
+from studies.study import files_of, study
 
 if TYPE_CHECKING:
     from loops.in_place import Method
@@ -26,9 +26,6 @@ def run_snapshot(
     path: Path,
     out: Path,
     *,
-    force: bool = False,
-    csv: bool = False,
-    figures: Figures | bool = True,
     paraview: bool = False,
     in_packing: Method | None = None,
     quadrons: bool = False,
@@ -36,18 +33,17 @@ def run_snapshot(
 ) -> Summary:
     """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar`; `in_packing` is auto, whole or blocks; `quadrons` adds their
-    table, summary and figure.
+    `how` are options of `read_planar` and files of `study`; `in_packing` is auto, whole or blocks;
+    `quadrons` adds their table, summary and figure.
     """
+    files = files_of(how)
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
         from loops.in_place import METHODS
 
         check_choice("--in-packing", in_packing, METHODS)
         configuration["in_packing"] = in_packing
-    with study(
-        "snapshot", out, configuration, UNITS["snapshot"], force=force, csv=csv, figures=figures
-    ) as results:
+    with study("snapshot", out, configuration, UNITS["snapshot"], **files) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
             found = other.submit(chains_on_loops, snapshot) if snapshot.mechanical else None
@@ -73,14 +69,14 @@ def run_snapshot(
             summary["quadrons"] = quadron_summary(tables["quadrons"])
         if beside is not None:
             tables["chains"] = beside.result()
-        if figures:
+        if results.figures:
             tables["fabric"] = fabric_table(snapshot.graph, summary)
         summary = results.write_results(tables, summary)
         if paraview:
             from studies.snapshot.table import write_paraview
 
             write_paraview(results.folder, snapshot, table, results.source)
-        if figures:
+        if results.figures:
             from studies.snapshot.figures import chain_segments, snapshot_figures
             from studies.snapshot.table import loops_for_map
 

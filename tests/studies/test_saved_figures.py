@@ -105,8 +105,8 @@ def test_wanted_figures_alone_are_made_and_stand_on_the_page(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        (("--figures", "map,maps"), "--figures: got 'maps', expected none, or some of map, orders"),
-        (("--figures", ""), "--figures: got '', expected none, or some of map, orders"),
+        (("--figures", "map,maps"), "--figures: got 'maps', expected none, map, orders"),
+        (("--figures", ""), "--figures: got '', expected none, map, orders"),
         (("--figure-format", "jpg"), "--figure-format: got 'jpg', expected png, svg or pdf"),
         (("--figures", "map", "--no-figures"), "--figures, --no-figures: got both"),
     ],
