@@ -461,6 +461,14 @@ def loops_in_place(
     return LoopsInPlace(found.matrix, alone.matrix, error, alone.rounding, system)
 
 
+def loop_loads(system: System, grains: Integers, vectors: Floats) -> Floats:
+    """Return `B` (size, 4): forces on a loop's grains of a unit of each component of `P`."""
+    B = np.zeros((system.size, 4))
+    np.add.at(B[:, :2], system.freedom[grains, 0], vectors)
+    np.add.at(B[:, 2:], system.freedom[grains, 1], vectors)
+    return B
+
+
 def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats) -> Floats:
     """(L,) error that held grains make, over the norm of the whole packing's operator.
 
@@ -475,9 +483,7 @@ def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats)
     factor, true = factorised(system), []
     for grains, vectors, area, row in polygons.groups:
         for k in np.flatnonzero(np.isin(row, some)):
-            B = np.zeros((system.size, 4))
-            np.add.at(B[:, :2], system.freedom[grains[k], 0], vectors[k])
-            np.add.at(B[:, 2:], system.freedom[grains[k], 1], vectors[k])
+            B = loop_loads(system, grains[k], vectors[k])
             whole = np.linalg.inv(B.T @ factor.solve(B, refine=0) / area[k])
             change = frobenius(matrix[row[k]] - whole) / frobenius(whole)
             true.append(change / shape[row[k]])
