@@ -2,10 +2,10 @@
 
 What `follow` does for one programme, for hundreds at once: the rates of a ring of contacts with
 blocked spins, solved as one batch, an explicit Runge-Kutta method of order 8 with a step of each
-programme's own, and events located by integrating to them. Contacts that reach their strength
-slide; where such regimes do not agree with their rates the programme ends. A question that this
-cannot settle (a sliding contact that sticks again, several modes singular at one state) is left to
-`follow`, which also serves spins that are not blocked.
+programme's own, and events located by integrating to them. Where contacts reach their strength or
+stick again, each of those at it slides or sticks as agrees with the rates; where no regimes agree,
+the programme ends. A question that this cannot settle (several answers, several modes singular at
+one state) is left to `follow`, which also serves spins that are not blocked.
 
 Mirrors in the axes and the half turn that leave loop and load as they are split the relaxed
 displacements into fields of one character each, which answer to themselves alone. The path uses

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import GrainGraph, Regime, Scene, boundary_of
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.closures import Spins
 from stability.paths.fan import Fan, LoopStates, stability_measures
 from stability.paths.loop_path import LoopPathOptions
 from stability.paths.of_graph import follow_loop
+from stability.paths.regimes import edge_problem
+from stability.paths.state import Mode, PathState
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import restrict
 
@@ -24,7 +26,8 @@ SPECTRAL = ("cone_opening", "det_Ks_zero", "det_K_zero")
 LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
 # Longest step in the space of H, over the reach of the programmes.
 MAX_STEP = 0.04
-# Share of a step before which no event is looked for: at the first touch all forces are zero.
+# Share of a first step before which no event is looked for: at the first touch all forces are zero,
+# and a contact that sticks again is at its strength.
 BEGUN = 1e-4
 # Steps after which a programme without a limit is left to `follow`.
 MOST_FAN_STEPS = 600
@@ -113,7 +116,7 @@ def first_limits(fan: Fan, start: LoopStates) -> FanLimits:
         limits.open_question[rows[taken < SHORTEST_STEP * fan.reach]] = True
         good = error <= 1.0
         if good.any():
-            going, low = rows[good], np.where(gone[rows[good]] > 0.0, 0.0, BEGUN)
+            going, low = rows[good], np.where(before.heading[good].any(axis=1), 0.0, BEGUN)
             pending = partial(_pending, fan, limits, balance)
             after, share, fired = _to_event(
                 fan, pending, before.take(good), after.take(good), going, taken[good], low
@@ -280,26 +283,56 @@ def _after_event(
         limits.record(kind, rows[where], now.take(rows[where]))
     kept = np.where(singular, 0.0, balance[rows, :, 0])
     _set_balance(fan, balance, now, rows, kept)
-    limits.open_question[rows[fires[:, columns["unloading"]].any(axis=1)]] = True
-    yields = fires[:, columns["yield"]]
-    own = rows[yields.any(axis=1)]
+    yields, sticks = fires[:, columns["yield"]], fires[:, columns["unloading"]]
+    changed = (yields | sticks).any(axis=1)
+    own, yields, sticks = rows[changed], yields[changed], sticks[changed]
     if len(own) == 0:
         return
-    which = np.zeros(now.regime.shape, dtype=bool)
-    which[rows] = yields
-    now.side[which] = np.sign(now.shear_force[which])
-    now.regime[which] = Regime.SLIDING
-    now.heading[own] = 0.0
-    now.shear_force[own] = fan.contacts(now.take(own)).shear_force
-    limits.record("yield", own, now.take(own))
+    slips, regime, side = yields.any(axis=1), now.regime[own], now.side[own]
+    regime[yields], side[yields] = Regime.SLIDING, np.sign(now.shear_force[own][yields])
+    _set_regimes(fan, now, own, regime, side)
+    values, _, columns = fan.functions(now.take(own), own)
+    agrees = np.asarray((values[:, columns["unloading"]] > 0.0).all(axis=1) & ~sticks.any(axis=1))
+    for k in np.flatnonzero(~agrees):
+        agrees[k] = _search_regimes(fan, limits, now, own[[k]])
+    limits.record("yield", own[slips], now.take(own[slips]))
     # Regimes that have changed have a balance of their own.
     _set_balance(fan, balance, now, own)
     values, columns = pending(now.take(own), own)
-    agrees = np.asarray((values[:, columns["unloading"]] > 0.0).all(axis=1))
-    # With these contacts sliding the programme does not go on: it ends here, or snaps.
-    limits.record("limit", own[~agrees], now.take(own[~agrees]))
     lost = values[:, columns["spectral"]] <= SINGULAR_RTOL
     limits.record_lost(own, now, agrees[:, None] & lost)
+
+
+def _set_regimes(fan: Fan, now: LoopStates, rows: Integers, regime: Regimes, side: Floats) -> None:
+    """Change the regimes of rows, with `T` at its strength where contacts slide."""
+    now.regime[rows], now.side[rows], now.heading[rows] = regime, side, 0.0
+    now.shear_force[rows] = fan.contacts(now.take(rows)).shear_force
+
+
+def _search_regimes(fan: Fan, limits: FanLimits, now: LoopStates, row: Integers) -> bool:
+    """Take the regimes with which a programme goes on; whether there are any.
+
+    Each contact at its strength may slide or stick. Where no regimes agree with their rates the
+    programme has its limit; where several do, or only such that break the symmetry, the question
+    is left to `follow`.
+    """
+    model, one = fan.model, now.take(row)
+    moved, b = one.moved[0], float(fan.programme[row[0]])
+    place = one.H[0] if model.closure == "affine" else np.cumsum(moved, axis=0) - moved
+    state = PathState(place, one.shear_force[0], 0.0, np.zeros(4))
+    about = state, Mode(one.regime[0], one.side[0]), CONTROLS[fan.control](np.cos(b), np.sin(b))
+    found = edge_problem(model, *about, preferred={}, direction=None)
+    if found.status in ("unique", "one found"):
+        mode = found.taken.rates.mode
+        side = np.where(mode.regime == Regime.SLIDING, mode.side, 0.0)
+        _set_regimes(fan, now, row, mode.regime, side)
+        return True
+    whole = replace(model, symmetry=None)
+    if found.solutions or edge_problem(whole, *about, preferred={}, direction=None).solutions:
+        limits.open_question[row] = True
+    else:
+        limits.record("limit", row, one)
+    return False
 
 
 def followed_limits(
