@@ -203,7 +203,7 @@ class OrderKinetics(Shown):
             table[f"{name}s"] = counts.astype(np.int64)
         return table
 
-    def table(self) -> dict[str, Any]:
+    def columns(self) -> dict[str, Any]:
         """One row a pair of orders: counts, rates with their limits, and the balance.
 
         `balance_excess` is `(openings - closings)/(openings + closings)`, zero under detailed

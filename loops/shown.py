@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,16 +13,40 @@ from loops.lazy import SERVED, named
 LONGEST_REPR = 240  # characters of the line at the prompt; the table of a notebook has all facts
 FEW = 4  # numbers that are shown one by one
 MOST_WORDS = 6  # different words of an array that are counted
+# Names of fields by their unit.
+NAMES = {
+    "length": "x x0 radii radii_i radii_j cell cell0 branch branches reference_branches length",
+    "length²": "area volume",
+    "force": "force normal_force shear_force",
+    "force/length": "P additive_work alone alone_error elastic_stress elastic_tangent matrix "
+    "reaction second_order_work stress stress_before stress_rate tangent work",
+    "force·length": "released rolling_moment",
+    "rad": "angle axis edges opening",
+}
+UNITS = {name: unit for unit, names in NAMES.items() for name in names.split()}
 
 
 class Shown:
-    """Base of all results: `repr` in one line, `_repr_html_`, `table()` and `plot()`."""
+    """Base of all results: `repr` in one line, `_repr_html_`, `table()` and `plot()`.
+
+    `shown` are the attributes in the line, all fields if there are none; `unitless` those whose
+    names stand for other quantities in `NAMES`.
+    """
+
+    shown: ClassVar[tuple[str, ...]] = ()
+    unitless: ClassVar[tuple[str, ...]] = ()
 
     def facts(self) -> dict[str, object]:
-        """Names and short values; by default the fields, arrays by their shape and range."""
-        names = getattr(self, "__dataclass_fields__", vars(self))
+        """Names and short values with units; arrays by their shape and range."""
+        names = self.shown or getattr(self, "__dataclass_fields__", vars(self))
         values = {name: getattr(self, name) for name in names if not name.startswith("_")}
-        return {name: brief(value) for name, value in values.items() if value is not None}
+        return {
+            name: f"{brief(value)} {UNITS[name]}"
+            if name in UNITS and name not in self.unitless
+            else brief(value)
+            for name, value in values.items()
+            if value is not None
+        }
 
     def __repr__(self) -> str:
         said = ", ".join(f"{name}: {value}" for name, value in self.facts().items())

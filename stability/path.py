@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.shown import Shown
+from loops.shown import Shown, brief
 from stability.programmes import Stage
 from stability.regimes import SEARCH_LIMIT
 from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, symmetric_spectrum
@@ -340,6 +340,8 @@ class Path(Shown):
     condition : (R,) array
         Loops: condition number of closure and control together, solved for the rates; large at a
         limit of the control.
+    sense : float
+        Packings: sign of what `gl.evolve` drives, 1 in compression; 1 of other paths.
     volume : float
         Loops: reference area V0.
     subspace : str
@@ -416,6 +418,7 @@ class Path(Shown):
     normal_energy: Floats = field(default_factory=_none)
     tangential_energy: Floats = field(default_factory=_none)
     condition: Floats = field(default_factory=_none)
+    sense: float = 1.0
     volume: float = math.nan
     subspace: str = ""
     model: ModelChoice = None  # type: ignore[assignment]
@@ -445,7 +448,8 @@ class Path(Shown):
     def facts(self) -> dict[str, object]:
         """Facts shown at the prompt and in a notebook."""
         kinds = dict(Counter(event.kind for event in self.events))
-        return {"status": self.status, "rows": len(self), "events": kinds}
+        ends = {"H": brief(self.H), "P": f"{brief(self.P)} force/length"}
+        return {"status": self.status, "rows": len(self), "events": kinds, **ends}
 
     @property
     def state(self) -> Contacts:

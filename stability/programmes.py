@@ -74,6 +74,8 @@ class Programme(Shown):
     ([1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
     """
 
+    unitless = ("stress",)
+
     name: str
     stress: Floats
     strain: Floats

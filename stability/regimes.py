@@ -232,6 +232,8 @@ class Regimes(Shown, Generic[Answer]):
         Contacts of these option lists; of several that symmetry maps on each other the first.
     """
 
+    shown = ("status", "proof", "strain_rate", "stress_rate", "tried", "combinations", "singular")
+
     status: RateStatus
     solutions: tuple[RateSolution[Answer], ...]
     exhaustive: bool
@@ -263,9 +265,9 @@ class Regimes(Shown, Generic[Answer]):
         return self._mean("cauchy_rate")
 
     def _mean(self, name: str) -> Floats:
-        """Return a mean rate of the solution that a path takes; a supported cluster has none."""
-        rates = getattr(self.taken.rates, name) if self.solutions else np.full((2, 2), np.nan)
-        return np.asarray(rates)
+        """Return a mean rate of the solution that a path takes; nan of a supported cluster."""
+        rates = self.taken.rates if self.solutions else None
+        return np.asarray(getattr(rates, name, np.full((2, 2), np.nan)))
 
 
 def agreeing(

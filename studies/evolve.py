@@ -22,9 +22,9 @@ from patterns import planar
 from stability import Path as FollowedPath
 from stability import Stage, follow, programmes
 from stability.packing import LoopRates, loop_changes, replay
-from stability.packing.pathologies import columns
 from stability.path import Past, describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
+from studies.frames import row_table
 from studies.output import UNITS, Summary, definitions, readable
 from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
@@ -116,7 +116,7 @@ class Evolution(Shown):
     @property
     def sense(self) -> float:
         """Return 1 in compression, -1 in extension."""
-        return float(np.sign(self.to))
+        return self.way.sense
 
     @property
     def way(self) -> FollowedPath:
@@ -244,6 +244,7 @@ def followed(
         done = replay(scene, asked.stage, **how, **rate.options)
         said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
         ways["replay"] = replace(done, message=said)
+    ways = {name: replace(way, sense=float(np.sign(asked.to))) for name, way in ways.items()}
     return Evolution(scene, ids, asked.driven, asked.to, ways)
 
 
@@ -316,14 +317,14 @@ def run_evolve(
 def evolution_tables(found: Evolution, changes: list[LoopRates]) -> dict[str, pd.DataFrame]:
     """Return the tables of the first way by name; a replay beside a path has its own."""
     tables = {
-        "path": row_table(found.way, found.sense),
-        "events": event_table(found.way, found.ids, found.sense),
+        "path": row_table(found.way),
+        "events": event_table(found.way, found.ids),
         "loops": found.loops(changes=changes),
         "grains": grain_table(found.way, found.ids),
     }
     if len(found.ways) > 1:
         tables["replay_loops"] = found.loops("replay")
-        replayed = row_table(found.ways["replay"], found.sense)
+        replayed = row_table(found.ways["replay"])
         tables["replay"] = replayed.drop(columns="events")
     return tables
 
@@ -386,41 +387,7 @@ def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> S
     return Stage(loading, "parameter", abs(to))
 
 
-def works_of(way: FollowedPath) -> dict[str, Floats]:
-    """Return the columns of work, energy and imbalance; a replay has none."""
-    if not len(way.work):
-        return {}
-    works = dict(zip(("work", "slip_work", "shear_work", "released"), way.work.T, strict=True))
-    return works | {"energy": way.energy, "imbalance": way.imbalance}
-
-
-def row_table(way: FollowedPath, sense: float) -> pd.DataFrame:
-    """One row per recorded state."""
-    ends = np.sort([event.parameter for event in way.events])
-    return pd.DataFrame(
-        {
-            "row": np.arange(len(way.H)),
-            "driven": sense * way.parameter,
-            **components("H", way.H),
-            **components("P", way.P),
-            **works_of(way),
-            "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
-            "events": np.searchsorted(ends, way.parameter, side="right"),
-            **pathology_columns(way),
-        }
-    )
-
-
-def pathology_columns(way: FollowedPath) -> dict[str, NDArray[Any]]:
-    """Return the answers of `--pathologies` row by row, and instabilities so far; none without."""
-    if not way.pathologies:
-        return {}
-    lost = np.sort([event.parameter for event in way.of_kind("instability")])
-    so_far = np.searchsorted(lost, way.parameter, side="right")
-    return {**columns(way.pathologies), "instabilities": so_far}
-
-
-def event_table(way: FollowedPath, ids: NDArray[np.int64], sense: float) -> pd.DataFrame:
+def event_table(way: FollowedPath, ids: NDArray[np.int64]) -> pd.DataFrame:
     """One row per event: kind, driven value, grains, continuation after an instability.
 
     A wall has the number -1.
@@ -432,7 +399,7 @@ def event_table(way: FollowedPath, ids: NDArray[np.int64], sense: float) -> pd.D
     return pd.DataFrame(
         {
             "kind": np.array([event.kind for event in way.events], dtype=str),
-            "driven": sense * np.array([event.parameter for event in way.events], dtype=float),
+            "driven": way.sense * np.array([event.parameter for event in way.events], dtype=float),
             "row": np.array([event.index for event in way.events], dtype=int),
             "contact": contact,
             "id1": grains[:, 0],

@@ -15,11 +15,11 @@ from studies.beside_dem import DROP
 from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
 from studies.forecast import Forecast, spread_of
+from studies.packing_figures import mark_instabilities
 from studies.snapshot.figures import loop_drawer
 from studies.style import (
     BLUE,
     GREEN,
-    GREY,
     LIGHT_GREY,
     ORANGE,
     SEQUENTIAL,
@@ -121,9 +121,7 @@ def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
         change = way.P[:, at] - way.P[0, at]
         ax.plot(found.sense * way.parameter, change, style, color=colour, label=label)
     lost = [found.sense * event.parameter for event in found.way.of_kind("instability")]
-    if lost:
-        ax.plot(lost, np.zeros(len(lost)), "|", color=GREY, markersize=8, label="instabilities",
-                transform=ax.get_xaxis_transform(), clip_on=False)  # fmt: skip
+    mark_instabilities(ax, lost)
     name = f"{driven[0]}_{{{driven[1:]}}}"
     stress = f"change of $P_{{{driven[1:]}}}$\n(force/length)"
     unit = "–" if driven[0] == "H" else "force/length"

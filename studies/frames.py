@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from loops import InputError, force_chains
+from loops.arrays import Floats
 from loops.scene import Subject
 from patterns import Snapshot, planar
 from stability import Path
+from stability.packing.pathologies import columns
 from studies.output import SIGNS, UNITS, described, provenance
+from studies.series.evolution import components
+from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import add_in_packing
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
+
+# Terms of the work of a packing's path, see `Path.work`.
+WORKS = ("work", "slip_work", "shear_work", "released")
 
 
 def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.DataFrame:
@@ -40,8 +48,9 @@ def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.
         `affine` and the `traction` closure, spins blocked, `*_lambda_min`, `*_lambda_mid`,
         `*_lambda_max` (eigenvalues of Ks over the mean kn, subspace `symmetric`),
         `*_unstable_fraction`, `*_cone_opening`, `*_soft_angle` (degrees); the eigenvalues
-        `traction_free_lambda_*` with free spins; `grains`, an array of ids. Version and units
-        stand in `attrs`, those of each column in `attrs["column_units"]`.
+        `traction_free_lambda_*` with free spins; `grains`, an array of ids; `chain_contacts`, links
+        of force chains. Version and units stand in `attrs`, those of each column in
+        `attrs["column_units"]`.
 
     Raises
     ------
@@ -60,6 +69,8 @@ def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.
     columns = tables.loop_columns(snapshot)
     if in_packing:
         add_in_packing(snapshot, columns, "auto")
+    if snapshot.mechanical:
+        columns["chain_contacts"] = chains_on_loops(snapshot)[1]
     frame: pd.DataFrame = pa.table(columns).to_pandas()
     units = {name: said[0] for name in frame if (said := described("snapshot/loops", name))}
     frame.attrs = provenance("loop_table", {}, UNITS["snapshot"]) | {"column_units": units}
@@ -158,20 +169,22 @@ def chain_table(snapshot: Snapshot) -> pd.DataFrame:
 
 
 def path_table(path: Path) -> pd.DataFrame:
-    """One row per state of a path: strain, stress, contact forces, tangent, spectra, energies.
+    """One row per state of a path.
 
     Parameters
     ----------
     path : Path
-        From `follow`.
+        From `follow`, `replay`, `evolve(...).way` or `sustain(...).paths`.
 
     Returns
     -------
     pandas.DataFrame
-        Columns of `Path.columns`: `parameter`, `stage`; `H11` to `H22`, `P11` to `P22` and their
-        rates; `N_c`, `T_c`, `regime_c` of contact c; `A11_11` to `A22_22`; `det_K`, `det_Ks`,
-        `eig_K_*`, `eig_Ks_*`; work and energies, in the units of the graph and of the law; besides
-        `event`, the kinds of the events in the row.
+        Of a loop the columns of `Path.columns`: `parameter`, `stage`; `H11` to `H22`, `P11` to
+        `P22` and their rates; `N_c`, `T_c`, `regime_c` of contact c; `A11_11` to `A22_22`;
+        `det_K`, `det_Ks`, `eig_K_*`, `eig_Ks_*`; work and energies, in the units of the graph and
+        of the law; besides `event`, the kinds of the events in the row. Of a packing those of
+        `path.parquet` of `grainloops evolve`; under a growing load those of `paths.parquet` of
+        `grainloops sustain`.
 
     Examples
     --------
@@ -185,10 +198,63 @@ def path_table(path: Path) -> pd.DataFrame:
     >>> round(float(table["H11"].iloc[-1]), 12)
     0.2
     """
-    frame = pd.DataFrame(path.columns())
-    frame["event"] = events_of_rows(path)
+    if len(path.direction):
+        frame = load_table(path)
+    elif len(path.states):
+        frame = row_table(path)
+    else:
+        frame = pd.DataFrame(path.columns())
+        frame["event"] = events_of_rows(path)
     frame.attrs = {"signs": SIGNS, "status": path.status, "volume": path.volume}
     return frame
+
+
+def load_table(path: Path) -> pd.DataFrame:
+    """One row per state of a packing under a growing load."""
+    return pd.DataFrame(
+        {
+            "load": path.parameter,
+            "at_rest": path.resting,
+            **components("H", path.H),
+            **components("P", path.P),
+            **dict(zip(WORKS, path.work.T, strict=True)),
+            "energy": path.energy,
+        }
+    )
+
+
+def works_of(way: Path) -> dict[str, Floats]:
+    """Return the columns of work, energy and imbalance; a replay has none."""
+    if not len(way.work):
+        return {}
+    works = dict(zip(WORKS, way.work.T, strict=True))
+    return works | {"energy": way.energy, "imbalance": way.imbalance}
+
+
+def row_table(way: Path) -> pd.DataFrame:
+    """One row per recorded state."""
+    ends = np.sort([event.parameter for event in way.events])
+    return pd.DataFrame(
+        {
+            "row": np.arange(len(way.H)),
+            "driven": way.sense * way.parameter,
+            **components("H", way.H),
+            **components("P", way.P),
+            **works_of(way),
+            "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
+            "events": np.searchsorted(ends, way.parameter, side="right"),
+            **pathology_columns(way),
+        }
+    )
+
+
+def pathology_columns(way: Path) -> dict[str, NDArray[Any]]:
+    """Return the answers of `--pathologies` row by row, and instabilities so far; none without."""
+    if not way.pathologies:
+        return {}
+    lost = np.sort([event.parameter for event in way.of_kind("instability")])
+    so_far = np.searchsorted(lost, way.parameter, side="right")
+    return {**columns(way.pathologies), "instabilities": so_far}
 
 
 def events_of_rows(path: Path) -> list[str]:

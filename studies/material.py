@@ -118,7 +118,8 @@ def run_material(
             name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
             for name, each in zip(SETS, (loops, loops.one(number)), strict=True)
         }
-        table = pd.concat([march_table(name, path) for name, path in paths.items()])
+        rows = {name: march_table(path) for name, path in paths.items()}
+        table = pd.concat(rows, names=["set"]).reset_index("set")
         summary = results.write_results(
             {"path": table, "loops": averaged_loops(loops)},
             material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
@@ -180,7 +181,7 @@ def _stage(programme: Programme, start: float, end: float) -> Stage:
     return Stage(programme, quantity, start + end)
 
 
-def march_table(name: str, path: MaterialPath) -> pd.DataFrame:
+def march_table(path: MaterialPath) -> pd.DataFrame:
     """Return the rows of a path: strain, stress, tangent, work, cone and regimes."""
     K = restrict(path.A, "diagonal")
     cone = plane_cone(K)
@@ -193,7 +194,6 @@ def march_table(name: str, path: MaterialPath) -> pd.DataFrame:
         ratio = np.where(P[:, 3] != 0.0, P[:, 0] / P[:, 3], np.nan)
     return pd.DataFrame(
         {
-            "set": name,
             "stage": np.where(last, "programme", "confinement"),
             "strain": path.H[:, 0] - path.H[begin, 0],
             **{f"H{c}": path.H[:, k] for k, c in enumerate(COMPONENTS)},

@@ -35,6 +35,7 @@ from studies.style import (
     figure_of,
     new_figure,
     new_panels,
+    outer_legend,
     styled,
     write_animation,
 )
@@ -111,7 +112,7 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
         told = f"no answer in\n{unknown} of {len(found.theta)} directions"
         look: Any = {"ha": "right", "va": "bottom", "color": GREY, "fontsize": 7}
         ax.text(1.0, 0.01, told, transform=ax.transAxes, **look)
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, columnspacing=1.0)
+    outer_legend(ax, "lower center", (0.5, 1.0), 0.3, ncols=3, columnspacing=1.0)
     return ax
 
 
@@ -212,11 +213,7 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
             change = other[quantity] - path[quantity].iloc[0]
             stress.plot(at, change, color=colour, label="_" * (number > 0) + label, **look)
         volume.plot(at, other["H11"] + other["H22"], color=BLUE, label=label, **look)
-    unstable = events["driven"][events["kind"] == "instability"]
-    stress.plot(
-        unstable, np.zeros(len(unstable)), "|", color=GREY, markersize=8,
-        transform=stress.get_xaxis_transform(), clip_on=False,
-    )  # fmt: skip
+    mark_instabilities(stress, events["driven"][events["kind"] == "instability"])
     volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
     reach = float(np.abs(path["driven"]).max())
@@ -248,6 +245,12 @@ def dem_comparison_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figur
     for ax in (stress, volume):
         ax.legend()
     return figure
+
+
+def mark_instabilities(ax: Axes, at: Any) -> None:
+    """Mark instabilities on the lower edge of axes."""
+    ax.plot(at, np.zeros(len(at)), "|", color=GREY, markersize=8, label="_" * (not len(at)) +
+            "instabilities", transform=ax.get_xaxis_transform(), clip_on=False)  # fmt: skip
 
 
 def _stress_looks(driven: str) -> dict[str, tuple[str, str]]:
@@ -312,15 +315,11 @@ def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figu
 
 
 def sustain_figures(
-    snapshot: Snapshot,
-    found: Sustained,
-    rates: Probe,
-    tables: dict[str, pd.DataFrame],
-    summary: Summary,
+    snapshot: Snapshot, found: Sustained, tables: dict[str, pd.DataFrame], summary: Summary
 ) -> Drawings:
     """Every figure by name."""
-    yield "limits", lambda: limit_surface(found, rates)
-    yield "work", lambda: polar_work(rates)
+    yield "limits", lambda: limit_surface(found)
+    yield "work", lambda: polar_work(found.rates)
     yield "paths", lambda: load_curves(found, tables["paths"])
     if summary["weakest"] is not None:
         yield "orders", lambda: order_shares(summary["orders"])
@@ -329,17 +328,16 @@ def sustain_figures(
 
 
 @styled()
-def limit_surface(found: Sustained, rates: Probe) -> Figure:
+def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
     """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
-    figure = new_figure(ONE_COLUMN, 4.4)
-    ax = figure.add_subplot(projection="polar")
+    ax = new_figure(ONE_COLUMN, 4.4).add_subplot(projection="polar") if ax is None else ax
     assert isinstance(ax, PolarAxes)
     largest, theta = found.largest, found.theta
     table = {
         name: np.array([getattr(path, name) for path in found.paths])
         for name in ("first_event", "limit", "first_large_load")
     }
-    for begin, end in rates.cones:
+    for begin, end in found.rates.cones:
         arc = np.linspace(begin, end, 181)
         ax.fill_between(arc, 0.0, 1.1, color=ORANGE, alpha=0.25, linewidth=0)
     for name, colour, label in (
@@ -369,8 +367,8 @@ def limit_surface(found: Sustained, rates: Probe) -> Figure:
     ax.set_thetagrids(range(0, 360, 45))
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
     ax.set_title("load (force/length, logarithmic)\nalong $(P'_{11}, P'_{22})$")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2)
-    return figure
+    outer_legend(ax, "upper center", (0.5, 0.0), 2.5, ncols=2)
+    return ax
 
 
 def _radius(share: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import ArrayLike
 
@@ -29,19 +30,28 @@ from loops.arrays import Floats, Regimes
 from loops.closures import Closure, MacroTangent, Spins
 from loops.errors import check_choice
 from loops.fabric import direction_tensors, mean_tensor, principal
+from loops.scene import Subject
 from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import SnapshotLoop
-from stability import Path, directional_work, plane_cone, restrict
-from stability.packing import Probe
+from stability import (
+    COMPONENTS,
+    Path,
+    directional_work,
+    plane_cone,
+    restrict,
+    symmetric_spectrum,
+)
+from stability.material import MaterialPath
+from stability.packing import HeldPacking, Probe, Sustained
 from studies.evolve import Evolution
 from studies.forecast import Forecast
 from studies.forecast_figures import draw_driven_stress, probability_map
-from studies.frames import events_of_rows
-from studies.packing_figures import response_envelope
+from studies.packing_figures import limit_surface, mark_instabilities, response_envelope
 from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.polygon import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
+from studies.results import table_of
 from studies.snapshot.fabric import Fabric, axes_rose, axis_errors, strong_contacts
 from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
 from studies.snapshot.table import loop_columns
@@ -56,6 +66,7 @@ from studies.style import (
     VERMILION,
     axes_or_new,
     new_figure,
+    outer_legend,
     styled,
 )
 
@@ -63,27 +74,29 @@ ROSE_DEGREES = 10.0  # width of the bins of a rose, which divides 180
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
 
-def drawn(width: float, height: float, projection: str | None = None) -> Callable[[Plot], Plot]:
-    """A plot in the platform's style, into pyplot's current axes unless it is given others.
+def drawn(
+    width: float, height: float, projection: str = "rectilinear", *, over: bool = False
+) -> Callable[[Plot], Plot]:
+    """A plot in the platform's style, into pyplot's axes unless it is given others.
 
-    A figure is made before the style is set: the first one loads the backend of a notebook, whose
-    settings would be taken back with the style.
+    Pyplot's current axes serve while they are empty, or hold a plot of the same kind that is drawn
+    `over` others; else there is a new figure. It is made before the style is set: the first one
+    loads the backend of a notebook, whose settings would be taken back with the style.
     """
 
     def decorate(draw: Plot) -> Plot:
         @wraps(draw)
         def plot(*given: Any, **how: Any) -> Axes:
             if how.get("ax") is None and not any(isinstance(one, Axes) for one in given):
-                if not pyplot.get_fignums():
+                figure = pyplot.gcf() if pyplot.get_fignums() else None
+                if figure is None or not _is_free(figure, draw.__name__ if over else ""):
                     size = new_figure(width, height).get_size_inches()
-                    pyplot.figure(figsize=tuple(size), layout="constrained")
-                figure = pyplot.gcf()
+                    figure = pyplot.figure(figsize=tuple(size))
+                if figure.get_layout_engine() is None:
+                    figure.set_layout_engine("constrained")
                 with styled():
-                    how["ax"] = (
-                        figure.gca()
-                        if projection is None or figure.axes
-                        else figure.add_subplot(projection=projection)
-                    )
+                    how["ax"] = _current_axes(figure, projection)
+                    how["ax"].set_gid(draw.__name__)
             with styled():
                 return draw(*given, **how)
 
@@ -92,9 +105,25 @@ def drawn(width: float, height: float, projection: str | None = None) -> Callabl
     return decorate
 
 
+def _is_free(figure: Figure, kind: str) -> bool:
+    """Whether the current axes of a figure are empty, or hold a plot of this kind."""
+    return not figure.axes or not figure.gca().has_data() or figure.gca().get_gid() == kind
+
+
+def _current_axes(figure: Figure, projection: str) -> Axes:
+    """Current axes of a figure, or others in their place if they are of another projection."""
+    place: Any = 111
+    if figure.axes:
+        if figure.gca().name == projection:
+            return figure.gca()
+        place = figure.gca().get_subplotspec() or place
+        figure.gca().remove()
+    return figure.add_subplot(place, projection=projection)
+
+
 @drawn(4.2, 4.2)
 def plot_map(
-    snapshot: Snapshot,
+    snapshot: Snapshot | Subject,
     values: ArrayLike | str | None = None,
     label: str = "",
     ax: Axes | None = None,
@@ -103,14 +132,14 @@ def plot_map(
 
     Parameters
     ----------
-    snapshot : Snapshot
+    snapshot : Snapshot or Scene
     values : (L,) array or str, optional
         One a loop, in the order of the table of loops, or the name of one of its columns; nan stays
         white. By order if left out.
     label : str
         Of the colour bar; the column if left out.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -132,7 +161,7 @@ def plot_map(
     snapshot = planar(snapshot)
     ax, draw = axes_or_new(ax), loop_drawer(snapshot)
     order = snapshot.faces.order[snapshot.faces.loops]
-    if values is None:
+    if values is None or (isinstance(values, str) and values == "order"):
         draw_orders(draw, ax, order)
         return ax
     if isinstance(values, str):
@@ -141,7 +170,7 @@ def plot_map(
             expected = "one value a loop, or a column of gl.loop_table(snapshot)"
             raise InputError("values", repr(values), expected, "Look there.")
         values = table[values]
-    shown = np.asarray(values, dtype=float)
+    shown = np.asarray(values)
     if shown.shape != order.shape:
         raise InputError(
             "values", f"shape {shown.shape}", f"one a loop, {order.shape}", "See gl.loop_table."
@@ -163,7 +192,7 @@ def plot_loop(graph: GrainGraph | SnapshotLoop | Scene, ax: Axes | None = None) 
     graph : GrainGraph, SnapshotLoop or Scene
         One state, not periodic; `gl.loop(snapshot, 62)` for example.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -194,7 +223,7 @@ def plot_loop(graph: GrainGraph | SnapshotLoop | Scene, ax: Axes | None = None) 
     draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime, largest)
     arrows = graph.grain_count <= MOST_WITH_ARROWS
     key = forces_key(largest, "force units", {Regime(int(each)) for each in regime}, arrows=arrows)
-    ax.legend(handles=key, loc="upper center", bbox_to_anchor=(0.5, -0.18))
+    outer_legend(ax, "upper center", (0.5, 0.0), 5.0, handles=key)
     reach = graph.radii.max() + 1.4 * graph.radii.mean()
     (left, bottom), (right, top) = graph.x.min(axis=0) - reach, graph.x.max(axis=0) + reach
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -214,7 +243,7 @@ def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes
     tangent : MacroTangent or (4, 4) array
         `P' = A H'`, components (11, 12, 21, 22).
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -260,7 +289,7 @@ def plot_envelope(
     spins : {'blocked', 'affine', 'free'}
         What the grains' spins do.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -310,7 +339,7 @@ def plot_envelope(
     ax.set_aspect("equal", adjustable="datalim")
     ax.locator_params(nbins=4)
     ax.ticklabel_format(scilimits=(-2, 3))
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06))
+    outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
     return ax
 
 
@@ -329,7 +358,7 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
         Normals of the contacts; branch vectors weighted by their length; long axes of the loops,
         weighted by their area.
     ax : matplotlib.projections.polar.PolarAxes, optional
-        Where to draw; pyplot's current figure if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -394,7 +423,7 @@ def plot_fabric(found: Fabric, ax: Axes | None = None) -> Axes:
     return plot_rose(found.snapshot, ax=ax)
 
 
-@drawn(ONE_COLUMN, 2.8)
+@drawn(ONE_COLUMN, 2.8, over=True)
 def plot_evolution(
     evolution: pd.DataFrame | str | os.PathLike[str],
     y: str | tuple[str, ...] = "q_over_p",
@@ -411,7 +440,7 @@ def plot_evolution(
         Columns, several for `y`: `q_over_p`, `p`, `q`, `volume`, `mean_order`,
         `packing_unstable`, ...; `*_error` of a column are its bars.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -472,7 +501,7 @@ def plot_domain(
     plane : {'strain', 'stress'}
         Plane of the figure.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
     **how
         `spins`, `control` and `directions` of `gl.loop_domain`.
 
@@ -505,23 +534,28 @@ def _shown(column: str) -> str:
     return words.get(column, column.replace("_", " "))
 
 
-@drawn(ONE_COLUMN, 2.5)
+@drawn(ONE_COLUMN, 2.5, over=True)
 def plot_path(
-    path: Path, x: str = "H11", y: str | tuple[str, ...] = ("P11", "P22"), ax: Axes | None = None
+    path: Path | MaterialPath,
+    x: str = "",
+    y: str | tuple[str, ...] = ("P11", "P22"),
+    ax: Axes | None = None,
 ) -> Axes:
     """Columns of a path over one another, its events marked.
 
-    From row to row the curves are cubics: those of `H` and `P` have the path's own slopes, other
-    columns keep to the range of their rows. No line joins the rows before and after a jump.
+    Of a loop the curves from row to row are cubics: those of `H` and `P` have the path's own
+    slopes, other columns keep to the range of their rows. No line joins the rows before and after a
+    jump. Of a packing the instabilities are marked on the lower edge.
 
     Parameters
     ----------
-    path : Path
-        From `follow`.
+    path : Path or MaterialPath
+        From `follow`, `replay`, `evolve(...).way`, `march`.
     x, y : str
-        Columns of `path_table`; several for `y`.
+        Columns of `.table()`; several for `y`. If `x` is left out 'H11' of a loop, else the
+        component of `H` that changes most.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; pyplot's current axes if left out.
+        Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
     Returns
     -------
@@ -544,25 +578,65 @@ def plot_path(
     >>> [line.get_label() for line in plot_path(path, ax=Figure().add_subplot()).lines][:2]
     ['$P_{11}$', '$P_{22}$']
     """
-    ax, table = axes_or_new(ax), path.columns()
+    ax, table = axes_or_new(ax), table_of(path)
+    loop = path if isinstance(path, Path) and len(path.A) else None
+    x = x or ("H11" if loop else f"H{COMPONENTS[int(np.ptp(path.H, axis=0).argmax())]}")
     names = (y,) if isinstance(y, str) else tuple(y)
     for name in (x, *names):
         if name not in table:
-            raise InputError("column", repr(name), "one of gl.path_table(path)", "Look there.")
-    # Stretches of rows in which no regime and no stage changes.
-    jumps = (np.diff(path.regime, axis=0) != 0).any(axis=1) | (np.diff(path.stage) != 0)
-    smooth = np.split(np.arange(len(path)), np.flatnonzero(jumps) + 1)
+            raise InputError("column", repr(name), "one of path.table()", "Look there.")
+    parts = [np.arange(len(table))]
+    if loop:
+        # Stretches of rows in which no regime and no stage changes.
+        jumps = (np.diff(loop.regime, axis=0) != 0).any(axis=1) | (np.diff(loop.stage) != 0)
+        parts = np.split(parts[0], np.flatnonzero(jumps) + 1)
     for name, colour in zip(names, cycle(LINE_COLOURS)):
-        curves = [cubics(path, part, (table, x, name)) for part in smooth]
-        ax.plot(*np.concatenate(curves, axis=1), color=colour, label=symbol(name))
-    named = np.array(events_of_rows(path))
-    for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
-        at = named == kinds
-        look: Any = {"color": BLACK, "markersize": 4.0, "markerfacecolor": "white"}
-        ax.plot(table[x][at], table[names[0]][at], marker, label=kinds.replace("_", " "), **look)
+        curve = [cubics(loop, part, (table, x, name)) for part in parts] if loop else [
+            table[[x, name]].to_numpy().T]  # fmt: skip
+        ax.plot(*np.concatenate(curve, axis=1), color=colour, label=symbol(name))
+    if loop:
+        named = table["event"].to_numpy()
+        for kinds, marker in zip(sorted({*named} - {""}), cycle("osD^vP")):
+            at = named == kinds
+            look: Any = {"color": BLACK, "markersize": 4.0, "markerfacecolor": "white"}
+            ax.plot(
+                table[x][at], table[names[0]][at], marker, label=kinds.replace("_", " "), **look
+            )
+    elif isinstance(path, Path) and (lost := path.of_kind("instability")):
+        at = np.interp([event.parameter for event in lost], path.parameter, table[x])
+        mark_instabilities(ax, at)
     ax.set(xlabel=with_unit(x), ylabel=with_unit(names[0][0] if len(names) > 1 else names[0]))
     ax.legend()
     return ax
+
+
+@drawn(ONE_COLUMN, 2.6)
+def plot_tangents(tangents: MacroTangent, ax: Axes | None = None) -> Axes:
+    """Distribution of the smallest eigenvalue of Ks over many tangents; the cone of one."""
+    if tangents.matrix.ndim == 2:
+        return plot_cone(tangents, ax=ax)
+    smallest = symmetric_spectrum(restrict(tangents, "symmetric"))[..., 0]
+    known = np.sort(smallest[np.abs(smallest) > tangents.error])
+    unknown = smallest.size - len(known)
+    said = f"{np.count_nonzero(known < 0)} of {smallest.size} below 0, {unknown} without a sign"
+    ax = axes_or_new(ax)
+    ax.step(known, np.arange(1, len(known) + 1) / len(known), where="post", color=BLUE, label=said)
+    ax.axvline(0.0, color=GREY, linewidth=0.7)
+    ax.set(xlabel=r"smallest eigenvalue of $K_s$ (force/length)", ylabel="share of the tangents")
+    outer_legend(ax, "lower left", (0.0, 1.0), 0.3)
+    return ax
+
+
+@drawn(ONE_COLUMN, 4.4, "polar")
+def plot_sustained(found: Sustained, ax: Axes | None = None) -> Axes:
+    """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
+    return limit_surface(found, ax)
+
+
+def plot_scene(found: Scene | HeldPacking, ax: Axes | None = None) -> Axes:
+    """Loops of a packing by their order; grains and forces of a loop, which ends at nothing."""
+    scene = found.scene if isinstance(found, HeldPacking) else found
+    return (plot_loop if scene.boundary.kind == "free" else plot_map)(scene, ax=ax)
 
 
 @drawn(ONE_COLUMN, 2.6)

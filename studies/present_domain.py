@@ -34,6 +34,7 @@ from studies.style import (
     ORANGE,
     VERMILION,
     new_panels,
+    outer_legend,
     styled,
 )
 
@@ -343,7 +344,7 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
     ax.ticklabel_format(scilimits=(-2, 3))
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.02))
+    outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
     return ax
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from loops import InputError
+from loops import InputError, MacroTangent
 from loops.lazy import named
 from stability import COMPONENTS, PlaneCone, Verdict
 from studies.output import Row
@@ -22,17 +22,23 @@ ANSWERS = {
     "Evolution": ("loops", "studies.plots.plot_evolved"),
     "Fabric": ("columns", "studies.plots.plot_fabric"),
     "Forecast": ("loops", "studies.plots.plot_forecast"),
+    "GrainGraph": ("", "studies.plots.plot_loop"),
+    "HeldPacking": ("", "studies.plots.plot_scene"),
     "LoopDomain": ("rows", "studies.plots.plot_domain"),
-    "MacroTangent": ("", "studies.plots.plot_cone"),
+    "LoopSet": ("studies.material.averaged_loops", ""),
+    "MacroTangent": ("studies.results.tangent_rows", "studies.plots.plot_tangents"),
+    "MaterialPath": ("studies.material.march_table", "studies.plots.plot_path"),
+    "OrderKinetics": ("columns", ""),
     "PackingResponse": ("studies.results.rate_row", ""),
     "Path": ("studies.frames.path_table", "studies.plots.plot_path"),
     "PlaneCone": ("studies.results.cone_rows", ""),
     "Probe": ("studies.probe.probe_table", "studies.plots.plot_envelope"),
     "Regimes": ("studies.results.rate_row", ""),
+    "Scene": ("studies.frames.loop_table", "studies.plots.plot_scene"),
     "Snapshot": ("studies.frames.loop_table", "studies.plots.plot_map"),
     "SnapshotLoop": ("", "studies.plots.plot_loop"),
     "Stress": ("studies.results.stress_row", ""),
-    "Sustained": ("studies.sustain.loading_table", ""),
+    "Sustained": ("studies.sustain.direction_table", "studies.plots.plot_sustained"),
     "Verdict": ("studies.results.verdict_row", ""),
 }
 
@@ -47,10 +53,11 @@ def table_of(result: Any) -> Any:
     """Data frame of a result."""
     place, _ = _places(result)
     if "." in place:
-        return named(place)(result)
+        table = named(place)(result)
+        return table if isinstance(table, pd.DataFrame) else pd.DataFrame(table)
     if place:
         own = getattr(result, place)
-        return own() if callable(own) else own
+        return pd.DataFrame(own() if callable(own) else own)
     return _arrays(result)
 
 
@@ -64,19 +71,24 @@ def plot_of(result: Any, ax: Axes | None = None) -> Any:
 
 
 def _arrays(result: Any) -> pd.DataFrame:
-    """Arrays of a result that have one length, a row an entry; else one row of facts."""
+    """Arrays of a result that have one length, a row an entry; else one row of numbers and words.
+
+    A tensor (2, 2) alone is an entry.
+    """
     names = getattr(result, "__dataclass_fields__", ())
     values = {name: getattr(result, name) for name in names}
     arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray) and v.ndim}
-    lengths = [len(array) for array in arrays.values()]
-    if not lengths:
-        return pd.DataFrame([result.facts()])
-    rows = max(lengths, key=lambda length: (lengths.count(length), length))
+    tensors = {name: v[None] for name, v in arrays.items() if v.shape == (2, 2)}
+    lengths = [len(array) for name, array in arrays.items() if name not in tensors]
+    rows = max(lengths, key=lambda length: (lengths.count(length), length), default=1)
     columns: dict[str, Any] = {}
-    for name, array in arrays.items():
+    for name, array in (arrays if lengths else tensors).items():
         if len(array) == rows:
             columns |= _columns(name, array)
-    return pd.DataFrame(columns)
+    if lengths:
+        return pd.DataFrame(columns)
+    plain = {name: v for name, v in values.items() if isinstance(v, str | int | float)}
+    return pd.DataFrame(plain | columns, index=[0]) if plain else pd.DataFrame([result.facts()])
 
 
 def _columns(name: str, array: Any) -> dict[str, Any]:
@@ -84,8 +96,24 @@ def _columns(name: str, array: Any) -> dict[str, Any]:
     flat = array.reshape(len(array), -1)
     if flat.shape[1] == 1:
         return {name: flat[:, 0]}
-    ends = COMPONENTS if array.shape[1:] == (2, 2) else [f"_{k}" for k in range(flat.shape[1])]
-    return {f"{name}{end}": flat[:, k] for k, end in enumerate(ends)}
+    return {f"{name}{end}": flat[:, k] for k, end in enumerate(_ends(array.shape[1:]))}
+
+
+def _ends(shape: tuple[int, ...]) -> list[str]:
+    """Ends of the names of components: of tensors, of operators on them, numbers of others."""
+    if shape == (2, 2):
+        return [*COMPONENTS]
+    if shape == (4, 4):
+        return [f"{row}_{column}" for row in COMPONENTS for column in COMPONENTS]
+    return [f"_{k}" for k in range(int(np.prod(shape)))]
+
+
+def tangent_rows(result: MacroTangent) -> pd.DataFrame:
+    """A row a tangent: the operator, its stated error."""
+    rows = result.matrix.reshape(-1, 4, 4)
+    named = ("error", "condition", "sensitivity", "volume", "trusted")
+    columns = {name: np.ravel(getattr(result, name)) for name in named}
+    return pd.DataFrame(_columns("A", rows) | columns)
 
 
 def stress_row(result: Stress) -> pd.DataFrame:

@@ -166,6 +166,16 @@ def figure_of(ax: Axes) -> Figure:
     return cast(Figure, ax.figure)
 
 
+def outer_legend(ax: Axes, loc: Any, at: tuple[float, float], pad: float, **how: Any) -> None:
+    """A key outside of axes, `pad` letters away from the place `at` of the axes.
+
+    A figure without a layout gets the one that keeps the key on the page.
+    """
+    ax.legend(loc=loc, bbox_to_anchor=at, borderaxespad=pad, **how)
+    if figure_of(ax).get_layout_engine() is None:
+        figure_of(ax).set_layout_engine("constrained")
+
+
 def key_columns(figure: Figure, wide: int) -> int:
     """Columns of a key below a figure: so many in two columns of a journal, two in one."""
     return wide if figure.get_figwidth() > 1.5 * ONE_COLUMN else min(wide, 2)

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from loops import Faces, InputError
+from loops import InputError
 from loops.arrays import Floats
 from loops.contacts import contacts_at_start
 from loops.laws.of_pairs import MovableLaw
@@ -25,16 +25,16 @@ from stability import COMPONENTS
 from stability.packing import Motion, Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
-from stability.packing.probe import Probe, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
 from stability.path import Event
 from stability.path import Path as LoadedPath
+from studies.frames import load_table
 from studies.output import Summary, code_version, definitions, errors_of, readable, require_folder
 from studies.reading import read_planar, reading
 from studies.series.evolution import components
 from studies.series.workers import Runner, open_runner
-from studies.snapshot.in_packing import held_snapshot, sample_edge, scene_at_rest
+from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study
 
 UNITS = (
@@ -46,8 +46,6 @@ KEPT = (
     "status message parameter stage H P work energy imbalance intervals direction limit "
     "limit_spread resting first_large_strain first_large_spread seconds spread_seconds"
 ).split()
-# Contacts within this share of their strength may slide in the rate problem beside the limits.
-YIELD_BAND = 0.99
 
 
 def run_sustain(
@@ -91,33 +89,30 @@ def run_sustain(
         moving = read_planar(path, **how)
         _followable(moving.scene, subspace)
         snapshot, held = held_snapshot(moving, control)
-        scene, faces = snapshot.scene, snapshot.faces
+        scene = snapshot.scene
         parts = _Parts(out.absolute(), _digest(scene, asked))
         with open_runner(workers, scheduler, []) as runner:
             follow = partial(_followed, runner, parts, partial(_Direction, scene))
             found = sustain_packing(scene, **asked, follow=follow)
-        rates = probe_edge(
-            sample_edge(snapshot, YIELD_BAND), found.directions, "stress", subspace, faces
-        )
         tables = {
-            "sustain": direction_table(found, rates),
+            "sustain": direction_table(found),
             "motions": motion_table(found),
             "paths": loading_table(found),
-            "orders": order_table(found, faces),
-            "loops": mode_work_table(found, faces),
+            "orders": order_table(found),
+            "loops": mode_work_table(found),
         }
         results.write_tables(tables)
         summary = results.write_summary(
             asked
             | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
             | {"mean_kn": snapshot.mean_kn}
-            | sustain_summary(found, rates, tables)
+            | sustain_summary(found, tables)
         )
         if results.figures:
             from studies.packing_figures import sustain_figures
             from studies.snapshot.table import loops_for_map
 
-            drawn = sustain_figures(snapshot, found, rates, tables, summary)
+            drawn = sustain_figures(snapshot, found, tables, summary)
             maps = loops_for_map(snapshot, tables["loops"])
             title = f"Loads that {readable(path.name)} sustains"
             results.write_report(title, summary, drawn, maps)
@@ -330,7 +325,7 @@ def _plain(value: Any) -> Any:
     return value.item() if value.ndim == 0 else value
 
 
-def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
+def direction_table(found: Sustained) -> pd.DataFrame:
     """One row a direction: loads, spreads, strain, snaps, mode; w2 of the rate problem beside."""
     rows = []
     for path in found.paths:
@@ -363,7 +358,7 @@ def direction_table(found: Sustained, rates: Probe) -> pd.DataFrame:
     )
     ends = components("H", np.array([path.H[-1] for path in found.paths]))
     ends |= components("P", np.array([path.P[-1] for path in found.paths]))
-    beside = {"rate_status": rates.status, "rate_w2": rates.normalised}
+    beside = {"rate_status": found.rates.status, "rate_w2": found.rates.normalised}
     return pd.DataFrame(head).join(pd.DataFrame(rows)).assign(**ends, **beside)
 
 
@@ -395,26 +390,16 @@ def motion_table(found: Sustained) -> pd.DataFrame:
 
 def loading_table(found: Sustained) -> pd.DataFrame:
     """One row a row of a path, direction by direction."""
-    terms = ("work", "slip_work", "shear_work", "released")
     tables = [
-        pd.DataFrame(
-            {
-                "theta_deg": np.full(len(path), angle),
-                "load": path.parameter,
-                "at_rest": path.resting,
-                **components("H", path.H),
-                **components("P", path.P),
-                **dict(zip(terms, path.work.T, strict=True)),
-                "energy": path.energy,
-            }
-        )
+        pd.DataFrame({"theta_deg": np.full(len(path), angle)}).join(load_table(path))
         for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
     ]
     return pd.concat(tables, ignore_index=True)
 
 
-def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+def order_table(found: Sustained) -> pd.DataFrame:
     """One row a direction with a mode and an order: share of the loops in the mode's work."""
+    faces = found.scene.faces
     orders, at = np.unique(faces.order[faces.loops], return_inverse=True)
     area = np.bincount(at, faces.area[faces.loops])
     tables = [pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])]
@@ -442,8 +427,9 @@ def order_table(found: Sustained, faces: Faces) -> pd.DataFrame:
     return pd.concat(tables[1:] or tables, ignore_index=True)
 
 
-def mode_work_table(found: Sustained, faces: Faces) -> pd.DataFrame:
+def mode_work_table(found: Sustained) -> pd.DataFrame:
     """One row a loop: its work in the mode of the weakest direction, and that over its area."""
+    faces = found.scene.faces
     weakest, area = weakest_of(found), faces.area[faces.loops]
     mode = None if weakest is None else found.paths[weakest].mode
     work = np.zeros(len(area)) if mode is None else mode.loop_work
@@ -466,8 +452,9 @@ def weakest_of(found: Sustained) -> int | None:
     return None
 
 
-def sustain_summary(found: Sustained, rates: Probe, tables: dict[str, pd.DataFrame]) -> Summary:
+def sustain_summary(found: Sustained, tables: dict[str, pd.DataFrame]) -> Summary:
     """Summary of the loads that a sample sustains."""
+    rates = found.rates
     statuses, counts = np.unique(found.status, return_counts=True)
     weakest, row, shares = weakest_of(found), None, {}
     if weakest is not None:

@@ -50,6 +50,9 @@ class MaterialPath(Shown):
         Share of the loops without a solution.
     """
 
+    shown = ("status", "H", "P", "work", "failed")
+    unitless = ("work",)
+
     status: MarchStatus
     stage: Any
     H: Floats

@@ -90,6 +90,8 @@ class HeldPacking(Shown):
         Steps of the run with this damping.
     """
 
+    shown = ("status", "control", "unbalanced_before", "unbalanced", "stress", "strain", "steps")
+
     graph: GrainGraph
     law: MovableLaw
     boundary: Boundary

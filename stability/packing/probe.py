@@ -132,6 +132,8 @@ class Probe(Shown):
         The carrying part.
     """
 
+    shown = ("control", "directions", "status", "work", "normalised", "unstable_fraction")
+
     control: Driven
     subspace: Subspace
     directions: Floats

@@ -145,6 +145,8 @@ class PackingResponse(Shown):
         Of an increment, contacts that end beyond their strength and were no candidates.
     """
 
+    shown = ("status", "proof", "strain_rate", "stress_rate", "sliding", "residual")
+
     status: ResponseStatus
     proof: str
     residual: float

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import thread_time
 from typing import NamedTuple, get_args
 
@@ -36,8 +38,9 @@ from stability.packing.motion import Motion, MotionStatus
 from stability.packing.past import Passed, Standing
 from stability.packing.path import halved
 from stability.packing.path_solver import PackingPathSolver, Stop
-from stability.packing.probe import probe_directions
+from stability.packing.probe import Probe, probe_directions, probe_edge
 from stability.packing.regime_regions import Subspace
+from stability.packing.yielding import yield_response
 from stability.path import LARGE_MOTION, Event, Path, PathStatus
 from stability.programmes import Stage
 
@@ -101,6 +104,8 @@ LESS_DAMPING = 1.0 / 3.0
 COASTING_INTERVALS = (1.0 / 5.0, 1.0 / 7.0)
 # A motion that strains by this share of a large one counts as large too, for the spread.
 NEARLY_LARGE = 1.0 / 3.0
+# Contacts within this share of their strength may slide in the rate problem of the start.
+YIELD_BAND = 0.99
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,6 +114,8 @@ class Sustained(Shown):
 
     Attributes
     ----------
+    scene : Scene
+        The packing at the start.
     subspace : {'diagonal', 'symmetric'}
         Plane (11, 22) of the stress directions, or with shear.
     directions : (D, m) array
@@ -121,11 +128,28 @@ class Sustained(Shown):
         Stress of the start.
     """
 
+    scene: Scene
     subspace: Subspace
     directions: Floats
     largest: float
     paths: tuple[Path, ...]
     stress: Floats
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        loads = f"up to {self.largest:.4g} (force/length) along {len(self.paths)} directions"
+        told: dict[str, object] = {"load": loads, **Counter(self.status.tolist())}
+        for name in ("first_large_load", "limit"):
+            known = getattr(self, name)[~np.isnan(getattr(self, name))]
+            if len(known):
+                told[f"least {name}"] = f"{known.min():.4g} (force/length)"
+        return told
+
+    @cached_property
+    def rates(self) -> Probe:
+        """Answers of the rate problem of the start along the same directions of stress."""
+        edge = yield_response(self.scene, yield_band=YIELD_BAND)
+        return probe_edge(edge, self.directions, "stress", self.subspace, self.scene.faces)
 
     @property
     def theta(self) -> Floats:
@@ -262,7 +286,7 @@ def sustain(
         paths: Sequence[Path] = [load_path(scene, one, loading, found) for one in unit]
     else:
         paths = follow(unit, loading)
-    return Sustained(subspace, unit, largest, tuple(paths), start.stress)
+    return Sustained(scene, subspace, unit, largest, tuple(paths), start.stress)
 
 
 @one_blas_thread()

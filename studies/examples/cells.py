@@ -104,7 +104,7 @@ def steady(found: OrderKinetics) -> Floats:
 
 def excess(found: OrderKinetics, pairs: Integers) -> Floats:
     """Return the excess (P,) of mergers over splits of some pairs of orders."""
-    table = found.table()
+    table = found.columns()
     known = dict(zip(map(tuple, found.pairs.tolist()), table["balance_excess"], strict=True))
     return np.array([known.get(tuple(pair), np.nan) for pair in pairs.tolist()])
 
@@ -119,7 +119,7 @@ def transitions(packings: list[Given]) -> tuple[pd.DataFrame, OrderKinetics]:
     events, strains = ([one for part in column for one in part]
                        for column in zip(*packings, strict=True))  # fmt: skip
     whole = order_kinetics(events, strains)
-    table = pd.DataFrame(whole.table())
+    table = pd.DataFrame(whole.columns())
     table = table[table.openings + table.closings >= FEWEST_EVENTS].reset_index(drop=True)
     pairs = table[["order_1", "order_2"]].to_numpy()
     table["error_by_packing"] = over_packings(packings, lambda found: excess(found, pairs))[1]

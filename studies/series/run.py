@@ -353,7 +353,7 @@ def kinetics(
         **{f"share_{name}": getattr(found, name) / earlier for name in FATES},
         **{name: value for name, value in vars(balance).items() if name not in ("z", "p")},
     }
-    tables = {"kinetics": found.table(), "kinetics_orders": orders}
+    tables = {"kinetics": found.columns(), "kinetics_orders": orders}
     return {name: pd.DataFrame(table) for name, table in tables.items()}, summary
 
 

@@ -56,6 +56,7 @@ from studies.style import (
     key_columns,
     new_figure,
     new_panels,
+    outer_legend,
     panel_width,
     say_empty,
     styled,
@@ -80,6 +81,8 @@ TAIL = 0.01
 # Largest extension of the axis for negative values beyond that, over its positive part.
 NEGATIVE = 0.15
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
+# Whole numbers up to which each has its own colour.
+MOST_STEPS = 12
 # Axes below which a rose has coarse bins.
 FEW_AXES = 200
 # Width of these bins (degrees); it divides 180.
@@ -144,7 +147,16 @@ def order_bar(colours: ScalarMappable, ax: Axes) -> None:
 def draw_values(
     draw: Drawer, ax: Axes, values: Floats, label: str, *, signed: bool = False
 ) -> None:
-    """Loops coloured by a value of each; zero in the middle if `signed` or if any is negative."""
+    """Loops coloured by a value of each; zero in the middle if `signed` or if any is negative.
+
+    Each of a few whole numbers has its own colour.
+    """
+    if values.dtype.kind in "biu" and len(values) and np.ptp(values.astype(int)) <= MOST_STEPS:
+        steps = np.arange(values.min(), values.max() + 1)
+        scale: Normalize = BoundaryNorm(np.append(steps, steps[-1] + 1) - 0.5, len(steps))
+        colours = draw(ax, values, mpl.colormaps[SEQUENTIAL].resampled(len(steps)), scale)
+        figure_of(ax).colorbar(colours, ax=ax, ticks=steps, shrink=0.75, label=label)
+        return
     known = values[np.isfinite(values)]
     signed = signed or bool((known < 0).any()) or len(known) == 0
     top = np.percentile(known, 98) if len(known) else 1.0
@@ -524,4 +536,4 @@ def finish_rose(ax: PolarAxes, title: str, unit: str) -> None:
     ax.set_rlabel_position(22.5)
     ax.grid(color=LIGHT_GREY, linewidth=0.5)
     ax.set_title(f"{title}\n{unit}")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=1)
+    outer_legend(ax, "upper center", (0.5, 0.0), 2.5)

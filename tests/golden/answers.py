@@ -1,4 +1,4 @@
-"""What the six commands answer in small runs, as plain values that JSON holds."""
+"""What the commands answer in small runs, as plain values that JSON holds."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from patterns import sample_cell, sample_path
+from patterns import Snapshot, sample_cell, sample_path, write_snapshot
 from studies.cli import main
+from tests.packings import LAW, jammed
 from tests.unsaved import leave_files_empty
 
 # Rows kept of a long table: evenly spread, with the first and the last.
@@ -23,6 +24,8 @@ ROWS = 9
 LEFT_OUT = {
     *("definitions", "notes", "version", "signs", "units", "python", "numpy", "processor", "cores"),
     *("seconds_per_item", "peak_bytes", "knee", "path", "paths", "name", "source", "seconds"),
+    # Rounding of a state at rest.
+    *("spread_seconds", "unbalanced", "unbalanced_before", "forces_changed"),
 }
 # Free spins of an affine loop: of its gear modes rounding decides which are told from nothing, by
 # processor two loops more or less. Exact arithmetic holds the closure, the series its columns.
@@ -147,6 +150,21 @@ def series(folder: Path) -> dict[str, Any]:
     return command(folder, "series", *write_series(folder, 3), "--workers", 1)
 
 
+def write_packing(folder: Path) -> list[Path]:
+    """A jammed packing of 24 grains, and the same strained a little."""
+    graph, paths = jammed(24, 3, LAW), [folder / f"grains_{k}.parquet" for k in (0, 1)]
+    for path, stretch in zip(paths, ([1.0, 1.0], [1.0005, 0.999]), strict=True):
+        cell = graph.cell * np.array(stretch)[:, None]
+        moved = graph.replace(x=graph.x * stretch, cell=cell)
+        regime = np.ones(graph.contact_count, dtype=np.int8)
+        write_snapshot(path, Snapshot(moved, LAW, regime, np.arange(24) + 7, 0, ()))
+    return paths
+
+
+def of_packing(name: str, *arguments: object, files: int = 1) -> Callable[[Path], dict[str, Any]]:
+    return lambda folder: command(folder, name, *write_packing(folder)[:files], *arguments)
+
+
 def on(*arguments: object) -> Callable[[Path], dict[str, Any]]:
     return lambda folder: command(folder, *arguments)
 
@@ -156,6 +174,7 @@ def sample(name: str) -> Path:
 
 
 BENCH = "directions,hard-cases"
+FOLLOWED = ("--rows", 4, "--interval", 1e-4, "--inertial-number", 1e-4)
 OWN = ("--alpha0", 60, "--kappa", 0.3, "--phi", 10, "--confine", 0.05)
 CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     "diamond-table1": on("diamond", "--table", 1),
@@ -177,6 +196,20 @@ CASES: dict[str, Callable[[Path], dict[str, Any]]] = {
     ),
     "snapshot-biaxial": on("snapshot", sample("grains_biaxial.csv.gz")),
     "series": series,
+    "check": on("check", sample("grains_biaxial.csv.gz")),
+    "probe": of_packing("probe", "--directions", 12),
+    "sustain": of_packing(
+        *("sustain", "--directions", 3, "--largest", 5e-4, "--interval", 1e-4, "--no-spread"),
+        *("--workers", 1),
+    ),
+    "evolve": of_packing(
+        *("evolve", "--programme", "drained", "--axis", 2, "--to", 1e-3, "--by", "both"),
+        *(*FOLLOWED, "--pathologies"),
+        files=2,
+    ),
+    "forecast": of_packing("forecast", "--programme", "oedometric", "--to", -2e-3, *FOLLOWED),
+    "material": on("material", "--orientations", 6, "--steps", 20),
+    "material-packing": of_packing("material", "--programme", "oedometric", "--steps", 5),
     "bench": on("bench", "--quick", "--only", BENCH),
     "bench-all-hard-cases": on("bench", "--only", "closures,hard-cases"),
 }

@@ -228,7 +228,7 @@ def test_rates_by_order_are_those_of_the_pairs():
 
 def test_excess_over_its_error_is_z():
     found = order_kinetics(gillespie(balanced(), 20.0, 5))
-    table = found.table()
+    table = found.columns()
     total = table["openings"] + table["closings"]
     excess = (table["openings"] - table["closings"]) / total
     assert table["balance_excess"] == pytest.approx(excess)
