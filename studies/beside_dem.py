@@ -13,8 +13,8 @@ from stability import COMPONENTS, Stage
 from stability import Path as FollowedPath
 from stability.packing.state import nominal
 from stability.programmes import NOTHING
-from studies.output import Summary
-from studies.series.evolution import components, sample_strain
+from studies.output import Summary, components
+from studies.series.evolution import sample_strain
 from studies.series.loading import stress_of
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
 

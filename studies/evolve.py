@@ -25,10 +25,9 @@ from stability.packing import LoopRates, loop_changes, replay
 from stability.path import Past, describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
-from studies.output import UNITS, Summary, definitions, readable
+from studies.output import UNITS, Summary, components, definitions, readable
 from studies.paths.options import PROGRAMMES, programme_named
 from studies.reading import plan_series, reading
-from studies.series.evolution import components
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
 from studies.snapshot.table import loop_polygons

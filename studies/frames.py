@@ -15,8 +15,7 @@ from loops.scene import Subject
 from patterns import Snapshot, planar
 from stability import Path
 from stability.packing.pathologies import columns
-from studies.output import SIGNS, UNITS, described, provenance
-from studies.series.evolution import components
+from studies.output import SIGNS, UNITS, components, described, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import add_in_packing

@@ -24,6 +24,8 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
+from loops.arrays import Floats
+from stability.spectra import COMPONENTS
 from studies import __version__
 
 try:
@@ -68,6 +70,13 @@ DESCRIBED_COMMANDS = (
     *("snapshot", "series", "probe", "sustain", "evolve", "forecast"),
     *("diamond", "polygon", "domain", "material"),
 )
+
+
+def components(name: str, values: Floats) -> Columns:
+    """Columns `name11`, `name12`, `name21`, `name22` of (n, 2, 2) tensors."""
+    return {
+        f"{name}{ij}": part for ij, part in zip(COMPONENTS, values.reshape(-1, 4).T, strict=True)
+    }
 
 
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:

@@ -25,9 +25,8 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.packing.yielding import checked_band
 from stability.path import Past
-from studies.output import UNITS, Summary, definitions, readable
+from studies.output import UNITS, Summary, components, definitions, readable
 from studies.reading import read_planar, reading
-from studies.series.evolution import components
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import (
     balance_notes,

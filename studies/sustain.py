@@ -30,9 +30,16 @@ from stability.packing.sustain import LARGE, Loading, load_path
 from stability.path import Event
 from stability.path import Path as LoadedPath
 from studies.frames import load_table
-from studies.output import Summary, code_version, definitions, errors_of, readable, require_folder
+from studies.output import (
+    Summary,
+    code_version,
+    components,
+    definitions,
+    errors_of,
+    readable,
+    require_folder,
+)
 from studies.reading import read_planar, reading
-from studies.series.evolution import components
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study

@@ -33,7 +33,7 @@ from patterns import Snapshot
 from patterns.snapshots.walls import box_sides
 from stability import COMPONENTS
 from stability.packing.probe import probe_edge
-from studies.output import Columns, Row
+from studies.output import Columns, Row, components
 from studies.snapshot.in_packing import sample_edge
 from studies.snapshot.stress import stress
 from studies.snapshot.summary import judges, verdict_shares
@@ -157,13 +157,6 @@ def _work(
         A = macroscopic_tangent(loops.graph, law, closure, spins=spins, regime=regime).matrix
         columns[name] = 0.5 * np.einsum("li,lij,lj->l", strain, A, strain)
     return columns
-
-
-def components(name: str, values: Floats) -> Columns:
-    """Columns `name11`, `name12`, `name21`, `name22` of (n, 2, 2) tensors."""
-    return {
-        f"{name}{ij}": part for ij, part in zip(COMPONENTS, values.reshape(-1, 4).T, strict=True)
-    }
 
 
 def _product(stress: Floats, strain: Floats) -> tuple[Floats, Floats]:
