@@ -409,10 +409,8 @@ def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
 
 def contacts_of(start: PackingState, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:
     """Return the contacts of a state under a law, those with walls last."""
-    count, none = start.count, np.zeros(0)
-    wall = np.where(start.at_wall, start.contacts[:, 1] - count, -1)
-    walls = WallSprings(none, none, none, none, none)
-    planes = None if boundary is None else boundary.walls
+    wall = np.where(start.at_wall, start.contacts[:, 1] - start.count, -1)
+    walls, planes = None, None if boundary is None else boundary.walls
     if len(start.walls) and planes is not None:
         mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
         foot = np.linalg.norm(planes.branch, axis=1)

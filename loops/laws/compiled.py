@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats
 from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw
 
@@ -52,12 +52,12 @@ class Filling(NamedTuple):
     constants: Floats
 
 
-def compiled(law: FrictionalLaw, rows: Integers, radii: Floats, springs: Floats) -> Filling | str:
-    """Return a law of one's own between the pairs `rows`, compiled; or why numba cannot.
+def compiled(law: FrictionalLaw, radii: Floats, walls: Floats) -> Filling | str:
+    """Return a law of one's own between pairs, compiled; or why numba cannot.
 
-    `radii` (2, R) are those of the rows, `springs` (3, P) `kn`, `kt`, `mu` of the other pairs,
-    walls; zero of the rows. Numba takes some things otherwise than numpy, such as the truth of an
-    array: a law whose numbers differ is not compiled.
+    `radii` (2, P) are those that its formulae see, `walls` (4, P) factor, pull, `kt` and `mu` as
+    `FormulaPairs` has them, zero between grains. Numba takes some things otherwise than numpy,
+    such as the truth of an array: a law whose numbers differ is not compiled.
     """
     kind = type(law)
     changed = [name for name in DERIVED if getattr(kind, name) is not getattr(FrictionalLaw, name)]
@@ -73,19 +73,18 @@ def compiled(law: FrictionalLaw, rows: Integers, radii: Floats, springs: Floats)
     pointer = _compiled(tuple(getattr(kind, name) for name in METHODS), names)
     if isinstance(pointer, str):
         return pointer
-    constants = np.ones((len(names) + 3, springs.shape[1]))
-    for row, name in enumerate(names):
-        constants[row, rows] = vars(law)[name]
-    constants[len(names) :] = springs
-    # Some overlaps and shear forces of either sign; without walls, whose rows are not the law's.
+    count = radii.shape[1]
+    constants = np.array([np.broadcast_to(vars(law)[name], count) for name in names])
+    constants = np.concatenate([constants.reshape(len(names), count), walls])
+    # Some overlaps and shear forces of either sign, of the formulae alone.
     touching = radii.sum(axis=0)
-    trial = touching * TRIED[np.arange(len(rows)) % len(TRIED)]
+    trial = touching * TRIED[np.arange(count) % len(TRIED)]
     overlap, before = touching - (touching - trial), 0.9 * trial
-    T = trial * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
-    out = np.empty((4, len(rows)))
-    of_rows = np.ascontiguousarray(constants[:, rows])
+    T = trial * np.where(np.arange(count) % 2, 1.0, -1.0)
+    out, grains = np.empty((4, count)), constants.copy()
+    grains[len(names) :] = 0.0
     try:
-        pointer.function(of_rows, np.ascontiguousarray(radii), overlap, before, T, out)
+        pointer.function(grains, np.ascontiguousarray(radii), overlap, before, T, out)
     except Exception as error:
         return f"compiled it raises {type(error).__name__}: {error}"
     wanted = answer_of(law, radii, overlap, before, T)
@@ -120,25 +119,28 @@ def _compiled(methods: tuple[Callable[..., Any], ...], names: tuple[str, ...]) -
         return next((line for line in lines if not line.startswith("Failed in")), lines[0])
 
 
-# Walls beside the law are springs: their constants come after those of the law.
+# Walls have constants of their own behind those of the law.
 FILLING = """
 def fill(constants, radii, overlap, before, T, out):
     law = Law({rows})
-    touching = radii[0] + radii[1]
+    factor, pull, k, mu = constants[{n}], constants[{n} + 1], constants[{n} + 2], constants[{n} + 3]
+    wall = factor > 0.0
+    i, j = where(wall, 2.0 * radii[0], radii[0]), where(wall, 2.0 * radii[0], radii[1])
+    touching = i + j
     length = touching - overlap
-    state = State(overlap, touching, length, radii[0], radii[1], T, T)
+    state = State(overlap, touching, length, i, j, T, T)
     N = method_0(law, state)
-    state = State(overlap, touching, length, radii[0], radii[1], N, T)
+    state = State(overlap, touching, length, i, j, N, T)
     kn, kt = method_1(law, state)
     out[0] = N
     out[1] = kt
     out[2] = method_2(law, state)
     out[3] = where(T != 0.0, T - method_3(law, state) * (before - overlap), T)
     for p in range(len(overlap)):
-        kn, kt, mu = constants[{n}, p], constants[{n} + 1, p], constants[{n} + 2, p]
-        if kn > 0.0:
-            out[0, p] = normal = kn * overlap[p]
-            out[1, p], out[2, p], out[3, p] = kt, mu * normal, T[p]
+        if wall[p]:
+            pushed = out[0, p] - pull[p]
+            out[0, p], out[1, p] = factor[p] * pushed, k[p] * pushed / overlap[p]
+            out[2, p] = mu[p] * out[0, p]
 """
 
 

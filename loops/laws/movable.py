@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime, linear_springs
 from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, HertzMindlin
-from loops.laws.of_pairs import AT_TOUCH, FormulaPairs, MovableLaw, WallSprings
+from loops.laws.of_pairs import AT_TOUCH, FormulaPairs, MovableLaw
 from loops.laws.rolling_resistance import RollingResistance
 
 # Share of the contacts that tell whose forces they are.
@@ -78,10 +76,9 @@ def _require_formulae(law: FrictionalLaw, state: ContactState) -> None:
         expected = "in paths of packings a law that leaves these to gl.FrictionalLaw"
         remedy = "Leave them out, or use the law for single loops."
         raise refuse(f"{name} with {', '.join(changed)}", expected, remedy)
-    radii, none = np.array([state.radii_i, state.radii_j]), np.zeros(0)
-    walls: Any = WallSprings(*[none] * 5)
+    radii = np.array([state.radii_i, state.radii_j])
     try:
-        own = FormulaPairs.made(law, radii, np.full(radii.shape[1], -1), walls)
+        own = FormulaPairs.made(law, radii, np.full(radii.shape[1], -1))
         _, pressed = own.contacts(state.overlap)
         D = own.local_stiffness(pressed, Regime.ELASTIC)
     except NotImplementedError as lacks:

@@ -2,7 +2,8 @@
 
 A pair is two grains, or a grain and a wall. Those who ask know none of the kinds: springs of an
 interval (`tangent`), forces, energies, strengths, the law as the kernel of motion calls it
-(`filling`). Walls are springs of their own, and a spring against rolling stands beside any law.
+(`filling`). A wall is a plane under the same law, of a stiffness of its own; a spring against
+rolling stands beside any law.
 """
 
 from __future__ import annotations
@@ -25,18 +26,24 @@ from loops.laws.rolling_resistance import RollingResistance
 MovableLaw = FrictionalLaw | RollingResistance
 # Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
 SMALL_OVERLAP = 1e-4
+# Stiffness over the one given, at most and at least, that the force of a wall may tell: beyond, its
+# overlap is rounding.
+AS_GIVEN = 3.0
 # Forces at touch below this share of those at overlap are rounding: the law has no cohesion.
 AT_TOUCH = 1e-9
 
 
 class WallSprings(NamedTuple):
-    """Springs of contacts with walls: stiffnesses, friction, overlaps and normal forces, (W,)."""
+    """Contacts with walls: tangent stiffnesses, friction, overlaps and normal forces, (W,)."""
 
     kn: Floats
     kt: Floats
     mu: Floats
     overlap: Floats
     force: Floats
+
+
+AtWalls = WallSprings | None
 
 
 class Tangent(NamedTuple):
@@ -96,18 +103,17 @@ class PairLaw:
     # ---- how it is made
 
     @classmethod
-    def made(cls, law: FrictionalLaw, radii: Floats, wall: Integers, walls: WallSprings) -> Self:
+    def made(cls, law: FrictionalLaw, radii: Floats, wall: Integers, walls: AtWalls = None) -> Self:
         """Return the law of pairs, those with walls last."""
         count = int(np.count_nonzero(wall < 0))
-        grains = (*cls.grain_springs(law, radii[:, :count]), law.mu)
-        at_walls = (*cls.wall_springs(walls), walls.mu)
         kn, kt, mu = (
-            np.append(np.broadcast_to(k, count).astype(float), one)
-            for k, one in zip(grains, at_walls, strict=True)
+            np.broadcast_to(k, count).astype(float)
+            for k in (*cls.grain_springs(law, radii[:, :count]), law.mu)
         )
-        none = np.zeros(len(wall))
-        unlimited = np.full(len(wall), np.inf)
-        return cls(law, radii, wall, kn, kt, mu, none, none, unlimited).with_law(law)
+        none = np.zeros(count)
+        rest = none, none, np.full(count, np.inf)
+        pairs = cls(law, radii[:, :count], wall[:count], kn, kt, mu, *rest).with_law(law)
+        return pairs.with_walls(radii[:, count:], wall[count:], walls) if walls else pairs
 
     @classmethod
     def grain_springs(cls, law: FrictionalLaw, radii: Floats) -> tuple[Floats, Floats]:
@@ -115,10 +121,17 @@ class PairLaw:
         known = cast(LinearFrictional, law)
         return known.kn, known.kt
 
-    @classmethod
-    def wall_springs(cls, walls: WallSprings) -> tuple[Floats, Floats]:
-        """Return the constants `kn`, `kt` at walls."""
-        return walls.kn, walls.kt
+    def with_walls(self, radii: Floats, wall: Integers, walls: WallSprings) -> Self:
+        """Return the law with contacts at walls, of the forces and of the `kt/kn` given."""
+        ones = np.ones(len(wall))
+        unit = self._with_rows(radii, wall, ones, ones, walls.mu, 0.0 * ones, np.inf * ones)
+        at = np.append(np.zeros(len(self)), np.maximum(walls.overlap, SMALL_OVERLAP * radii[0]))
+        N, kn, kt = (k[len(self) :] for k in (unit.normal_force(at), *unit.stiffnesses(at)))
+        by_force, given = walls.force / N, walls.kn / kn
+        known = (walls.overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)
+        share = np.where(known, by_force, given)
+        shear = share * kn / kt * walls.kt / walls.kn
+        return replace(unit, kn=np.append(self.kn, share), kt=np.append(self.kt, shear))
 
     def with_law(self, law: FrictionalLaw) -> Self:
         """Return the same pairs under another law of this kind."""
@@ -139,20 +152,22 @@ class PairLaw:
             for number in np.unique(wall[wall >= 0]):
                 of, own = self.wall == number, wall == number
                 added[own] = as_known(k[of], self.radii[0, of], radii[0, own])
-            numbers.append(np.append(k * one, added * other))
-        kn, kt, mu = numbers
-        k_r, mu_r = (
-            np.append(k, np.where(wall >= 0, 0.0, median(k[between])))
-            for k in (self.k_r, self.mu_r)
-        )
-        law = self._with_typical(int(np.count_nonzero(wall < 0)))
+            numbers.append(added * other)
+        k_r, mu_r = (np.where(wall >= 0, 0.0, median(k[between])) for k in (self.k_r, self.mu_r))
+        return self._with_rows(radii, wall, *numbers, k_r, mu_r)
+
+    def _with_rows(self, radii: Floats, wall: Integers, *numbers: Floats) -> Self:
+        """Return the law with further pairs, of these `kn`, `kt`, `mu`, `k_r`, `mu_r`."""
+        law = self._with_typical(len(wall))
         radii = np.ascontiguousarray(np.hstack([self.radii, radii]))
-        reach = np.append(self.reach, np.zeros(len(wall)))
-        pairs = type(self)(law, radii, np.append(self.wall, wall), kn, kt, mu, reach, k_r, mu_r)
-        return pairs.with_law(law)
+        wall = np.append(self.wall, wall)
+        old = self.kn, self.kt, self.mu, self.k_r, self.mu_r
+        kn, kt, mu, k_r, mu_r = (np.append(*k) for k in zip(old, numbers, strict=True))
+        reach = np.append(self.reach, np.zeros(len(wall) - len(self)))
+        return type(self)(law, radii, wall, kn, kt, mu, reach, k_r, mu_r).with_law(law)
 
     def _with_typical(self, count: int) -> FrictionalLaw:
-        """Return the law between grains whose formulae hold for `count` further pairs."""
+        """Return the law whose formulae hold for `count` further pairs."""
         return self.law
 
     def scale(self, radii: Floats) -> Floats | float:
@@ -275,16 +290,13 @@ class PairLaw:
 
     def answer(self, overlap: Floats, before: Floats, T: Floats) -> Floats:
         """Return (4, P) what the law fills in at overlaps that are positive where pairs touch."""
-        # Between grains of a law that is asked these are no numbers, and filled by it.
-        with np.errstate(invalid="ignore"):
-            return np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
+        return np.array([self.kn * overlap, self.kt, self.mu * self.kn * overlap, T])
 
 
 class HertzPairs(PairLaw):
     """Hertz and Mindlin's spheres: `kn`, `kt` are over the root of the overlap.
 
-    `N = 2/3 kn overlap^(3/2)`; walls have the stiffness that their forces tell, and the ratio of
-    their `kt` to `kn`.
+    `N = 2/3 kn overlap^(3/2)`.
     """
 
     linear = False
@@ -300,15 +312,6 @@ class HertzPairs(PairLaw):
         known = cast(HertzMindlin, law)
         kn = known.young / (1.0 - known.poisson**2) * np.sqrt(effective_radii(radii))
         return kn, known.stiffness_ratio * kn
-
-    @classmethod
-    def wall_springs(cls, walls: WallSprings) -> tuple[Floats, Floats]:
-        """Return the stiffnesses over the root that normal forces tell."""
-        root = np.sqrt(walls.overlap)
-        told = (root > 0) & (walls.force > 0)
-        over = np.where(told, root, 1.0)
-        fitted = np.where(told, walls.force / (HERTZ * over**3), walls.kn)
-        return fitted, walls.kt * fitted / walls.kn
 
     def scale(self, radii: Floats) -> Floats:
         """Return the roots of the effective radii."""
@@ -353,7 +356,12 @@ class HertzPairs(PairLaw):
 
 
 class FormulaPairs(PairLaw):
-    """A law that is asked by its formulae between grains; `kn` and `kt` are at walls alone."""
+    """A law that is asked by its formulae.
+
+    At a wall these are of two grains of twice the radius, as a plane has no curvature, and of the
+    parameters of a typical contact; `kn` is a factor of their force, `kt` of their force over the
+    overlap, `mu` the friction. Walls don't pull. Between grains `kn` is 1.
+    """
 
     linear = False
     # Any law may ask for the overlap a step before.
@@ -366,38 +374,36 @@ class FormulaPairs(PairLaw):
 
     @classmethod
     def grain_springs(cls, law: FrictionalLaw, radii: Floats) -> tuple[Floats, Floats]:
-        """Return nothing: the law has them."""
-        return np.zeros(()), np.zeros(())
+        """Return no springs: the law has them."""
+        return np.ones(()), np.zeros(())
 
     @cached_property
-    def rows(self) -> Integers:
-        """(R,) pairs of grains."""
-        return np.flatnonzero(self.wall < 0)
+    def at_wall(self) -> Flags:
+        """(P,) contacts with walls."""
+        return np.asarray(self.wall >= 0)
 
     @cached_property
-    def between(self) -> Floats:
-        """(2, R) radii of the pairs of grains."""
-        return self.radii[:, self.rows]
+    def of_formulae(self) -> Floats:
+        """(2, P) radii that the formulae see."""
+        return np.where(self.at_wall, 2.0 * self.radii[0], self.radii)
 
     def with_law(self, law: FrictionalLaw) -> Self:
         """Return the same pairs under another law, with the reach that its gap tells."""
         touching = replace(self, law=law, reach=np.zeros(len(self)))
-        reach = np.zeros(len(self))
-        reach[self.rows] = -law.gap(touching.parting())
-        return replace(touching, reach=reach)
+        return replace(touching, reach=np.where(self.at_wall, 0.0, -law.gap(touching.parting())))
 
     def _with_typical(self, count: int) -> FrictionalLaw:
         """Return the law in which the pair of the median stiffness stands for further ones."""
         _, pressed = self.contacts(np.zeros(len(self)))
         stiff = self.local_stiffness(pressed, Regime.ELASTIC)[:, 0, 0]
-        typical = np.full(count, np.argsort(stiff)[len(stiff) // 2])
-        law = self.law.take(np.append(np.arange(len(stiff)), typical))
+        between = np.flatnonzero(~self.at_wall)
+        typical = between[np.argsort(stiff[between])[len(between) // 2]]
+        law = self.law.take(np.append(np.arange(len(self)), np.full(count, typical)))
         # What touches later was never bonded.
-        return law.parted(np.arange(len(stiff) + count) >= len(stiff))
+        return law.parted(np.arange(len(self) + count) >= len(self))
 
     def parted(self, opened: Flags) -> Self:
         """Return the law without the bonds of pairs that have opened."""
-        opened = opened[self.rows]
         if not opened.any():
             return self
         law = self.law.parted(opened)
@@ -405,123 +411,118 @@ class FormulaPairs(PairLaw):
 
     def taken(self, rows: Integers) -> Self:
         """Return the law of some pairs alone, with the parameters of its formulae there."""
-        own = np.flatnonzero(np.isin(self.rows, rows))
-        return replace(super().taken(rows), law=self.law.take(own))
+        return replace(super().taken(rows), law=self.law.take(rows))
 
     def picked(self, rows: Flags) -> FrictionalLaw:
         """Return the law of the picked pairs."""
-        return self.law.take(np.flatnonzero(rows[self.rows]))
+        return self.law.take(np.flatnonzero(rows))
 
     def contacts(self, overlap: Floats, T: Floats | float = 0.0) -> tuple[Flags, ContactState]:
-        """(R,) which pairs touch, and contacts of overlaps (P,); those apart as at a small one.
+        """(P,) which pairs touch, and contacts of overlaps (P,); those apart as at a small one.
 
-        Overlaps are measured from where a closed contact opens.
+        Overlaps are measured from where a closed contact opens. Forces are those of the formulae.
         """
-        i, j = self.between
-        own, reach = overlap[self.rows], self.reach[self.rows]
-        length = (i + j) + reach - np.where(own > 0, own, SMALL_OVERLAP * (i + j))
-        T = np.broadcast_to(T, len(overlap))[self.rows]
-        return own > 0, pressed_contacts(self.law, self.between, length, T)
+        i, j = self.of_formulae
+        length = (i + j) + self.reach - np.where(overlap > 0, overlap, SMALL_OVERLAP * (i + j))
+        T = np.broadcast_to(T, len(overlap))
+        return overlap > 0, pressed_contacts(self.law, self.of_formulae, length, T)
 
     def parting(self) -> ContactState:
-        """Return the contacts (R,) where they open, with the force there.
+        """Return the contacts (P,) where they open, with the force of the formulae there.
 
         A force that is rounding beside that at a small overlap is zero.
         """
         _, pressed = self.contacts(np.zeros(len(self)))
-        state = replace(pressed, length=pressed.touching_length + self.reach[self.rows])
+        state = replace(pressed, length=pressed.touching_length + self.reach)
         N = np.asarray(self.law.closed_force(state), dtype=float)
         least = AT_TOUCH * np.abs(pressed.normal_force)
         return replace(state, normal_force=np.where(np.abs(N) > least, N, 0.0))
 
     def local_stiffness(self, state: ContactState, regime: Regime) -> Floats:
-        """(R, 2, 2) `D` of contacts."""
+        """(P, 2, 2) `D` of the formulae."""
         return self.law.local_stiffness(state, np.full(len(state.length), regime, dtype=np.int8))
+
+    @cached_property
+    def pull(self) -> Floats:
+        """(P,) normal force of the formulae where a wall opens, which it does not have."""
+        return np.where(self.at_wall, self.parting().normal_force, 0.0)
 
     @cached_property
     def at_touch(self) -> Floats:
         """(P,) normal force where a closed pair opens."""
-        force = np.zeros(len(self))
-        force[self.rows] = self.parting().normal_force
-        return force
+        return self.parting().normal_force - self.pull
 
     @cached_property
     def strength_at_touch(self) -> Floats:
         """(P,) shear force that pairs can carry where they open; rounding is none."""
-        rows, most = self.rows, np.zeros(len(self))
-        at_touch = np.where(self.slides[rows], self.law.strength(self.parting()), 0.0)
-        least = AT_TOUCH * self.friction[rows] * np.abs(self.at_touch[rows])
-        most[rows] = np.where(at_touch > least, at_touch, 0.0)
-        return most
+        slides = self.slides & ~self.at_wall
+        at_touch = np.where(slides, self.law.strength(self.parting()), 0.0)
+        return np.where(at_touch > AT_TOUCH * self.friction * np.abs(self.at_touch), at_touch, 0.0)
 
     def normal_force(self, overlap: Floats) -> Floats:
-        """Return the force of the law, of springs at walls."""
-        N = super().normal_force(overlap)
-        for of, all_overlaps in zip(np.atleast_2d(N), np.atleast_2d(overlap), strict=True):
-            touch, state = self.contacts(all_overlaps)
-            of[self.rows] = np.where(touch, state.normal_force, 0.0)
-        return N
+        """Return the force of the law."""
+        if overlap.ndim > 1:
+            return np.array([self.normal_force(one) for one in overlap])
+        touch, state = self.contacts(overlap)
+        return np.where(touch, self.kn * (state.normal_force - self.pull), 0.0)
 
     def normal_energy(self, overlap: Floats) -> Floats:
         """Return the energy of the law; of pairs apart that at their opening."""
         touch, state = self.contacts(overlap)
-        energy = 0.5 * self.kn * overlap * overlap
-        parting = self.law.normal_energy(self.parting())
-        energy[self.rows] = np.where(touch, self.law.normal_energy(state), parting)
-        return energy
+        energy = self.law.normal_energy(state) - self.pull * overlap
+        return self.kn * np.where(touch, energy, self.law.normal_energy(self.parting()))
 
     def stiffnesses(self, overlap: Floats) -> tuple[Floats, Floats]:
-        """Return tangents, zero between grains that don't touch."""
+        """Return tangents, zero where pairs don't touch."""
         kn, kt, _ = self._elastic(overlap, np.zeros(len(self)))
         return kn, kt
 
     def _elastic(self, overlap: Floats, T: Floats) -> tuple[Floats, Floats, Floats]:
-        """(P,) `kn`, `kt` and `-dT/dun` of stuck pairs, zero between grains that don't touch."""
+        """(P,) `kn`, `kt` and `-dT/dun` of stuck pairs, zero where they don't touch."""
         touch, state = self.contacts(overlap, T)
         D = np.where(touch[:, None, None], self.local_stiffness(state, Regime.ELASTIC), 0.0)
-        kn, kt, coupling = self.kn.copy(), self.kt.copy(), np.zeros(len(self))
-        kn[self.rows], kt[self.rows], coupling[self.rows] = D[:, 0, 0], D[:, 1, 1], D[:, 1, 0]
-        return kn, kt, coupling
+        secant = np.where(touch, (state.normal_force - self.pull) / state.overlap, 0.0)
+        kt = np.where(self.at_wall, self.kt * secant, D[:, 1, 1])
+        return self.kn * D[:, 0, 0], kt, D[:, 1, 0]
 
     def shear_strength(self, overlap: Floats, N: Floats) -> Floats:
         """Return the strength of the law, at walls `mu N`."""
-        rows, (touch, state) = self.rows, self.contacts(overlap)
-        most = super().shear_strength(overlap, N)
-        there = touch & self.slides[rows]
-        most[rows] = np.where(there, self.law.strength(state), most[rows])
-        return most
+        touch, state = self.contacts(overlap)
+        own = touch & self.slides & ~self.at_wall
+        return np.where(own, self.law.strength(state), super().shear_strength(overlap, N))
 
     def tangent(self, overlap: Floats, T: Floats, reach: float) -> Tangent:
         """Return tangents; near touch secants of the force and of the strength to those there."""
         at, far = np.where(overlap > 0, overlap, reach), overlap > reach
-        rows, (touch, state) = self.rows, self.contacts(at, 1.0)
+        touch, state = self.contacts(at, 1.0)
         kn, kt, coupling = self._elastic(at, T)
-        N0, most0 = self.at_touch[rows], self.strength_at_touch[rows]
-        deep, N = np.where(touch, at[rows], 1.0), np.where(touch, state.normal_force, N0)
-        slides, far = self.slides[rows], far[rows]
+        N0, most0 = self.at_touch, self.strength_at_touch
+        N = np.where(touch, self.normal_force(at), N0)
+        slides = self.slides & ~self.at_wall
         most = np.where(slides & touch, self.law.strength(state), 0.0)
         rise, D = N - N0, self.local_stiffness(state, Regime.SLIDING)
         slope = np.divide(most - most0, rise, out=0.0 * N, where=slides & (rise > 0))
         steep = D[:, 1, 0] / np.where(D[:, 0, 0] > 0, D[:, 0, 0], 1.0)
         slope = np.where(far & slides, steep, slope)
-        mu, cohesion = self.friction.copy(), np.zeros(len(self))
-        kn[rows] = np.where(far, kn[rows], rise / deep)
-        mu[rows] = slope
-        cohesion[rows] = np.where(far, most - slope * N, most0 - slope * N0)
-        return Tangent(kn, kt, coupling, mu, cohesion)
+        cohesion = np.where(far, most - slope * N, most0 - slope * N0)
+        kn = np.where(far, kn, rise / np.where(touch, at, 1.0))
+        mu = np.where(self.at_wall, self.friction, slope)
+        return Tangent(kn, kt, coupling, mu, np.where(self.at_wall, 0.0, cohesion))
 
     def filling(self, compile_own: bool) -> Filling | str:
         """Return the law compiled from its methods, where that is wanted and numba can."""
         if not compile_own:
             return "numpy"
-        springs = np.array([self.kn, self.kt, self.mu])
-        springs[:, self.rows] = 0.0
-        return compiled(self.law, self.rows, self.between, springs)
+        walls = np.where(self.at_wall, [self.kn, self.pull, self.kt, self.mu], 0.0)
+        return compiled(self.law, self.of_formulae, walls)
 
     def answer(self, overlap: Floats, before: Floats, T: Floats) -> Floats:
         """Return (4, P) what the law fills in, from numpy."""
-        out, rows = super().answer(overlap, before, T), self.rows
-        out[:, rows] = answer_of(self.law, self.between, overlap[rows], before[rows], T[rows])
+        out = answer_of(self.law, self.of_formulae, overlap, before, T)
+        pushed = out[0] - self.pull
+        with np.errstate(invalid="ignore"):
+            walls = self.kn * pushed, self.kt * pushed / overlap, self.mu * self.kn * pushed
+        out[:3] = np.where(self.at_wall, walls, out[:3])
         return out
 
 
@@ -532,11 +533,10 @@ class CohesivePairs(FormulaPairs):
         """Return the kernel of cohesion."""
         from loops.compiled import laws as kernels
 
-        law = cast(CohesiveFrictional, self.law)
-        constants = np.zeros((5, len(self)))
-        constants[:3] = self.kn, self.kt, self.mu
-        for row, of in enumerate((law.kn, law.kt, law.mu, law.attraction, law.cohesion)):
-            constants[row, self.rows] = of
+        law, walls = cast(CohesiveFrictional, self.law), self.at_wall
+        kt = np.where(walls, self.kt * law.kn, law.kt)
+        pulls = (np.where(walls, 0.0, force) for force in (law.attraction, law.cohesion))
+        constants = np.array([self.kn * law.kn, kt, self.mu, *pulls])
         return Filling(kernels.Pointer(kernels.cohesive), constants)
 
 
@@ -548,7 +548,7 @@ KINDS: dict[type, type[PairLaw]] = {
 }
 
 
-def law_of_pairs(law: MovableLaw, radii: Floats, wall: Integers, walls: WallSprings) -> PairLaw:
+def law_of_pairs(law: MovableLaw, radii: Floats, wall: Integers, walls: AtWalls = None) -> PairLaw:
     """Return a law between pairs of radii (2, P), those with walls last and of their springs.
 
     `wall` is the number of the wall, -1 between grains, whose parameters the law has.

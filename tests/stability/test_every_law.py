@@ -5,6 +5,7 @@ not stiffen are linear springs; Hertz's law written anew is `HertzMindlin`. Each
 the forces that a small packing, or a hexagon, rests in.
 """
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -20,16 +21,18 @@ from loops import (
     RollingResistance,
     Scene,
     affine_tangent,
+    contact_forces,
     contact_state,
     traction_tangent,
 )
 from loops.in_place import loops_in_place
+from loops.system import packing_stress
 from patterns import Snapshot, regular_polygon
 from stability import Stage, follow, programmes
 from stability.material import LoopMaterial, oriented
 from stability.packing import hold, replay
 from tests.packings import BRANCH, jammed
-from tests.stability.packing.walled_packings import between, jammed_in_box
+from tests.stability.packing.walled_packings import ROUGH, between, jammed_in_box
 
 KT, MU, POISSON = 0.5, 0.5, 0.2
 # Attraction, pull of a bond, stiffness against rolling and its limit, stiffening.
@@ -60,6 +63,16 @@ class Spheres(FrictionalLaw):
         reduced = state.radii_i * state.radii_j / state.touching_length
         root = np.sqrt(reduced * np.maximum(state.overlap, 0.0))
         return self.modulus * root, self.ratio * self.modulus * root
+
+
+class Glue(FrictionalLaw):
+    """The attraction of `CohesiveFrictional`, written anew."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap - self.pull
+
+    def strength(self, state):
+        return self.mu * (state.normal_force + self.pull)
 
 
 class ByDisplacement(Spheres):
@@ -128,10 +141,15 @@ def anew_mindlin(graph, term=1.0):
     return anew(graph, kind=ByDisplacement)
 
 
+def glue(graph, term=1.0):
+    how = {"kt": KT, "mu": MU, "shear_increment": "radii"}
+    return Glue(k=fitted(graph, PULL), pull=PULL, **how)
+
+
 # Each law, and the one that it is without its own term.
 LAWS = {
     attraction: linear, bonds: linear, rolling: linear, limited: linear, stiffening: linear,
-    anew: hertz, anew_mindlin: mindlin,
+    anew: hertz, anew_mindlin: mindlin, glue: attraction,
 }  # fmt: skip
 
 
@@ -199,6 +217,7 @@ TOOLS = {
     "hold": lambda law: hold(in_cell(law)).stress,
     "hold between walls": lambda law: hold(in_box(law)).stress,
     "replay": lambda law: moved(in_cell(law)),
+    "replay between walls": lambda law: moved(in_box(law)),
     "sustain": lambda law: gl.sustain(in_cell(law), 2, largest=2e-4, spread=False).paths[0].H[-1],
 }
 # What no tool can do for a law, and why.
@@ -232,9 +251,6 @@ def test_a_tool_takes_a_law_which_without_its_term_is_the_known_one(tool, law):
     wanted, whole = known(tool, LAWS[law]), numbers(tool, law)
     assert np.isfinite(whole).sum() == np.isfinite(wanted).sum() > 0
     none = numbers(tool, lambda graph: law(graph, term=0.0))
-    if tool == "path between walls" and law in (anew, anew_mindlin):
-        # Walls beside a law of one's own are linear springs; those of `HertzMindlin` are Hertz's.
-        return
     size = np.nanmax(np.abs(wanted))
     np.testing.assert_allclose(none, wanted, rtol=1e-6, atol=1e-7 * size)
 
@@ -256,3 +272,24 @@ ACTS = {
 def test_a_tool_sees_the_term_of_a_law(law, tool):
     wanted, whole = known(tool, LAWS[law]), numbers(tool, law)
     assert np.nanmax(np.abs(whole - wanted)) > 1e-6 * np.nanmax(np.abs(wanted))
+
+
+@pytest.mark.parametrize("sample", [1.0, 1.5], ids=["linear", "Hertzian"])
+@pytest.mark.parametrize("law", [*LAWS, linear, hertz, mindlin], ids=lambda law: law.__name__)
+def test_forces_of_walls_start_as_they_are_given(law, sample):
+    """Of a Hertzian sample the stiffness of a wall is a tangent, 3/2 of force over overlap."""
+    graph, planes, force = jammed_in_box(16, 6, BRANCH, ROUGH)
+    boundary = between(replace(planes, kn=sample * planes.kn), force, volume=16.0)
+    scene = Scene(graph, law(graph), boundary)
+    stage, still = Stage(programmes.drained_biaxial(), "H11", 1e-9), np.zeros((2, 2))
+    first = follow(scene, stage, closure="packing").states[0]
+    held = hold(scene, unbalanced=1e-6)
+    starts = [first, replay(scene, still, duration=1e-9, time_step=1e-9).state]
+    forces = [-start.forces[start.at_wall & start.closed] for start in starts]
+    for given in (*forces, held.boundary.walls.force):
+        np.testing.assert_allclose(given, force, rtol=0, atol=1e-6 * np.abs(force).max())
+    # At rest as given: nothing moves. Rates have the stress of the forces that they are given.
+    np.testing.assert_allclose(held.stress, held.stress_before, rtol=0, atol=1e-9)
+    total = contact_forces(graph).T @ graph.branches - force.T @ planes.to_plates(graph.x)
+    system = gl.rates_at(scene, H=np.diag([1.0, -1.0])).system
+    np.testing.assert_allclose(packing_stress(system), total / 16.0, rtol=0, atol=1e-12)

@@ -9,7 +9,7 @@ from loops.graph import GrainGraph
 from loops.laws.compiled import answer_of, compiled
 
 COUNT = 40
-ROWS = np.arange(COUNT)
+NO_WALLS = np.zeros((4, COUNT))
 DRAW = np.random.default_rng(5)
 RADII = DRAW.uniform(0.5, 2.0, (2, COUNT))
 # As the branch length tells them: numpy's state keeps the length, the kernel the overlap.
@@ -93,15 +93,13 @@ def within_a_rounding(one, other):
     ids=lambda law: type(law).__name__,
 )
 def test_a_compiled_law_is_that_of_numpy(law):
-    made = compiled(law, ROWS, RADII, np.zeros((3, COUNT)))
+    made = compiled(law, RADII, NO_WALLS)
     assert not isinstance(made, str), made
     other = answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
     within_a_rounding(filled(made.pointer.function, made.constants), other)
     assert (other[3, SHEAR == 0] == 0).all()
     # Compiled once for all laws of a kind.
-    assert (
-        compiled(law.take([1]), ROWS[:1], RADII[:, [1]], np.zeros((3, 1))).pointer is made.pointer
-    )
+    assert compiled(law.take([1]), RADII[:, [1]], NO_WALLS[:, [1]]).pointer is made.pointer
 
 
 @pytest.mark.parametrize("kind", ["linear", "attraction", "bond", "force", "displacement"])
@@ -164,7 +162,7 @@ class Framed(Springs):
      (Framed(k=2.0, kt=0.5), "'n'"), (Integral(k=2.0, kt=0.5, m=3), "other numbers than in numpy")],
 )  # fmt: skip
 def test_a_law_that_cannot_be_compiled_says_why(law, reason):
-    found = compiled(law, ROWS, RADII, np.zeros((3, COUNT)))
+    found = compiled(law, RADII, NO_WALLS)
     assert isinstance(found, str) and reason in found and "\n" not in found
 
 

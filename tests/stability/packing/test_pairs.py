@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
+from loops import CohesiveFrictional, GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
 from loops.boundary import PlaneContacts
 from loops.contacts import AT_YIELD, contacts_of, start_state
-from loops.laws.of_pairs import law_of
+from loops.laws.of_pairs import WallSprings, law_of
 from loops.neighbours import codes, near_pairs, ordered
 from tests.stability.packing.test_own_laws import Stiffening
 from tests.stability.packing.walled_packings import between
@@ -130,20 +130,68 @@ def test_the_law_of_pairs_is_the_law_that_they_came_from(name, rolls):
     assert again.law.springs == 1 + rolls
 
 
-@pytest.mark.parametrize("law", [LINEAR, HERTZ], ids=["linear", "Hertz"])
-def test_springs_of_walls_have_the_forces_that_they_were_given(law):
-    """Under Hertz's law the stiffness is the force's over `2/3 overlap^(3/2)`, `kt/kn` is kept."""
-    state = triangle(law, walls=True)
-    assert len(state.law) == 5 and state.law.mu[3:].tolist() == [0.1, 0.6]
-    if law is LINEAR:
-        # Without a friction a wall that resists shear never slides, another one always.
-        planes = PlaneContacts(np.array([0, 1]), np.ones((2, 2)), np.ones(2), np.array([0.0, 1.0]))
-        assert contacts_of(state, law, between(planes)).law.mu[3:].tolist() == [0.0, np.inf]
-        assert state.law.kn[3:].tolist() == [6.0, 8.0] and state.law.kt[3:].tolist() == [1.5, 1.0]
-        return
-    np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-9)
-    np.testing.assert_allclose(state.law.kn[3:], 1.5 * np.array([0.5, 0.9]) / [0.1**1.5, 0.15**1.5])
-    np.testing.assert_allclose(state.law.kt[3:] / state.law.kn[3:], [0.25, 0.125])
+WALLED = {
+    "linear": LINEAR,
+    "Hertz": HERTZ,
+    "own": OWN,
+    "of each contact": Stiffening(k=np.array([3.0, 4.0, 5.0]), b=2.0, kt=0.7, mu=0.4, c=0.5),
+    "smooth": Stiffening(k=3.0, b=2.0, kt=0.0, mu=0.4, c=0.5),
+    "cohesive": CohesiveFrictional(3.0, 0.7, 0.4, 0.02),
+    "bonds": CohesiveFrictional(3.0, 0.7, 0.4, 0.02, bonded=True),
+}
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_walls_have_the_forces_that_they_were_given(name):
+    """By the law, whatever its modulus: slopes of force and energy, `kt/kn` as given, no pull."""
+    state = triangle(WALLED[name], walls=True)
+    law, at = state.law, state.overlap
+    assert len(law) == 5 and law.mu[3:].tolist() == [0.1, 0.6]
+    np.testing.assert_allclose(at[3:], [0.1, 0.15], rtol=1e-12)
+    np.testing.assert_allclose(state.normal_force[3:], [0.5, 0.9], rtol=1e-12)
+    kn, kt = law.stiffnesses(at)
+    np.testing.assert_allclose(kt[3:] / kn[3:], [0.25, 0.125], rtol=1e-12)
+    size = 1e-6
+    slopes = [
+        (of(at + size) - of(at - size)) / (2 * size) for of in (law.normal_energy, law.normal_force)
+    ]
+    np.testing.assert_allclose(slopes, [state.normal_force, kn], rtol=1e-5)
+    assert (law.normal_force(np.zeros(5))[3:] == 0).all() and (law.at_touch[3:] == 0).all()
+    # As grains of these radii on a plane: the share of the law's own force, deep or not.
+    power = {"Hertz": 1.5, "linear": 1.0, "cohesive": 1.0, "bonds": 1.0}.get(name)
+    for deep in (0.3, 2.0):
+        bend = 1.0 if power else (1 + 2 * deep * at[3:]) / (1 + 2 * at[3:])
+        wanted = np.array([0.5, 0.9]) * deep ** (power or 1.0) * bend
+        np.testing.assert_allclose(law.normal_force(deep * at)[3:], wanted, rtol=1e-10)
+    most = law.shear_strength(at, state.normal_force)[3:]
+    np.testing.assert_allclose(most, [0.05, 0.54], rtol=1e-12)
+    frame = state.records()
+    for part, values in (("kn", kn), ("kt", kt), ("mu", law.mu), ("cohesion", 0.0 * kn)):
+        np.testing.assert_allclose(frame[part][3:], values[3:], rtol=1e-12)
+    if name != "Hertz":
+        filled = law.answer(at, 0.9 * at, state.shear_force)[:3, 3:]
+        np.testing.assert_allclose(filled, [state.normal_force[3:], kt[3:], most], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", WALLED)
+def test_walls_whose_force_is_no_guide_have_the_stiffness_given(name):
+    """Apart, or at an overlap that is rounding: 6 and 8 where they stand, or hardly touch."""
+    law = triangle(WALLED[name], walls=True).law
+    given = law.kn[3:].copy(), law.kt[3:].copy()
+    walls = WallSprings(*np.array([[6.0, 8.0], [1.5, 1.0], [0.1, 0.6], [0.0, 1e-9], [0.0, 0.9]]))
+    grains = law.taken(np.arange(3))
+    again = grains.with_walls(law.radii[:, 3:], law.wall[3:], walls)
+    at = np.concatenate([OVERLAP, 1e-4 * RADII[:2]])
+    kn, kt = again.stiffnesses(at)
+    np.testing.assert_allclose([kn[3:], kt[3:]], [[6.0, 8.0], [1.5, 1.0]], rtol=1e-12)
+    assert not np.allclose(again.kn[3:], given[0])
+
+
+def test_walls_without_a_friction_slide_or_never_do():
+    """With a shear stiffness they never slide."""
+    state = triangle(LINEAR, walls=True)
+    planes = PlaneContacts(np.array([0, 1]), np.ones((2, 2)), np.ones(2), np.array([0.0, 1.0]))
+    assert contacts_of(state, LINEAR, between(planes)).law.mu[3:].tolist() == [0.0, np.inf]
 
 
 @pytest.mark.parametrize("by_radii", [False, True])
@@ -341,8 +389,8 @@ def test_pairs_of_an_own_law_that_are_apart_stand_at_a_small_overlap():
     }
     fewer = replace(state, **kept)
     more = contacts_of(fewer, law.take([1, 2])).with_near(0.1)
-    assert more.contacts[-1].tolist() == [0, 1] and more.law.rows.tolist() == [0, 1, 2]
+    assert more.contacts[-1].tolist() == [0, 1] and more.law.law.k.tolist() == [9.0, 4.0, 9.0]
     lone = replace(fewer, **{part: values[:1] for part, values in kept.items()})
     both = contacts_of(lone, law.take([1])).with_near(0.1)
-    assert both.law.rows.tolist() == [0, 1, 2] and both.law.law.k.tolist() == [9.0] * 3
-    assert more.law.between[:, -1].tolist() == [2.0, 3.0] and more.law.law.k[-1] == 9.0
+    assert both.law.law.k.tolist() == [9.0] * 3
+    assert more.law.radii[:, -1].tolist() == [2.0, 3.0]
