@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -91,18 +91,36 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
 
 
 # Springs on the ground at all freedoms, over the typical stiffness: as weak as the matrix needs,
-# and no grain is preferred. They resist gear modes and mechanisms. Rates: no sign changed between
-# 1e-9 and 1e-5. Paths: limits are equal to four digits from 1e-11 to 1e-7, and wrong from 1e-5 on
-# (docs/theory/packing.md).
-REGULARISATION = 1e-7
-# Relative residual at which refinement ends; each step gains several digits.
+# and no grain is preferred. They resist gear modes and mechanisms. Rates are those without them;
+# paths, which are not refined, move by 1e-8 or less (docs/knobs.md).
+REGULARISATION = 1e-11
+# Relative residual at which refinement ends; one step reaches rounding.
 REFINED = 1e-15
-# Steps of refinement at most; two reach rounding where no mechanism is loaded.
+# Steps of refinement at most.
 REFINEMENTS = 8
+# Stiffness over the typical one against which a mechanism moves under its load: so fast that
+# regimes without it are preferred, and so slow that forces keep nine digits.
+MECHANISM = 1e-7
+# Motion of a unit load over a unit stiffness from which on mechanisms are looked for.
+SOFT = 1e8
+# So many motions are tried at once, more as long as all of them are mechanisms.
+TRIED = (4, 16, 64)
 # Right-hand sides that SuperLU solves at a time: fastest with a few.
 PANEL = 4
 # Entries of all right-hand sides beyond which the kernel is worth loading.
 LOADS_BY_KERNEL = 1_000_000
+
+
+class Mechanisms(NamedTuple):
+    """Motions `R` (size, m) that meet no force, and `L` (m, size): `K R = 0`, `L K = 0`, `L R = 1`.
+
+    `R L` takes from a load what no motion balances, from a motion its mechanisms. `compliance`
+    (m, 1) moves them under a load, translations by none.
+    """
+
+    R: Floats
+    L: Floats
+    compliance: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,6 +159,19 @@ class System(Shown):
         ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
         ends += [f"{self.held} grains held to the affine motion"] if self.held else []
         return ", ".join(ends)
+
+    @cached_property
+    def translations(self) -> Mechanisms:
+        """Translations of the components that nothing holds."""
+        carrying, graph = self.carrying, self.graph
+        pairs, anchors = graph.contacts[carrying.contacts], carrying.anchors
+        _, label = component_labels(graph.grain_count, pairs, carrying.grains)
+        T = np.zeros((self.size, 2 * len(anchors)))
+        for k, anchor in enumerate(anchors):
+            together = np.flatnonzero(label == label[anchor])
+            for axis in (0, 1):
+                T[self.freedom[together, axis], 2 * k + axis] = len(together) ** -0.5
+        return Mechanisms(T, T.T, np.zeros((T.shape[1], 1)))
 
 
 def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
@@ -266,15 +297,47 @@ def packing_stress(system: System) -> Floats:
 class Factor(Shown):
     """LU factors of `K` on weak springs, at one geometry and in reference regimes.
 
-    `matrix` is `K` without the springs, against which solutions are refined.
+    `matrix` is `K` without the springs, against which solutions are refined, `unit` its typical
+    stiffness, `translations` those that nothing resists.
     """
 
     matrix: sparse.csc_array
     lu: SuperLU
+    unit: float
+    translations: Mechanisms
 
     def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
-        """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
-        return _refined(self.matrix, self.once, loads, refine)
+        """Return motions (size,) or (size, k) as without springs.
+
+        What mechanisms cannot carry of a load is left out of balance, and moves them.
+        """
+        return _solved(self.mechanisms, self.matrix, self.once, loads, refine)
+
+    @cached_property
+    def mechanisms(self) -> Mechanisms:
+        """Translations, and other motions that meet no force, if they are few."""
+        T = self.translations.R
+        # Spins that nothing resists and nothing loads stay where they are.
+        touched = abs(self.matrix).sum(axis=0) + abs(self.matrix).sum(axis=1) > 0
+        load = np.where(touched, np.cos(np.arange(len(T)) ** 2.0), 0.0)
+        if self.unit * np.linalg.norm(self.lu.solve(load)) > SOFT * np.linalg.norm(load):
+            for tried in TRIED:
+                R, L = (self._softest(load, tried, trans) for trans in ("N", "T"))
+                if R.shape[1] == L.shape[1] < tried:
+                    R, L = np.hstack([T, R - T @ (T.T @ R)]), np.hstack([T, L])
+                    compliance = np.full((R.shape[1], 1), 1.0 / (MECHANISM * self.unit))
+                    compliance[: T.shape[1]] = 0.0
+                    return Mechanisms(R, np.asarray(np.linalg.solve(L.T @ R, L.T)), compliance)
+        return self.translations
+
+    def _softest(self, load: Floats, count: int, trans: str) -> Floats:
+        """Return null vectors (size, m) of `K`, or of its transpose, among so many motions."""
+        x = load[:, None] * np.cos(np.outer(np.arange(len(load)), np.arange(count)))
+        for _ in range(3):
+            x = np.linalg.qr(self.lu.solve(x, trans=trans))[0]
+        matrix = self.matrix if trans == "N" else self.matrix.T
+        _, stiffness, vectors = np.linalg.svd(matrix @ x, full_matrices=False)
+        return np.asarray(x @ vectors[stiffness <= 2.0 * REGULARISATION * self.unit].T)
 
     def once(self, loads: Floats) -> Floats:
         """Return motions under up to eight loads on the springs, without refinement."""
@@ -316,7 +379,7 @@ class Changed(Shown):
 
     def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
         """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
-        return _refined(self.matrix, self.once, loads, refine)
+        return _solved(self.reference.translations, self.matrix, self.once, loads, refine)
 
     def once(self, loads: Floats) -> Floats:
         """Return motions under up to eight loads on the springs, without refinement."""
@@ -324,34 +387,41 @@ class Changed(Shown):
         return np.asarray(v + self.columns @ (self.small @ (self.gauge @ v)))
 
 
-def _refined(
-    matrix: sparse.csc_array, once: Callable[[Floats], Floats], loads: Floats, refine: int
+def _solved(
+    mechanisms: Mechanisms,
+    matrix: sparse.csc_array,
+    once: Callable[[Floats], Floats],
+    loads: Floats,
+    refine: int,
 ) -> Floats:
     """Return solutions of `matrix`, a few at a time, by those of a matrix close to it."""
     if loads.ndim == 1:
-        return _corrected(matrix, once, loads, refine)
+        return _solved(mechanisms, matrix, once, loads[:, None], refine)[:, 0]
+    R, L, compliance = mechanisms
+    left = L @ loads
+    loads = loads - R @ left
     width = WIDTH if loads.size > LOADS_BY_KERNEL else PANEL
     out = np.empty(loads.shape, order="F")
     for start in range(0, loads.shape[1], width):
         part = slice(start, start + width)
         out[:, part] = _corrected(matrix, once, loads[:, part], refine)
-    return out
+    return np.asarray(out + R @ (compliance * left - L @ out))
 
 
 def _corrected(
     matrix: sparse.csc_array, once: Callable[[Floats], Floats], loads: Floats, refine: int
 ) -> Floats:
-    """Return solutions of `matrix` under up to eight loads."""
+    """Return solutions of `matrix` under up to eight loads, each refined while that halves it."""
     v = once(loads)
-    goal, before = REFINED * np.linalg.norm(loads), np.inf
+    goal, before = REFINED * np.linalg.norm(loads, axis=0), np.full(loads.shape[1], np.inf)
     for _ in range(refine):
         left = loads - matrix @ v
-        # Loads on a mechanism stay unbalanced: refinement would only increase its motion.
-        size = float(np.linalg.norm(left))
-        if size <= goal or size > 0.5 * before:
+        size = np.linalg.norm(left, axis=0)
+        better = (size > goal) & (size <= 0.5 * before)
+        if not better.any():
             break
         before = size
-        v += once(left)
+        v[:, better] += once(left[:, better])
     return v
 
 
@@ -374,4 +444,4 @@ def factorised(system: System, stiffness: Floats | None = None) -> Factor:
         raise InputError(
             "packing", "a singular system", "contacts that hold the grains", f"SuperLU: {error}."
         ) from error
-    return Factor(matrix, lu)
+    return Factor(matrix, lu, system.unit, system.translations)

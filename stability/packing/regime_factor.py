@@ -113,13 +113,16 @@ class RegimeFactor:
         from stability.compiled import packing_system
 
         self.reference = (self.regime.copy(), self.side.copy())
+        closed = self.regime[: self.pair_count] != OPEN
+        self.touched: Flags = np.zeros(self.count, dtype=bool)
+        self.touched[self.frame["grains"][: self.pair_count][closed]] = True
         system, load = (self.frame, *self.reference), self._held_load()
         springs = np.maximum(REGULARISATION, self.ground_spring) * float(self.frame["kn"].mean())
         self.factors = packing_system.factorise(*system, springs, self.walls, self.order)
         self.order = self.factors.order
         if not self.factors.regular:
             raise ArithmeticError("it is singular in these regimes")
-        self.V = self.factors.motions_of_packing(*system, load)
+        self.V = self._relative(self.factors.motions_of_packing(*system, load))
         self._drop_columns()
 
     def _drop_columns(self) -> None:
@@ -139,17 +142,22 @@ class RegimeFactor:
     def set_load(self, load: Floats) -> None:
         """Replace the load; only while there are no columns."""
         self.load = load
-        self.V[4] = self.factors.motions(self._held_load()[None])[0]
+        self.V[4] = self._relative(self.factors.motions(self._held_load()[None]))[0]
 
     def _held_load(self) -> Floats:
         """Return the load of grains with contacts; in a cell without the resultant of all."""
-        closed = np.flatnonzero(self.reference[0][: self.pair_count] != OPEN)
-        touched = np.zeros(self.count, dtype=bool)
-        touched[self.frame["grains"][closed]] = True
-        load = np.where(touched[:, None], self.load.reshape(-1, 3), 0.0)
-        if not self.walls and touched.any():
-            load[touched, :2] -= load[touched, :2].mean(axis=0)
-        return load.ravel()
+        load = np.where(np.repeat(self.touched, 3), self.load, 0.0)
+        return self._relative(load[None])[0]
+
+    def _relative(self, motions: Floats) -> Floats:
+        """Take the mean of the grains with contacts from motions (k, 3B); walls hold the others.
+
+        Nothing but the weak springs resists it in a cell: it is the rounding of loads over them.
+        """
+        if not self.walls and self.touched.any():
+            of_grains = motions.reshape(len(motions), -1, 3)
+            of_grains[:, self.touched, :2] -= of_grains[:, self.touched, :2].mean(axis=1)[:, None]
+        return motions
 
     def add_ground_springs(self, grains: Integers, spring: float) -> None:
         """Hold grains by springs of at least `spring` times the mean kn."""
@@ -191,7 +199,7 @@ class RegimeFactor:
     def _solve_ahead(self, rows: list[int]) -> None:
         """Solve for the columns of the first eight of these rows that have none."""
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
-        motions = self.factors.motions_of_rows(self.frame, new)
+        motions = self._relative(self.factors.motions_of_rows(self.frame, new))
         self.ready.update(zip(new, motions, strict=True))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:

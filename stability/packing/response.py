@@ -119,7 +119,8 @@ class PackingResponse(Shown):
         `H'` and nominal stress rate `P'` (force per length), whichever was given; `cauchy_rate` is
         the rate of the Cauchy stress.
     motion : (G, 2) array
-        `u'` of the centres beyond the affine motion `-H' x`; 0 for grains that carry nothing.
+        `u'` of the centres beyond the affine motion `-H' x`, relative to its mean where nothing
+        holds the packing; 0 for grains that carry nothing.
     spin : (G,) array
         Rates of rotation, counter-clockwise; 0 for grains that carry nothing.
     branch_rate, force_rate : (C, 2) array

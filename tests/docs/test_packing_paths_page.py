@@ -187,7 +187,7 @@ def test_settings():
     assert f"At {usual.instabilities} unstable contacts" in PAGE
     assert f"gap below {path_solver.MAY_CLOSE_GAP} mean diameters" in PAGE
     assert f"Beyond {regime_factor.RANK} columns" in PAGE
-    assert regime_factor.REGULARISATION == 1e-7 and "a ground spring of 1e-7 kn" in PAGE
+    assert regime_factor.REGULARISATION == 1e-11 and "a ground spring of 1e-11 kn" in PAGE
     shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
     assert shares == (1e-4, 1e-5, 1e-2)
     assert rattlers.CAUGHT_SHARE == 2e-3 and "at a force of at most 2e-3 of the mean" in PAGE

@@ -12,7 +12,7 @@ from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.boundary import Boundary, PlaneContacts, outline_grains, plane_contacts
 from loops.in_place import loops_in_place
 from loops.multifrontal import Front, _tasks, frontal_lu
-from loops.system import Factor, carrying_grains, factorised, packing_system
+from loops.system import Factor, Mechanisms, carrying_grains, factorised, packing_system
 from tests.loops.packing.whole_operators import CASES
 from tests.packings import packing
 
@@ -120,7 +120,8 @@ def test_changed_factors_are_those_of_the_changed_matrix():
     rng = np.random.default_rng(0)
     K = np.diag(2.0 + np.arange(6.0)) + rng.normal(size=(6, 6)) * 0.1
     P, G = rng.normal(size=(6, 2)), rng.normal(size=(2, 6))
-    plain = Factor(sparse.csc_array(K), splu(sparse.csc_array(K)))
+    none = Mechanisms(np.zeros((6, 0)), np.zeros((0, 6)), np.zeros((0, 1)))
+    plain = Factor(sparse.csc_array(K), splu(sparse.csc_array(K)), 1.0, none)
     changed = plain.changed(sparse.csc_array(K - P @ G), np.linalg.solve(K, P), sparse.csr_array(G))
     for b in (rng.normal(size=6), rng.normal(size=(6, 11))):
         assert np.allclose((K - P @ G) @ changed.once(b[..., :8]), b[..., :8], atol=1e-13)

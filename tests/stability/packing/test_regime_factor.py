@@ -12,7 +12,7 @@ from stability.compiled.packing_system import blocks, strain_loads
 from stability.packing import pivots, regime_factor, strain_increment
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
-from tests.stability.packing.yade_rest import yade_rest
+from tests.stability.packing.yade_rest import STATES, yade_rest
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)
 HELD = np.diag([1.0, 0, 0, 0])
@@ -74,13 +74,8 @@ def test_columns_are_a_factorisation_of_the_changed_system(control):
         changed.solve(*control)
     found, wanted = (pieces.solve(*control) for pieces in (changed, anew))
     np.testing.assert_allclose(found.h, wanted.h, rtol=0, atol=1e-11)
-    # Nothing but weak springs holds the packing as a whole.
-    motions = [
-        one.motion(rates).reshape(-1, 3)[: graph.grain_count]
-        for one, rates in ((changed, found), (anew, wanted))
-    ]
-    relative = [motion - [*motion[:, :2].mean(axis=0), 0.0] for motion in motions]
-    np.testing.assert_allclose(*relative, rtol=0, atol=1e-10 * np.abs(motions[1]).max())
+    motions = changed.motion(found), anew.motion(wanted)
+    np.testing.assert_allclose(*motions, rtol=0, atol=1e-10 * np.abs(motions[1]).max())
     assert changed.sign(*control[:2]) == 1.0
 
 
@@ -127,6 +122,29 @@ def test_little_room_for_columns_changes_no_path(monkeypatch):
     np.testing.assert_allclose(
         paths[1].P[-1], paths[0].P[-1], rtol=0, atol=1e-4 * np.abs(change).max()
     )
+
+
+@pytest.mark.parametrize(
+    ("state", "strain"),
+    [("slow", 1e-6), *(pytest.param(name, 1e-5, marks=pytest.mark.slow) for name in STATES)],
+)
+def test_paths_are_those_of_weaker_springs(state, strain, monkeypatch):
+    """At 1e-7 strain and work of the slow state were off by 1e-5."""
+    graph, law, _ = yade_rest(state)
+    stage, paths = Stage(programmes.drained_biaxial(axis=2), "H22", strain), []
+    for spring in (regime_factor.REGULARISATION, 1e-12):
+        monkeypatch.setattr(regime_factor, "REGULARISATION", spring)
+        paths.append(follow(Scene(graph, law), stage, closure="packing", rows=1))
+    one, other = paths
+    assert one.status == other.status == "finished" and len(one.events) > 5
+    events = [[(event.kind, event.contacts) for event in path.events] for path in paths]
+    assert events[0] == events[1]
+    # A grain of the dense state that is caught between two others has the rounding of its cage.
+    rtol = 2e-6 if state == "dense" else 2e-8
+    for part in ("H", "P"):
+        a, b = (getattr(path, part)[-1] - getattr(path, part)[0] for path in paths)
+        np.testing.assert_allclose(a, b, rtol=0, atol=rtol * np.abs(b).max())
+    np.testing.assert_allclose(one.work[-1, 0], other.work[-1, 0], rtol=rtol)
 
 
 def test_rows_that_change_next_are_solved_ahead():
@@ -211,9 +229,9 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
-@pytest.mark.parametrize(("which", "most"), [((16, 2), 2e-7), ((36, 5), 5e-6)], ids=["16", "36"])
+@pytest.mark.parametrize(("which", "most"), [((16, 2), 1e-11), ((36, 5), 1e-9)], ids=["16", "36"])
 def test_rates_are_those_of_a_dense_solve(which, most, control):
-    """Ground springs change the stress by 1e-7, those of a grain with two contacts by more."""
+    """Ground springs of 1e-11 change rates by that over the softest stiffness of the packing."""
     graph = jammed(*which)
     state, count = contacts_of(start_state(graph), LAW), graph.contact_count
     regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
@@ -233,6 +251,6 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     np.testing.assert_allclose(
         stress @ np.append(motion, rates.h[:4]), wanted, rtol=0, atol=most * size
     )
-    # Equal weak springs hold the packing as a whole: its grains stay in place on average.
+    # Nothing holds the packing as a whole: its grains stay in place on average.
     moved = motion.reshape(-1, 3)[:, :2]
-    assert np.linalg.norm(moved.mean(axis=0)) < 1e-6 * np.abs(moved).max()
+    assert np.linalg.norm(moved.mean(axis=0)) < 1e-15 * np.abs(moved).max()
