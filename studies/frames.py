@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 WORKS = ("work", "slip_work", "shear_work", "released")
 
 
-def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.DataFrame:
+def loop_table(
+    snapshot: Snapshot | Subject, *, in_packing: bool = False, hold: bool = False
+) -> pd.DataFrame:
     """One row per loop: shape, stress and stability, as `grainloops snapshot` writes them.
 
     Parameters
@@ -37,6 +39,10 @@ def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.
     in_packing : bool
         Whether to judge each loop inside its packing too, in the columns `packing_*` and
         `surroundings_lambda_min` of `grainloops snapshot --in-packing`.
+    hold : bool
+        Whether the packing is brought to rest first, for the columns of the state at rest
+        (`packing_lambda_min_held`, `packing_confirmed`, `packing_direction_*`), which are empty
+        where a state moves.
 
     Returns
     -------
@@ -64,10 +70,13 @@ def loop_table(snapshot: Snapshot | Subject, *, in_packing: bool = False) -> pd.
     >>> len(table), int((table["traction_lambda_min"] < 0).sum())
     (309, 3)
     """
+    if hold and not in_packing:
+        expected = "in_packing=True: loops are judged in their packing alone"
+        raise InputError("hold", "True without in_packing", expected, "Give in_packing=True.")
     snapshot = planar(snapshot)
     columns = tables.loop_columns(snapshot)
     if in_packing:
-        add_in_packing(snapshot, columns, "auto")
+        add_in_packing(snapshot, columns, "auto", hold=hold)
     if snapshot.mechanical:
         columns["chain_contacts"] = chains_on_loops(snapshot)[1]
     frame: pd.DataFrame = pa.table(columns).to_pandas()

@@ -76,14 +76,17 @@ def _verdicts(summary: Summary) -> list[str]:
     assumed = definitions("assumptions")
     lines = ["unstable loops by order, in % of those judged (judged of all, where some are not):"]
     for judge in summary["unstable_by_order"]:
-        every = summary["undetermined_by_order"][judge]
+        every, shares = (
+            summary[f"{kind}_by_order"][judge] for kind in ("undetermined", "unstable")
+        )
         text = "  ".join(
             f"{group}: {_percent(share['mean'])}"
             + (f" ({share['count']} of {all_of})" if share["count"] < all_of else "")
-            for group, share in summary["unstable_by_order"][judge].items()
+            for group, share in shares.items()
             for all_of in (every[group]["count"],)
+            if shares["all"]["count"]
         )
-        lines.append(f"  {JUDGE_TITLES[judge]:<24} {text}")
+        lines.append(f"  {JUDGE_TITLES[judge]:<24} {text or '-'}")
     lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
     if "in_packing" not in summary:
         return [*lines, assumed["cut_out"]]
@@ -98,6 +101,7 @@ def _verdicts(summary: Summary) -> list[str]:
     )
     return [
         *lines,
+        summary["packing_at_rest"]["says"],
         f"in its packing: {assumed['in_packing'].format(**summary['in_packing'])}",
         f"surroundings' share of a loop's stiffness, median by order: {parts} "
         "(without loops undetermined when cut out)",
@@ -116,6 +120,8 @@ def snapshot_command(
     *,
     writing: Writing | None = None,
     in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None,
+    hold: bool = False,
+    yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None,
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False,
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False,
     reading: OneReading | None = None,
@@ -129,6 +135,12 @@ def snapshot_command(
     in_packing
         Judge the loops in their packing too: the whole packing at once, blocks of it (less memory,
         larger errors), or auto (by the number of grains).
+    hold
+        Bring the state to rest first, at fixed cell or between its walls: a share of loops unstable
+        in their packing is one of a state at rest.
+    yield_band
+        Least |T|/(mu N) of contacts that slide in a loop's packing at rest. Default: 0.999999,
+        0.999 and 0.99.
     quadrons
         Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
         with each of its grains.
@@ -138,7 +150,7 @@ def snapshot_command(
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
     # The study checks the words itself, and says what is expected.
-    words: Any = {"in_packing": in_packing}
+    words: Any = {"in_packing": in_packing, "hold": hold, "yield_band": yield_band}
     # The cores have threads of their own; numpy, loaded after this, would add as many.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(OSError, AttributeError, TypeError):

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops import InputError, loop_batches
+from loops import InputError, Regime, loop_batches
 from loops.arrays import Floats
 from loops.contacts import PackingState, contacts_at_start
 from loops.in_place import loops_in_place
@@ -42,7 +42,13 @@ from stability.path import Past
 from studies.output import Columns, Row
 from studies.series.evolution import sample_strain
 from studies.series.loading import IntervalLoading, StrainTable, loading_between, stress_of
-from studies.snapshot.in_packing import balance_notes, fixed_point, place_columns, sample_edge
+from studies.snapshot.in_packing import (
+    balance_notes,
+    fixed_point,
+    motion_note,
+    sample_edge,
+    smallest_in_place,
+)
 
 # Field of `LoopRates` of each column of predictions.
 PREDICTED = {
@@ -62,6 +68,12 @@ EVENT_FIELDS = {
     )
 }
 OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
+# Smallest eigenvalues in the packing: of the state as written, and where that is at rest.
+SMALLEST = ("packing_lambda_min", "packing_lambda_min_held")
+WITHHELD = (
+    "where a state moves there is no share of loops unstable in their packing: bring it to rest, "
+    "grainloops snapshot --in-packing auto --hold"
+)
 # Fields of the response in the row of an interval.
 RESPONSE_FIELDS = (
     *("proof", "residual", "reached", "disagreeing", "beyond", "sliding", "candidates"),
@@ -203,7 +215,7 @@ def packing_predictions(
     H, source = sample_strain(before, after)
     columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
-    columns |= {name: blank for name in (*PREDICTED, *OWN_FIELDS, "packing_lambda_min")}
+    columns |= dict.fromkeys((*PREDICTED, *OWN_FIELDS, *SMALLEST), blank)
     columns |= {name: blank for name in EVENT_FIELDS if following}
     try:
         if source == "unknown":
@@ -233,8 +245,11 @@ def packing_predictions(
     if following is not None:
         found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
-    place = loops_in_place(before.scene)
-    columns["packing_lambda_min"] = place_columns(place, before.mean_kn)["packing_lambda_min"]
+    smallest = smallest_in_place(loops_in_place(before.scene), before.mean_kn)
+    columns |= dict.fromkeys(SMALLEST, smallest)
+    if motion_note(before) or driven_on(before, increments):
+        columns[SMALLEST[1]] = blank
+        notes = [*notes, WITHHELD]
     row = {
         "packing_status": response.status,
         **{f"packing_{name}": getattr(response, name) for name in RESPONSE_FIELDS},
@@ -243,6 +258,15 @@ def packing_predictions(
         **by_events,
     }
     return columns, row, notes
+
+
+def driven_on(snapshot: Snapshot, increments: PackingIncrements) -> bool:
+    """Whether slip drives a contact on that is flagged as sliding (`M_cc <= 0`)."""
+    yielding = increments.yielding
+    _, regime = snapshot.mechanics()
+    flagged = np.flatnonzero(regime[yielding.system.contacts] == Regime.SLIDING)
+    growing = np.diag(increments.rates.whole[0]) <= 0
+    return bool(growing[np.isin(yielding.rows, flagged)].any())
 
 
 def _by_events(

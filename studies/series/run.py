@@ -47,7 +47,7 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
-from studies.snapshot.in_packing import PLACE
+from studies.snapshot.table import PLACE
 from studies.study import Figures, Results, study
 
 
@@ -213,7 +213,7 @@ def series_tables(
     ]
     intervals, parts = [kept["row"] for kept in about["increments"]], series.parts
     for row, part in zip(states, parts.get("packing", ()), strict=False):
-        row |= verdict_row(PLACE, part_columns(part)[f"{PLACE}_lambda_min"])
+        row |= verdict_row(PLACE, part_columns(part)[f"{PLACE}_lambda_min_held"])
     evolution = evolution_table(states, intervals)
     ends = evolution.astype(object).where(evolution.notna(), None).iloc[[0, -1]].to_dict("records")
     mapped = mapped_interval(evolution)

@@ -102,7 +102,7 @@ READ = (
     *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
     *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
     *("own_w2", "own_opening", "own_closing", *GRADIENT, *CLOSURE_PREDICTORS.values()),
-    *(*EIGENVALUE_PREDICTORS, *INDICATORS.values()),
+    *(*EIGENVALUE_PREDICTORS, "packing_lambda_min_held", *INDICATORS.values()),
 )
 # Principal strain of an interval beyond which no rate of its start speaks for it: 1e-4, and a tenth
 # for codes that write after whole time steps (docs/evidence/packing.md, table of the steps).

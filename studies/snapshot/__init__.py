@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from loops import ForceChains, force_chains
 from loops.arrays import Integers
-from loops.errors import check_choice
+from loops.errors import InputError, check_choice
 from patterns import Snapshot
 from studies.output import UNITS, Summary, readable
 from studies.reading import read_planar, reading
@@ -28,13 +28,16 @@ def run_snapshot(
     *,
     paraview: bool = False,
     in_packing: Method | None = None,
+    hold: bool = False,
+    yield_band: float | None = None,
     quadrons: bool = False,
     **how: Any,
 ) -> Summary:
     """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar` and files of `study`; `in_packing` is auto, whole or blocks;
-    `quadrons` adds their table, summary and figure.
+    `how` are options of `read_planar` and files of `study`; `in_packing` is auto, whole or blocks,
+    `hold` and `yield_band` are those of `add_in_packing`; `quadrons` adds their table, summary and
+    figure.
     """
     files = files_of(how)
     configuration = {"path": path, **reading(**how)}
@@ -42,7 +45,10 @@ def run_snapshot(
         from loops.in_place import METHODS
 
         check_choice("--in-packing", in_packing, METHODS)
-        configuration["in_packing"] = in_packing
+        configuration |= {"in_packing": in_packing, "hold": hold, "yield_band": yield_band}
+    elif hold or yield_band is not None:
+        expected = "with --in-packing: loops are judged in their packing alone"
+        raise InputError("--hold, --yield-band", "no --in-packing", expected, "Add --in-packing.")
     with study("snapshot", out, configuration, UNITS["snapshot"], **files) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
@@ -51,7 +57,9 @@ def run_snapshot(
         chains, on_loops = (None, None) if found is None else found.result()
         in_place, notes = None, list[str]()
         if in_packing is not None:
-            in_place, notes = add_in_packing(snapshot, table, in_packing)
+            in_place, notes = add_in_packing(
+                snapshot, table, in_packing, hold=hold, yield_band=yield_band
+            )
         if on_loops is not None:
             table["chain_contacts"] = on_loops
         # Writing a million loops takes a third of the time of the summary, on another core.

@@ -23,7 +23,6 @@ from loops import ForceChains
 from loops.arrays import Flags, Floats, Integers
 from patterns import Snapshot
 from studies.output import Columns, Summary
-from studies.snapshot.in_packing import PLACE
 from studies.snapshot.summary import (
     FINE_BIN,
     JUDGE_TITLES,
@@ -35,8 +34,17 @@ from studies.snapshot.summary import (
     second_order,
     surroundings_share,
     unstable_loops,
+    verdicts,
 )
-from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER, loop_polygons
+from studies.snapshot.table import (
+    CLOSURES,
+    EIGENVALUES,
+    FREE,
+    GROUPS,
+    LAST_ORDER,
+    PLACE,
+    loop_polygons,
+)
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -107,7 +115,7 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         judge = main_judge(table)
-        smallest = table[f"{judge}_lambda_min"]
+        smallest = verdicts(table, judge)
         label = r"smallest eigenvalue of $K_s$ / mean $k_n$"
         draw_values(draw, axes[1], smallest, label, signed=True)
         unstable = np.flatnonzero(smallest < 0)
@@ -271,10 +279,11 @@ def snapshot_figures(
         yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
         yield "eigenvalues", lambda: eigenvalue_distribution(table, groups, unstable)
-        if any(unstable[judge].any() for judge in rose_judges(unstable)):
+        if any(unstable[judge].any() for judge in rose_judges(table)):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
-            yield "in_packing", lambda: in_packing(table, groups, surroundings_share(table))
+            at_rest, share = summary["packing_at_rest"], surroundings_share(table)
+            yield "in_packing", lambda: in_packing(table, groups, share, at_rest)
 
 
 @styled()
@@ -291,7 +300,7 @@ def order_bars(summary: Summary, ax: Axes | None = None) -> Axes:
     ax.bar(orders - 0.2, number, 0.4, color=SKY, label="in number")
     ax.bar(orders + 0.2, area / area.sum(), 0.4, color=ORANGE, label="in area")
     if "unstable_loops" in summary:
-        judge = PLACE if PLACE in summary["unstable_loops"] else "traction"
+        judge = PLACE if summary.get("packing_at_rest", {}).get("judged") else "traction"
         unstable, unknown = (
             np.nan_to_num(np.array(list(summary[kind][judge].values()), dtype=float))
             for kind in ("unstable_loops", "undetermined_loops")
@@ -331,8 +340,9 @@ def eigenvalue_distribution(table: Columns, groups: Groups, unstable: dict[str, 
                 ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
         panels[-1, k].set_xlabel(shown)
     for judge, row in zip(present, panels, strict=True):
-        row[0].set_ylabel(f"{JUDGE_TITLES[judge]}\nshare of the loops per bin")
-        known = np.isfinite(table[f"{judge}_lambda_min"])
+        written, rest = (", as written", " at rest") if judge == PLACE else ("", "")
+        row[0].set_ylabel(f"{JUDGE_TITLES[judge]}{written}\nshare of the loops per bin")
+        known = np.isfinite(verdicts(table, judge))
         for group in GROUPS:
             rows = groups[group]
             if known[rows].any():
@@ -343,7 +353,7 @@ def eigenvalue_distribution(table: Columns, groups: Groups, unstable: dict[str, 
                     label += f"\n({np.count_nonzero(known[rows])} of {len(known[rows])})"
                 row[2].plot([], [], color=GROUP_COLOURS[group], label=label)
         unsure = "" if known.all() else "\n(judged of all)"
-        title = f"unstable{unsure}"
+        title = f"unstable{rest}{unsure if known.any() else ': withheld'}"
         row[2].legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)
     return figure
@@ -385,7 +395,7 @@ def chains_figure(
         left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
     judge = main_judge(table)
-    near, smallest = table["chain_contacts"] > 0, table[f"{judge}_lambda_min"]
+    near, smallest = table["chain_contacts"] > 0, verdicts(table, judge)
     place = np.arange(len(GROUPS))
     looks = ("beside", near, "o", VERMILION, -0.12), ("elsewhere", ~near, "s", BLUE, 0.12)
     for name, here, marker, colour, aside in looks:
@@ -434,16 +444,16 @@ def fabric_rose(fabric_density: Columns, summary: Summary) -> Figure:
     return figure
 
 
-def rose_judges(judged: dict[str, Flags]) -> tuple[str, ...]:
-    """Judges whose unstable loops have a rose: the packing where it is solved, else closures."""
-    return (PLACE,) if PLACE in judged else CLOSURES
+def rose_judges(table: Columns) -> tuple[str, ...]:
+    """Judges whose unstable loops have a rose: the packing at rest, else both closures."""
+    return (PLACE,) if main_judge(table) == PLACE else CLOSURES
 
 
 @styled()
 def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) -> Figure:
     """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
     figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
-    unstable = {judge: judged[judge] for judge in rose_judges(judged) if judged[judge].any()}
+    unstable = {judge: judged[judge] for judge in rose_judges(table) if judged[judge].any()}
     for ax, (title, column, key) in zip(
         axes,
         (
@@ -473,10 +483,13 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
 
 
 @styled()
-def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
-    """Loops cut out against loops in place, and the surroundings' share of their stiffness."""
-    figure, ((left, right),) = new_panels(1, 2, 3.1)
-    alone, inside = table[f"{FREE}_lambda_min"], table[f"{PLACE}_lambda_min"]
+def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) -> Figure:
+    """Loops cut out against in place, unstable ones by band, the surroundings' share."""
+    figure, ((left, middle, right),) = new_panels(1, 3, 2.9)
+    alone, inside = table[f"{FREE}_lambda_min"], verdicts(table, PLACE)
+    where = "in its packing, at rest"
+    if not at_rest["judged"]:
+        inside, where = table[f"{PLACE}_lambda_min"], "in its packing, as written"
     for name in GROUPS:
         rows = groups[name]
         left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
@@ -486,7 +499,8 @@ def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
         limits(edges[0], edges[-1])
     for line in (left.axhline, left.axvline):
         line(0.0, color=GREY, linewidth=0.6)
-    left.set(xlabel="cut out, spins free", ylabel="in its packing")
+    left.set(xlabel="cut out, spins free", ylabel=where)
+    unstable_by_band(middle, at_rest)
     left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
     key = left.get_legend_handles_labels()
     beside = key_columns(figure, len(GROUPS))
@@ -507,6 +521,27 @@ def in_packing(table: Columns, groups: Groups, share: Floats) -> Figure:
     right.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     right.set_title(r"$1 - \mathrm{tr}\,A_\mathrm{loop} / \mathrm{tr}\,A_\mathrm{in}$")
     return figure
+
+
+def unstable_by_band(ax: Axes, at_rest: Summary) -> None:
+    """Share of unstable loops at rest by the contacts that slide, and of confirmed ones."""
+    shares = [one for one in (at_rest["stuck"], *at_rest["bands"]) if one and one["count"]]
+    names = [f"{1 - one['band']:.2g}" if "band" in one else "none" for one in shares]
+    unstable, error = (
+        100 * np.array([one[key] for one in shares]) for key in ("mean", "std_error")
+    )
+    confirmed = [100 * (one.get("confirmed") or 0) / one["count"] for one in shares]
+    at = np.arange(len(shares))
+    ax.bar(at, unstable, 0.6, yerr=error, color=SKY, ecolor=GREY, label="if all of them slide")
+    ax.bar(at, confirmed, 0.6, color=VERMILION, label="confirmed")
+    ax.set_xticks(at, names)
+    ax.set(xlabel="contacts within this share\nof their limit", ylabel="% of the loops")
+    ax.set_title("unstable loops at rest")
+    if not shares:
+        say_empty(ax, "withheld")
+        return
+    ax.set_ylim(bottom=0)
+    ax.legend(loc="upper left")
 
 
 def _bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -> None:

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from loops import InputError
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
 from loops.scene import Scene, Subject, scene_of
+from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.walls import box_area, box_corners
+from stability.spectra import RTOL, subspace_basis
 from stability.verdict import loop_spectra, loop_stability
-from studies.output import Columns
-from studies.snapshot.table import EIGENVALUES
+from studies.output import Columns, definitions
+from studies.snapshot.table import EIGENVALUES, PLACE, share
 
 if TYPE_CHECKING:
     from loops.in_place import LoopsInPlace, Method
     from stability.packing.hold import HeldPacking, HoldControl
+    from stability.packing.loop_regimes import LoopsAtYield
     from stability.packing.yielding import YieldResponse
 
-PLACE = "packing"
+# Shares of their strength from which contacts slide: at it, within a thousandth, a hundredth.
+AT_LIMIT = 1.0 - 1e-6
+BANDS = (AT_LIMIT, 0.999, 0.99)
+WITHIN = {AT_LIMIT: "within a millionth", 0.999: "within a thousandth", 0.99: "within a hundredth"}
+# Columns of the loops at rest.
+AT_REST = ("lambda_min_held", "confirmed", *(f"direction_{ij}" for ij in ("11", "12", "22")))
 # Unbalanced force over the mean contact force above which a note says so.
 UNBALANCED = 1e-3
 # Unbalanced force over the mean contact force above which the sample flows and isn't followed.
@@ -72,24 +80,146 @@ def balance_notes(subject: Subject) -> list[str]:
     return [f"{told}: {kept}"] if share > UNBALANCED else []
 
 
+@dataclass(frozen=True, eq=False)
+class InPacking:
+    """How loops were judged in their packing, and those of the state at rest.
+
+    `method` and `at_rest` go to the summary. `order` and `smallest` (R,) are of the loops at rest,
+    smallest eigenvalues over the mean kn; not numbers where no share counts them.
+    """
+
+    method: dict[str, Any]
+    at_rest: dict[str, Any]
+    order: Integers
+    smallest: Floats
+
+
 def add_in_packing(
-    snapshot: Snapshot, table: Columns, method: Method
-) -> tuple[dict[str, Any], list[str]]:
-    """Add the columns of the loops in place to the table; return the method used, and notes."""
+    snapshot: Snapshot,
+    table: Columns,
+    method: Method,
+    *,
+    hold: bool = False,
+    yield_band: float | None = None,
+) -> tuple[InPacking, list[str]]:
+    """Add the columns of the loops in place to the table; return how they were judged, and notes.
+
+    A share of unstable loops is one of a state at rest: of the snapshot itself or, with `hold`, of
+    the state that it comes to rest in. Contacts of each of `BANDS` slide, or of one `yield_band`.
+    """
     # Loaded only when loops are judged in place.
     from loops.in_place import loops_in_place
+    from stability.packing.loop_regimes import loops_at_yield, loops_stuck
 
+    kn, bands = snapshot.mean_kn, BANDS if yield_band is None else (yield_band,)
+    rest, held = held_snapshot(snapshot, "strain" if hold else None)
     place, notes = loops_in_place(snapshot.scene, method=method), [*snapshot.boundary_and_notes[1]]
-    for name, values in place_columns(place, snapshot.mean_kn).items():
-        table[name] = values
+    stuck = smallest_in_place(loops_stuck(snapshot.scene, method=method), kn)
+    table |= place_columns(place, kn) | {f"{PLACE}_lambda_min_stuck": stuck}
     if not np.isfinite(place.matrix).any():
         notes.append(
             "no loop could be judged in the packing: each has a grain that is held or carries "
             "no force"
         )
+    moves = "" if hold else motion_note(snapshot)
+    found = [] if moves else [loops_at_yield(rest.scene, band, method=method) for band in bands]
+    if hold:
+        notes += rest.notes[len(snapshot.notes) :]
+        stuck = smallest_in_place(loops_stuck(rest.scene, method=method), kn)
+    every = [smallest_in_place(one.place, kn) for one in found]
+    shares = [_share_of_band(*one, hold) for one in zip(found, every, strict=True)]
+    order, main = rest.faces.order[rest.faces.loops], len(found) // 2
+    row, smallest = np.arange(len(order)), np.full(len(order), np.nan)
+    columns = {name: smallest for name in AT_REST}
+    if found and not shares[main]["withheld"]:
+        one, smallest = found[main], every[main]
+        H = one.direction @ subspace_basis("symmetric")
+        confirmed = np.where(one.unstable, one.confirmed, np.nan)
+        columns = dict(zip(AT_REST, (smallest, confirmed, *H[:, [0, 1, 3]].T), strict=True))
+    if hold:
+        contacts = match_contacts(snapshot.graph, snapshot.ids, rest.graph, rest.ids)
+        fates = loop_fates(contacts, snapshot.faces, rest.faces)
+        row = np.where(fates.before == Fate.SURVIVED, fates.successor, -1)
+    for name, values in columns.items():
+        table[f"{PLACE}_{name}"] = np.where(row < 0, np.nan, values[row])
     carrying = place.system.carrying
     left_out = {name: getattr(carrying, name) for name in ("rattlers", "clusters", "clustered")}
-    return {"method": method, "boundary": place.system.boundary, **left_out}, notes
+    told = {"method": method, "boundary": place.system.boundary, **left_out}
+    at_rest = {
+        "withheld": moves,
+        "held": held,
+        "loops": len(order),
+        "judged": int(np.count_nonzero(np.isfinite(smallest))),
+        "loops_in_table": int(np.count_nonzero(row >= 0)),
+        "stuck": None if moves else _share_of(stuck),
+        "bands": shares,
+    }
+    told_rest = at_rest | {"says": said_at_rest(at_rest)}
+    return InPacking(told, told_rest, order, smallest), notes
+
+
+def _share_of(smallest: Floats) -> dict[str, Any]:
+    """Return number and share of the loops with a negative eigenvalue, of those with one."""
+    unstable = smallest[np.isfinite(smallest)] < -RTOL
+    return {"unstable": int(np.count_nonzero(unstable)), **share(unstable)}
+
+
+def _share_of_band(found: LoopsAtYield, smallest: Floats, hold: bool) -> dict[str, Any]:
+    """Return the share of unstable loops with the contacts of a band sliding, or why none."""
+    why = ""
+    if found.softening:
+        remedy = "take another state" if hold else "bring the state to rest first with --hold"
+        why = (
+            f"{found.softening} of {len(found.yielding.rows)} contacts that may slide are driven "
+            f"on by their own slip (M_cc <= 0), so that next to no rates agree; {remedy}"
+        )
+    confirmed = None if found.softening is None else int(np.count_nonzero(found.confirmed))
+    return {
+        "band": found.band,
+        "contacts": len(found.yielding.rows),
+        **_share_of(np.where(bool(why), np.nan, smallest)),
+        "confirmed": confirmed,
+        "withheld": why,
+    }
+
+
+def said_at_rest(at_rest: dict[str, Any]) -> str:
+    """Say the share of unstable loops at rest in one sentence, and what it hangs on."""
+    if at_rest["withheld"]:
+        return (
+            f"The share of loops unstable in their packing is withheld, as {at_rest['withheld']}."
+        )
+    stuck, bands = at_rest["stuck"], [*at_rest["bands"]]
+    stable = "every loop is stable in its packing"
+    if stuck["unstable"] or not stuck["count"]:
+        stable = f"{_said(stuck)} do negative work in some direction"
+    said = f"At rest, if all contacts stick, {stable}"
+    if bands[0]["band"] == AT_LIMIT and not bands[0]["contacts"]:
+        del bands[0]
+        said = f"At rest no contact stands at its friction limit and {stable}"
+    counted = False
+    for one in bands:
+        within = WITHIN.get(one["band"]) or f"within {1.0 - one['band']:.3g}"
+        if one["withheld"]:
+            said += f"; for contacts {within} of their limit it is withheld: {one['withheld']}"
+        elif counted:
+            said += f", {_said(one)} if those {within} do"
+        else:
+            would = f"{_said(one)} would do negative work in some direction"
+            said += f"; if contacts {within} of their limit slide, {would}"
+            counted = True
+    return f"{said}: {definitions('assumptions')['rank']}."
+
+
+def _said(one: dict[str, Any]) -> str:
+    """Share of the unstable loops with its error, the numbers of loops, and of those confirmed."""
+    if not one["unstable"]:
+        return f"none of {one['count']} loops"
+    numbers = f"{one['unstable']} of {one['count']}"
+    if "confirmed" in one:
+        confirmed = one["confirmed"]
+        numbers += "; regimes not sought" if confirmed is None else f"; {confirmed} confirmed"
+    return f"{100 * one['mean']:.2g} +- {100 * one['std_error']:.1g} % ({numbers})"
 
 
 def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
@@ -113,6 +243,12 @@ def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
     return columns
 
 
+def smallest_in_place(place: LoopsInPlace, kn: float) -> Floats:
+    """Return (L,) smallest eigenvalues over `kn`; a sign within its error is not a number."""
+    smallest = loop_spectra(place.matrix)[:, 0]
+    return np.where(np.abs(smallest) > place.matrix_error, smallest / kn, np.nan)
+
+
 # Above this unbalanced force the rates of a state are not those of an equilibrium.
 MOVING = 5e-4
 # Above this spread of the stress the state at rest depends on the way to it.
@@ -126,6 +262,21 @@ def hold_control(hold: bool, hold_stress: bool) -> HoldControl | None:
     return "strain" if hold else "stress" if hold_stress else None
 
 
+def motion_note(snapshot: Snapshot) -> str:
+    """Say that a state moves, and what to do; nothing at rest, or where no walls are known."""
+    from stability.packing.hold import unbalanced_force
+
+    boundary = snapshot.scene.boundary
+    if boundary.kind == "outline" or not (
+        (before := unbalanced_force(snapshot.graph, boundary)) > MOVING
+    ):
+        return ""
+    return (
+        f"the state moves: its unbalanced force is {before:.2g} of the mean contact force, so "
+        "that its rates are not those of an equilibrium; bring it to rest first with --hold"
+    )
+
+
 def held_snapshot(
     snapshot: Snapshot, control: HoldControl | None
 ) -> tuple[Snapshot, dict[str, Any] | None]:
@@ -134,26 +285,19 @@ def held_snapshot(
     Without a control the snapshot itself, with a note if it moves. `InputError` if the sample does
     not come to rest.
     """
-    from stability.packing.hold import hold, unbalanced_force
+    from stability.packing.hold import hold
 
     scene, walls = snapshot.scene, snapshot.walls
-    boundary, outline = scene.boundary, scene.boundary.kind == "outline"
+    boundary = scene.boundary
     if control is None:
-        if outline:
+        if not (note := motion_note(snapshot)):
             return snapshot, None
-        before = unbalanced_force(snapshot.graph, boundary)
-        if not before > MOVING:
-            return snapshot, None
-        note = (
-            f"the state moves: its unbalanced force is {before:.2g} of the mean contact force, so "
-            "that its rates are not those of an equilibrium; bring it to rest first with --hold"
-        )
         noted = replace(snapshot, notes=(*snapshot.notes, note))
         if "faces" in vars(snapshot):
             # A copy would look for its loops again.
             vars(noted)["faces"] = snapshot.faces
         return noted, None
-    if outline:
+    if boundary.kind == "outline":
         expected = "a periodic cell or known walls, no free surface"
         remedy = (
             "Give --cell, or the wall contacts. A sample that rests under its weight cannot be "

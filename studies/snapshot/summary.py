@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,9 +29,20 @@ from loops.fabric import (
 from patterns import Snapshot
 from stability import RTOL
 from studies.output import Columns, Summary, definitions
-from studies.snapshot.in_packing import PLACE
 from studies.snapshot.stress import stress
-from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, GROUPS, LAST_ORDER
+from studies.snapshot.table import (
+    CLOSURES,
+    EIGENVALUES,
+    FREE,
+    GROUPS,
+    LAST_ORDER,
+    PLACE,
+    share,
+    share_of,
+)
+
+if TYPE_CHECKING:
+    from studies.snapshot.in_packing import InPacking
 
 Groups = dict[str, Integers | slice]
 
@@ -55,14 +66,19 @@ def judges(table: Mapping[str, Any]) -> list[str]:
 
 
 def main_judge(table: Mapping[str, Any]) -> str:
-    """Judge of the one verdict that a figure shows: the packing, else the traction closure."""
-    return PLACE if f"{PLACE}_lambda_min" in table else "traction"
+    """Judge of the one verdict that a figure shows: the packing at rest, else a closure."""
+    at_rest = PLACE in judges(table) and np.isfinite(verdicts(table, PLACE)).any()
+    return PLACE if at_rest else "traction"
+
+
+def verdicts(table: Mapping[str, Any], judge: str) -> Floats:
+    """Smallest eigenvalues whose sign is a verdict: in the packing those of the state at rest."""
+    return np.asarray(table[f"{judge}_lambda_min{'_held' if judge == PLACE else ''}"])
 
 
 def unstable_loops(table: Columns, judge: str) -> Flags:
     """Loops with an eigenvalue of Ks below zero, beyond the tolerance."""
-    unstable: Flags = table[f"{judge}_lambda_min"] < -RTOL
-    return unstable
+    return verdicts(table, judge) < -RTOL
 
 
 def verdict_shares(smallest: Floats) -> tuple[float, float]:
@@ -76,12 +92,12 @@ def verdict_shares(smallest: Floats) -> tuple[float, float]:
 def snapshot_summary(
     snapshot: Snapshot,
     table: Columns,
-    in_packing: dict[str, Any] | None = None,
+    in_packing: InPacking | None = None,
     chains: ForceChains | None = None,
 ) -> Summary:
     """Summary of a snapshot and the table of its loops.
 
-    `in_packing` is the method that `add_in_packing` returns, if loops were judged in place.
+    `in_packing` is what `add_in_packing` returns, if loops were judged in place.
     """
     area, groups = outline_area(snapshot.graph, snapshot.faces), group_rows(table["order"])
     # numpy releases the interpreter on arrays as long as these: the threads share the work.
@@ -89,7 +105,7 @@ def snapshot_summary(
         parts = [pool.submit(_fabric, snapshot, table, groups)]
         if snapshot.mechanical:
             parts += [pool.submit(_mechanics, snapshot, table, groups, area)]
-            parts += [pool.submit(_stability, table, groups)]
+            parts += [pool.submit(_stability, table, groups, in_packing)]
         summary = _network(snapshot) | _orders(table, groups)
         for part in parts:
             summary |= part.result()
@@ -211,11 +227,9 @@ def _mechanics(
     }
 
 
-def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
+def _stability(table: Columns, groups: Groups, in_packing: InPacking | None) -> dict[str, Any]:
     """Verdicts on the loops by judge and order, and directions of instability by closure."""
-    order = table["order"]
-    orders = np.flatnonzero(np.bincount(order))
-    most = max(LAST_ORDER, orders.max(initial=0))
+    orders = np.flatnonzero(np.bincount(table["order"]))
     found: dict[str, dict[str, Any]] = {
         key: {}
         for key in (
@@ -225,12 +239,13 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
         )
     }
     for judge in judges(table):
-        unstable, undetermined = (
-            unstable_loops(table, judge),
-            np.isnan(table[f"{judge}_lambda_min"]),
-        )
+        order, smallest = table["order"], verdicts(table, judge)
+        if judge == PLACE and in_packing is not None:
+            order, smallest = in_packing.order, in_packing.smallest
+        undetermined = np.isnan(smallest)
         # Loops that are judged stable, unstable, or neither, by order.
-        verdict = 3 * order + unstable + np.multiply(undetermined, 2, dtype=np.int8)
+        verdict = 3 * order + (smallest < -RTOL) + np.multiply(undetermined, 2, dtype=np.int8)
+        most = max(LAST_ORDER, orders.max(initial=0), order.max(initial=0))
         counts = np.bincount(verdict, minlength=3 * most + 3).reshape(-1, 3)
         parts = {name: counts[k] for k, name in enumerate(GROUPS, 3)}
         parts |= {GROUPS[-1]: counts[LAST_ORDER:].sum(axis=0), "all": counts.sum(axis=0)}
@@ -246,6 +261,7 @@ def _stability(table: Columns, groups: Groups) -> dict[str, Any]:
             name: spread_by_group(groups, table[f"{judge}_{name}"]) for name in EIGENVALUES
         }
         if f"{judge}_soft_angle" in table:
+            unstable = unstable_loops(table, judge)
             found["soft_loops"][judge] = {
                 "long_axis": axes_block(table["orientation"][unstable]),
                 "soft_angle": axes_block(table[f"{judge}_soft_angle"][unstable]),
@@ -299,7 +315,10 @@ def chains_table(table: Columns) -> dict[str, list[Any]]:
     at = np.argsort(group, kind="stable")
     ends = np.cumsum([0, *np.bincount(group, minlength=len(PLACES) * len(GROUPS))])
     order = table["order"][at]
-    every = {judge: table[f"{judge}_lambda_min"][at] for judge in judges(table)}
+    every = {
+        judge: (table[f"{judge}_lambda_min"][at], verdicts(table, judge)[at])
+        for judge in judges(table)
+    }
     rows = []
     for p, place in enumerate(PLACES):
         first = p * len(GROUPS)
@@ -309,10 +328,10 @@ def chains_table(table: Columns) -> dict[str, list[Any]]:
             count = int(ends[high] - ends[low])
             mean = float(order[part].mean()) if count else np.nan
             row = {"place": place, "orders": name, "loops": count, "mean_order": mean}
-            for judge, smallest in every.items():
-                known = smallest[part][np.isfinite(smallest[part])]
+            for judge, values in every.items():
+                smallest, known = (one[part][np.isfinite(one[part])] for one in values)
                 beyond = share(known < -RTOL)
-                row[f"{judge}_lambda_min"] = median(known)
+                row[f"{judge}_lambda_min"] = median(smallest)
                 row[f"{judge}_unstable"] = beyond["mean"]
                 row[f"{judge}_unstable_error"] = beyond["std_error"]
                 row[f"{judge}_undetermined"] = (count - len(known)) / count if count else np.nan
@@ -354,12 +373,13 @@ def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]
     return {f"surroundings_{key}": np.array([one[key] for one in found]) for key in names}
 
 
-def packing_summary(table: Columns, groups: Groups, method: dict[str, Any]) -> Summary:
+def packing_summary(table: Columns, groups: Groups, in_packing: InPacking) -> Summary:
     """Keys of the summary for loops in place."""
     smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
     known = ~np.isnan(smallest)
     return {
-        "in_packing": method,
+        "in_packing": in_packing.method,
+        "packing_at_rest": in_packing.at_rest,
         "packing_error": spread(np.where(np.isfinite(error), error, np.nan)),
         "surroundings_positive": share_by_group(groups, smallest > 0, known),
         "surroundings_share": spread_by_group(groups, surroundings_share(table)),
@@ -404,19 +424,6 @@ def spread_by_group(
 def share_by_group(groups: Groups, having: Flags, known: Flags) -> dict[str, Any]:
     """Share of the loops of each group that have a property."""
     return {name: share(having[rows][known[rows]]) for name, rows in groups.items()}
-
-
-def share(having: Flags) -> dict[str, Any]:
-    """Share of loops that have a property, its standard error `sqrt(p (1 - p)/n)` and number n."""
-    return share_of(int(np.count_nonzero(having)), len(having))
-
-
-def share_of(some: int, count: int) -> dict[str, Any]:
-    """`share` by numbers."""
-    if count == 0:
-        return {"mean": float("nan"), "std_error": float("nan"), "count": 0}
-    p = some / count
-    return {"mean": p, "std_error": float(np.sqrt(p * (1 - p) / count)), "count": count}
 
 
 def by_order(

@@ -18,7 +18,7 @@ from loops import (
     InputError,
     Regime,
 )
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 from loops.loop_batches import LoopNumbers, loop_numbers
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
@@ -30,6 +30,8 @@ SHAPE = ("x", "y", "area", "perimeter", "elongation", "orientation")
 STRESS_COLUMNS = ("stress_11", "stress_12", "stress_21", "stress_22", "pressure", "deviator")
 EIGENVALUES = ("lambda_min", "lambda_mid", "lambda_max")
 STABILITY = (*EIGENVALUES, *("unstable_fraction", "cone_opening", "soft_angle"))
+# The loop in its packing.
+PLACE = "packing"
 # Traction closure with free spins: the loop cut out of its packing.
 FREE = "traction_free"
 MECHANICS = (
@@ -152,6 +154,19 @@ def _judged(closure: str, matrix: Floats, error: Floats, *, compiled: bool) -> C
         f"{closure}_{name}": np.where(sure, value, np.nan)
         for name, value in zip(STABILITY, values, strict=False)
     }
+
+
+def share(having: Flags) -> dict[str, Any]:
+    """Share of loops that have a property, its standard error `sqrt(p (1 - p)/n)` and number n."""
+    return share_of(int(np.count_nonzero(having)), len(having))
+
+
+def share_of(some: int, count: int) -> dict[str, Any]:
+    """`share` by numbers."""
+    if count == 0:
+        return {"mean": float("nan"), "std_error": float("nan"), "count": 0}
+    p = some / count
+    return {"mean": p, "std_error": float(np.sqrt(p * (1 - p) / count)), "count": count}
 
 
 class LoopPolygons(NamedTuple):

@@ -57,8 +57,12 @@ def test_the_packing_comes_first_where_it_is_solved(judged):
     lines = _snapshot_lines(summary)
     start = next(k for k, line in enumerate(lines) if line.startswith("unstable loops"))
     assert lines[start + 1].lstrip().startswith("in its packing")
-    table = {"packing_lambda_min": 0, "traction_lambda_min": 0}
-    assert (main_judge(table), main_judge({"traction_lambda_min": 0})) == ("packing", "traction")
+    one, none = np.array([0.1]), np.array([np.nan])
+    table = {"packing_lambda_min": one, "traction_lambda_min": one}
+    assert main_judge({"traction_lambda_min": one}) == "traction"
+    assert main_judge(table | {"packing_lambda_min_held": one}) == "packing"
+    # Withheld: the state moves.
+    assert main_judge(table | {"packing_lambda_min_held": none}) == "traction"
 
 
 @pytest.mark.parametrize(
