@@ -18,7 +18,7 @@ from stability.packing.pathologies import columns
 from studies.output import SIGNS, UNITS, components, described, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
-from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.in_packing import BANDS, add_in_packing
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -76,7 +76,7 @@ def loop_table(
     snapshot = planar(snapshot)
     columns = tables.loop_columns(snapshot)
     if in_packing:
-        add_in_packing(snapshot, columns, "auto", hold=hold)
+        add_in_packing(snapshot, columns, "auto", hold=hold, yield_band=BANDS[1])
     if snapshot.mechanical:
         columns["chain_contacts"] = chains_on_loops(snapshot)[1]
     frame: pd.DataFrame = pa.table(columns).to_pandas()

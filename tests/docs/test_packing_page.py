@@ -13,9 +13,13 @@ from loops.boundary import boundary_of, outline_grains
 from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.snapshot import sample_boundary
+from stability.packing import loops_at_yield
+from stability.packing.hold import unbalanced_force
 from studies.examples import packing_skill
+from studies.reading import cell_reader
 from studies.series.run import run_series
 from studies.series.skill import ORDERS
+from studies.snapshot.in_packing import BANDS, add_in_packing, held_snapshot
 from tests.docs.pages import page, says, section, tables
 from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
 
@@ -75,6 +79,56 @@ def test_an_outline_against_walls():
     near = np.nanmedian(error[(rho > 4) & (rho < 8)])
     told = f"{100 * np.nanmedian(error):.0f} % in the median, {100 * near:.0f} % at four to eight"
     assert told in words(PLACE)
+
+
+@slow
+def test_shares_of_the_sample_at_rest():
+    """The first paragraph of the page: 2,000 discs brought to rest."""
+    cell = np.diag([0.914723458490276, 0.897826511170329])
+    snapshot = read_snapshot(sample_path("slow/grains_10.parquet"), cell=cell)
+    found, _ = add_in_packing(snapshot, {}, "whole", hold=True)
+    said = found.at_rest["says"]
+    assert said.startswith("At rest no contact stands at its friction limit and every loop is")
+    _, middle, wide = found.at_rest["bands"]
+    quoted = (
+        "at rest no contact stands at its friction limit and every loop is stable in its packing; "
+        f"if contacts within a thousandth of the limit slide, {100 * middle['mean']:.1f} % "
+        f"({middle['unstable']} of {middle['count']}; {middle['confirmed']} confirmed) would do "
+        f"negative work in some direction, {100 * wide['mean']:.1f} % if those within a hundredth "
+        "do: a rank of loops, not a forecast; a third of all loops do negative work in the next "
+        "step anyway."
+    )
+    assert quoted in words(page("packing"))
+
+
+SHARES = tables(section(page("evidence/packing"), "## How many loops are unstable?"))[0]
+
+
+@slow
+@collected
+@pytest.mark.parametrize("name", ["yade-small 14", "yade-slow 02", "yade-periodic 10"])
+def test_shares_of_states_as_written_and_at_rest(name):
+    (row,) = (one for one in SHARES if one["sample, snapshot"].replace("`", "").startswith(name))
+    sample, number = name.split()
+    folder = DEM / sample
+    if sample == "yade-small":
+        snapshot = read_snapshot(folder / f"grains_{number}.csv.gz")
+    else:
+        path = folder / f"grains_{number}.parquet"
+        cell = np.reshape(cell_reader(folder / "macro.csv")(path, None), (2, 2))
+        snapshot = read_snapshot(path, cell=cell)
+    rest, _ = held_snapshot(snapshot, "strain")
+    written, held = ([loops_at_yield(one.scene, b) for b in BANDS] for one in (snapshot, rest))
+    for column, found in (("written", written), ("at rest", held)):
+        assert row[column] == " / ".join(f"{100 * one.unstable.mean():.1f}" for one in found)
+    assert row["loops"] == str(len(written[0].unstable))
+    assert row["without rates"] == ("yes" if any(one.softening for one in written) else "no")
+    for band, one in zip(("1e-3", "1e-2"), held[1:], strict=True):
+        quoted = f"{one.confirmed.sum()} of {one.unstable.sum()}"
+        assert row[f"confirmed at rest, {band}"] == quoted
+    assert unbalanced_force(snapshot.graph, snapshot.scene.boundary) == pytest.approx(
+        float(row["unbalanced force"]), rel=0.05
+    )
 
 
 @slow

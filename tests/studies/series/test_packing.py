@@ -37,6 +37,7 @@ from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import (
     PREDICTED,
     STRESS_ERROR,
+    WITHHELD,
     Following,
     interval_rate,
     packing_predictions,
@@ -106,6 +107,11 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
     add_in_packing(before, table, "auto")
     # Two orders of the same eliminations.
     np.testing.assert_allclose(every.packing_lambda_min, table["packing_lambda_min"], atol=1e-9)
+    # At rest its sign is a verdict.
+    np.testing.assert_array_equal(every.packing_lambda_min_held, every.packing_lambda_min)
+    evolution = pd.read_parquet(result / "evolution.parquet")
+    share = (every.packing_lambda_min < 0).mean()
+    assert evolution.packing_unstable[1] == pytest.approx(share, rel=1e-12) and share > 0.01
     # The additive work sums to the sample's; the other doesn't.
     area = by_interval(result, "loops", 1).area.to_numpy()
     whole = np.linalg.det(before.graph.cell) * np.sum(response.stress_rate * strain)
@@ -478,7 +484,11 @@ def test_a_sample_ends_at_its_walls():
         x = snapshot.graph.x @ np.diag([1 + step, 1 - step])
         moved = replace(snapshot, graph=snapshot.graph.replace(x=x, x0=x))
         after = moved
-        found.append(packing_predictions(before, after, track_loops(before, after))[:2])
+        *told, notes = packing_predictions(before, after, track_loops(before, after))
+        found.append(told)
+        # It moves: the eigenvalues are there, their share is withheld.
+        assert WITHHELD in notes and np.isnan(told[0]["packing_lambda_min_held"]).all()
+        assert np.isfinite(told[0]["packing_lambda_min"]).all()
     _, unloaded = found[0]
     assert unloaded["packing_boundary"] == f"{len(snapshot.walls.grain)} wall contacts"
     for columns, row in found:

@@ -18,7 +18,7 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.snapshot import sample_boundary
 from stability import restrict, symmetric_part
 from stability.packing import loops_at_yield
-from studies.output import definitions, words
+from studies.output import definitions, described, words
 from studies.snapshot import figures
 from studies.snapshot.in_packing import add_in_packing, held_snapshot, place_columns
 from studies.snapshot.summary import snapshot_summary
@@ -159,6 +159,9 @@ def test_columns_of_the_state_at_rest(results, place):
     held = table["packing_lambda_min_held"]
     np.testing.assert_allclose(held, table["packing_lambda_min"], rtol=1e-6, atol=1e-9)
     assert (table["packing_lambda_min_stuck"] > 0).all()
+    # The plane of the axes sees a sixth of the unstable loops, as its description says.
+    negative, coned = (table["packing_lambda_min"] < 0).sum(), (table["packing_cone_opening"] > 0)
+    assert f"({coned.sum()} of {negative})" in described("snapshot/loops", coned.name)[1]
     confirmed = table["packing_confirmed"]
     assert confirmed.notna().equals(held < 0) and confirmed.sum() == band["confirmed"] == 33
     H = table[[f"packing_direction_{ij}" for ij in ("11", "12", "12", "22")]]
