@@ -441,24 +441,35 @@ def loops_in_place(
     InputError
         If the packing floats, or the method is unknown.
     """
-    if method not in METHODS:
-        raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
-    graph = scene.graph
     faces = scene.faces if faces is None else faces
-    polygons = polygons_of(graph, faces)
     # No stress is asked for.
     system = packing_system(replace(scene, boundary=replace(scene.boundary, volume=1.0)))
+    matrix, error = operators_in_place(system, faces, method, block, buffer, threads)
+    alone = tangents_of_loops(scene.graph, scene.law, faces, "traction", "free")
+    return LoopsInPlace(matrix, alone.matrix, error, alone.rounding, system)
+
+
+def operators_in_place(
+    system: System,
+    faces: Faces,
+    method: Method = "auto",
+    block: float = BLOCK,
+    buffer: float = BUFFER,
+    threads: int | None = None,
+) -> tuple[Floats, Floats]:
+    """Return `A_in` (L, 4, 4) of the loops of a system and its stated error over its norm (L,)."""
+    if method not in METHODS:
+        raise InputError("method", repr(method), "'" + "', '".join(METHODS) + "'", "Pick one.")
+    polygons = polygons_of(system.graph, faces)
     if method == "auto":
-        method = "whole" if graph.grain_count <= WHOLE else "blocks"
+        method = "whole" if system.graph.grain_count <= WHOLE else "blocks"
     side = np.inf if method == "whole" else block
     found = inverted(system, polygons, side, buffer, threads or available_cores())
     share = _truncation(system, polygons, found.matrix, found.rho)
     # A change within a share of the whole's norm is within s / (1 - s) of the blocks' own.
     error = np.full_like(share, np.inf)
     np.divide(share, 1.0 - share, out=error, where=share < 1.0)
-    error += found.error
-    alone = tangents_of_loops(graph, scene.law, faces, "traction", "free")
-    return LoopsInPlace(found.matrix, alone.matrix, error, alone.rounding, system)
+    return found.matrix, error + found.error
 
 
 def loop_loads(system: System, grains: Integers, vectors: Floats) -> Floats:

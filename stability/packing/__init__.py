@@ -11,7 +11,6 @@ from stability.packing.loop_quantities import loop_changes as loop_changes
 from stability.packing.loop_quantities import loop_rates as loop_rates
 from stability.packing.loop_regimes import LoopsAtYield as LoopsAtYield
 from stability.packing.loop_regimes import loops_at_yield as loops_at_yield
-from stability.packing.loop_regimes import loops_stuck as loops_stuck
 from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe

@@ -14,26 +14,19 @@ with `w, z >= 0` and `w . z = 0`. If all slide, `P = A_in h`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Flags, Floats, frobenius
 from loops.assembly import contact_regime
-from loops.in_place import LoopsInPlace, Method, loop_loads, loops_in_place, polygons_of
+from loops.in_place import Method, OfOrder, loop_loads, operators_in_place, polygons_of
 from loops.laws import Regime
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
-from loops.system import Changed, Factor, System, in_freedoms
+from loops.system import in_freedoms
 from stability.complementarity import SIGN, solve_from
-from stability.packing.yielding import (
-    YieldResponse,
-    condensed,
-    linear_answer,
-    slip_motion,
-    yield_response,
-)
+from stability.packing.response import PackingRates
+from stability.packing.yielding import YieldResponse, stiffness_of, yield_response
 from stability.spectra import restrict, subspace_basis, symmetric_modes
 
 # Candidates times freedoms beyond which no regimes are sought (160 MB, half a minute of time).
@@ -50,12 +43,14 @@ class LoopsAtYield(Shown):
 
     Attributes
     ----------
-    band : float
-        The share of its strength from which a contact is a candidate.
-    place : LoopsInPlace
-        Operators of the loops with all candidates sliding, whatever the strain.
-    unstable : (L,) array of bool
-        Loops with a negative eigenvalue in the symmetric subspace, beyond its error.
+    band : float or None
+        The share of its strength from which a contact is a candidate; None: all contacts stick.
+    matrix : (L, 4, 4) array
+        Operators `A_in` of the loops with all candidates sliding, whatever the strain (force per
+        length), as `LoopsInPlace` has them.
+    smallest : (L,) array
+        Smallest eigenvalues in the symmetric subspace (force per length); not numbers where the
+        stated error of `matrix` leaves no sign.
     yielding : YieldResponse
         The candidates, contacts with walls included.
     softening : int or None
@@ -70,9 +65,9 @@ class LoopsAtYield(Shown):
         Candidates that slide there.
     """
 
-    band: float
-    place: LoopsInPlace
-    unstable: Flags
+    band: float | None
+    matrix: Floats
+    smallest: Floats
     yielding: YieldResponse
     softening: int | None
     direction: Floats
@@ -80,12 +75,19 @@ class LoopsAtYield(Shown):
     sliding: Flags
 
     @property
+    def unstable(self) -> Flags:
+        """(L,) loops with a negative eigenvalue."""
+        return self.smallest < 0
+
+    @property
     def confirmed(self) -> Flags:
         """(L,) unstable loops with a direction of negative work whose regimes agree."""
         return np.isfinite(self.work)
 
 
-def loops_at_yield(subject: Subject, band: float, *, method: Method = "auto") -> LoopsAtYield:
+def loops_at_yield(
+    subject: Subject, band: float | None, *, method: Method = "auto"
+) -> LoopsAtYield:
     """Judge the loops of a packing at rest with the contacts near their strength sliding.
 
     Contacts are taken by their forces, whatever regimes the graph has. Along the softest mode of an
@@ -97,8 +99,9 @@ def loops_at_yield(subject: Subject, band: float, *, method: Method = "auto") ->
     ----------
     subject : Scene or Snapshot
         The packing, one state.
-    band : float
-        Share of its strength from which a contact is a candidate for sliding, in (0, 1].
+    band : float or None
+        Share of its strength from which a contact is a candidate for sliding, in (0, 1]; None lets
+        all contacts stick that have a shear force.
     method : {'auto', 'whole', 'blocks'}
         As in `loops_in_place`, for the operators.
 
@@ -112,43 +115,28 @@ def loops_at_yield(subject: Subject, band: float, *, method: Method = "auto") ->
         If the packing floats, or the band is no such share.
     """
     scene = scene_of(subject)
-    yielding = candidates(scene, band)
-    every = np.ones(len(yielding.rows), dtype=bool)
-    place = loops_in_place(with_sliding(scene, yielding, every), scene.faces, method=method)
-    values, vectors = symmetric_modes(restrict(place.matrix, "symmetric"))
-    unstable = values[:, 0] < -place.matrix_error
-    count = len(unstable)
+    yielding = candidates(scene, 1.0 if band is None else band)
+    slides = np.full(len(yielding.rows), band is not None)
+    system = replace(yielding.system, stiffness=stiffness_of(yielding, slides))
+    matrix, error = operators_in_place(system, scene.faces, method)
+    values, modes = symmetric_modes(restrict(matrix, "symmetric"))
+    sure = np.abs(values[:, 0]) > error * frobenius(matrix)
+    smallest, count = np.where(sure, values[:, 0], np.nan), len(values)
     direction, work = np.full((count, 3), np.nan), np.full(count, np.nan)
-    sliding, softening = np.zeros((count, len(every)), dtype=bool), None
-    if len(every) * yielding.system.size <= MOST_ENTRIES:
-        slips = _Slips.of(yielding)
-        softening = int(np.count_nonzero(np.diag(slips.matrix) <= 0))
-    for grains, bounds, area, rows in polygons_of(scene.graph, scene.faces).groups:
-        for k in np.flatnonzero(unstable[rows]) if softening == 0 else ():
-            loop, row = slips.of_loop(grains[k], bounds[k], area[k]), rows[k]
-            for end in (vectors[row, :, 0], -vectors[row, :, 0]):
-                found = loop.descent(end)
-                if found is not None and not found[1] >= work[row]:
-                    direction[row], work[row], sliding[row] = found
-    return LoopsAtYield(band, place, unstable, yielding, softening, direction, work, sliding)
-
-
-def loops_stuck(subject: Subject, *, method: Method = "auto") -> LoopsInPlace:
-    """Operators of the loops in place with every contact sticking that has a shear force.
-
-    Parameters
-    ----------
-    subject, method
-        As in `loops_at_yield`.
-
-    Returns
-    -------
-    LoopsInPlace
-    """
-    scene = scene_of(subject)
-    yielding = candidates(scene, 1.0)
-    none = np.zeros(len(yielding.rows), dtype=bool)
-    return loops_in_place(with_sliding(scene, yielding, none), scene.faces, method=method)
+    sliding = np.zeros((count, len(slides)), dtype=bool)
+    found = LoopsAtYield(band, matrix, smallest, yielding, None, direction, work, sliding)
+    if band is None or len(slides) * system.size > MOST_ENTRIES:
+        return found
+    rates = PackingRates(yielding)
+    softening = int(np.count_nonzero(np.diag(rates.whole[0]) <= 0))
+    for group in polygons_of(scene.graph, scene.faces).groups if not softening else ():
+        for k in np.flatnonzero(smallest[group.row] < 0):
+            loop, row = loop_slips(rates, group, int(k)), group.row[k]
+            for end in (modes[row, :, 0], -modes[row, :, 0]):
+                least = descent(*loop, end)
+                if least is not None and not least[1] >= work[row]:
+                    direction[row], work[row], sliding[row] = least
+    return replace(found, softening=softening)
 
 
 def candidates(scene: Scene, band: float) -> YieldResponse:
@@ -163,80 +151,39 @@ def candidates(scene: Scene, band: float) -> YieldResponse:
     return yield_response(Scene(graph, law, boundary), yield_band=band)
 
 
-def with_sliding(scene: Scene, yielding: YieldResponse, sliding: Flags) -> Scene:
-    """Return the scene with these candidates sliding and the others sticking."""
-    system, boundary = yielding.system, scene.boundary
-    regimes, count = system.regime.copy(), len(system.contacts)
-    regimes[yielding.rows[sliding]] = Regime.SLIDING
-    regime = contact_regime(system.state, scene.law).copy()
-    regime[system.contacts] = regimes[:count]
-    if boundary.walls is not None:
-        slides = np.zeros(len(boundary.walls.grain), dtype=bool)
-        slides[system.carrying.grains[boundary.walls.grain]] = regimes[count:] == Regime.SLIDING
-        boundary = replace(boundary, walls=replace(boundary.walls, sliding=slides))
-    return Scene(scene.graph.replace(regime=regime), scene.law, boundary)
+def loop_slips(
+    rates: PackingRates, group: OfOrder, k: int
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """`Q`, `M`, `A`, `Z` of a loop's strain `h` (3,): `w = Q h + M z`, `P = A h + Z z`."""
+    system, yielding = rates.yielding.system, rates.yielding
+    loads, area = loop_loads(system, group.grains[k], group.vectors[k]), group.area[k]
+    under = rates.elastic.factor.solve(loads)
+    operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ rates.slips / area
+    push = -(in_freedoms(system, yielding.rows, yielding.gauge) @ under) @ operator
+    basis, M = subspace_basis("symmetric"), rates.whole[0] + push @ strain
+    return push @ basis.T, M, basis @ operator @ basis.T, basis @ operator @ strain
 
 
-class _Slips(NamedTuple):
-    """Candidates of a packing: their motions `S` per unit of slip, rates `G` and matrix `M`."""
+def descent(
+    Q: Floats, M: Floats, A: Floats, Z: Floats, start: Floats
+) -> tuple[Floats, float, Flags] | None:
+    """Least work met from a direction on: where, how much, who slides; None if not negative.
 
-    system: System
-    factor: Factor | Changed
-    motion: Floats
-    gauge: sparse.csr_array
-    matrix: Floats
-
-    @classmethod
-    def of(cls, yielding: YieldResponse) -> _Slips:
-        """Solve for a unit of slip of each candidate, all of them sticking."""
-        none, every = np.zeros(len(yielding.rows), dtype=bool), np.arange(len(yielding.rows))
-        answer = linear_answer(yielding, none)
-        motion, _ = slip_motion(yielding, answer, every)
-        gauge = in_freedoms(yielding.system, yielding.rows, yielding.gauge)
-        matrix, _ = condensed(yielding, none, answer, every, motion)
-        return cls(yielding.system, answer.factor, motion, gauge, matrix)
-
-    def of_loop(self, grains: Integers, bounds: Floats, area: float) -> _LoopSlips:
-        """Return the slips under the strain of one loop."""
-        loads = loop_loads(self.system, grains, bounds)
-        under = self.factor.solve(loads)
-        operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ self.motion / area
-        rates, basis = -(self.gauge @ under) @ operator, subspace_basis("symmetric")
-        return _LoopSlips(
-            rates @ basis.T,
-            self.matrix + rates @ strain,
-            basis @ operator @ basis.T,
-            basis @ operator @ strain,
-        )
-
-
-class _LoopSlips(NamedTuple):
-    """Rates `w = Q h + M z` of the candidates and stress `P = A h + Z z` of a loop's strain `h`."""
-
-    Q: Floats
-    M: Floats
-    A: Floats
-    Z: Floats
-
-    def descent(self, start: Floats) -> tuple[Floats, float, Flags] | None:
-        """Least work met from a direction on: where, how much, who slides; None if not negative.
-
-        The descent goes on to the softest direction of the tangent in the regimes found.
-        """
-        found, least = None, -SIGN * float(np.linalg.norm(self.A))
-        h, work, sliding = start, np.inf, np.zeros(len(self.M), dtype=bool)
-        for _ in range(VISITED):
-            agreeing = solve_from(self.Q @ h, self.M, sliding) if len(sliding) else sliding
-            if agreeing is None:
-                break
-            sliding, before = agreeing, work
-            slips = np.linalg.solve(self.M[np.ix_(sliding, sliding)], self.Q[sliding])
-            tangent = self.A - self.Z[:, sliding] @ slips
-            work = float(h @ tangent @ h)
-            if work < least:
-                found, least = (h, work, sliding), work
-            if work > before - FALLS * abs(work):
-                break
-            softest = symmetric_modes(tangent)[1][:, 0]
-            h = softest if softest @ h >= 0 else -softest
-        return found
+    The descent goes on to the softest direction of the tangent in the regimes found.
+    """
+    found, least = None, -SIGN * float(np.linalg.norm(A))
+    h, work, sliding = start, np.inf, np.zeros(len(M), dtype=bool)
+    for _ in range(VISITED):
+        agreeing = solve_from(Q @ h, M, sliding) if len(sliding) else sliding
+        if agreeing is None:
+            break
+        sliding, before = agreeing, work
+        tangent = A - Z[:, sliding] @ np.linalg.solve(M[np.ix_(sliding, sliding)], Q[sliding])
+        work = float(h @ tangent @ h)
+        if work < least:
+            found, least = (h, work, sliding), work
+        if work > before - FALLS * abs(work):
+            break
+        softest = symmetric_modes(tangent)[1][:, 0]
+        h = softest if softest @ h >= 0 else -softest
+    return found

@@ -46,8 +46,8 @@ from studies.snapshot.in_packing import (
     balance_notes,
     fixed_point,
     motion_note,
+    place_columns,
     sample_edge,
-    smallest_in_place,
 )
 
 # Field of `LoopRates` of each column of predictions.
@@ -245,8 +245,8 @@ def packing_predictions(
     if following is not None:
         found, by_events, why = _by_events(before, after, H, times, following)
         columns, notes = columns | found, [*notes, *why]
-    smallest = smallest_in_place(loops_in_place(before.scene), before.mean_kn)
-    columns |= dict.fromkeys(SMALLEST, smallest)
+    place = place_columns(loops_in_place(before.scene), before.mean_kn)
+    columns |= dict.fromkeys(SMALLEST, place[SMALLEST[0]])
     if motion_note(before) or driven_on(before, increments):
         columns[SMALLEST[1]] = blank
         notes = [*notes, WITHHELD]

@@ -13,7 +13,7 @@ from loops.scene import Scene, Subject, scene_of
 from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.walls import box_area, box_corners
-from stability.spectra import RTOL, subspace_basis
+from stability.spectra import subspace_basis
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns, definitions
 from studies.snapshot.table import EIGENVALUES, PLACE, share
@@ -109,38 +109,35 @@ def add_in_packing(
     """
     # Loaded only when loops are judged in place.
     from loops.in_place import loops_in_place
-    from stability.packing.loop_regimes import loops_at_yield, loops_stuck
+    from stability.packing.loop_regimes import loops_at_yield
 
     kn, bands = snapshot.mean_kn, BANDS if yield_band is None else (yield_band,)
     rest, held = held_snapshot(snapshot, "strain" if hold else None)
     place, notes = loops_in_place(snapshot.scene, method=method), [*snapshot.boundary_and_notes[1]]
-    stuck = smallest_in_place(loops_stuck(snapshot.scene, method=method), kn)
-    table |= place_columns(place, kn) | {f"{PLACE}_lambda_min_stuck": stuck}
+    stuck = loops_at_yield(snapshot, None, method=method).smallest
+    table |= place_columns(place, kn) | {f"{PLACE}_lambda_min_stuck": stuck / kn}
     if not np.isfinite(place.matrix).any():
         notes.append(
             "no loop could be judged in the packing: each has a grain that is held or carries "
             "no force"
         )
-    moves = "" if hold else motion_note(snapshot)
-    found = [] if moves else [loops_at_yield(rest.scene, band, method=method) for band in bands]
+    row = np.arange(len(stuck))
     if hold:
         notes += rest.notes[len(snapshot.notes) :]
-        stuck = smallest_in_place(loops_stuck(rest.scene, method=method), kn)
-    every = [smallest_in_place(one.place, kn) for one in found]
-    shares = [_share_of_band(*one, hold) for one in zip(found, every, strict=True)]
-    order, main = rest.faces.order[rest.faces.loops], len(found) // 2
-    row, smallest = np.arange(len(order)), np.full(len(order), np.nan)
-    columns = {name: smallest for name in AT_REST}
-    if found and not shares[main]["withheld"]:
-        one, smallest = found[main], every[main]
-        H = one.direction @ subspace_basis("symmetric")
-        confirmed = np.where(one.unstable, one.confirmed, np.nan)
-        columns = dict(zip(AT_REST, (smallest, confirmed, *H[:, [0, 1, 3]].T), strict=True))
-    if hold:
+        stuck = loops_at_yield(rest, None, method=method).smallest
         contacts = match_contacts(snapshot.graph, snapshot.ids, rest.graph, rest.ids)
         fates = loop_fates(contacts, snapshot.faces, rest.faces)
         row = np.where(fates.before == Fate.SURVIVED, fates.successor, -1)
-    for name, values in columns.items():
+    moves = "" if hold else motion_note(snapshot)
+    found = [] if moves else [loops_at_yield(rest, band, method=method) for band in bands]
+    shares = [_share_of_band(one, hold) for one in found]
+    columns, main = np.full((len(AT_REST), len(stuck)), np.nan), len(found) // 2
+    if found and not shares[main]["withheld"]:
+        one = found[main]
+        confirmed = np.where(one.unstable, one.confirmed, np.nan)
+        H = one.direction @ subspace_basis("symmetric")
+        columns = np.array([one.smallest / kn, confirmed, *H[:, [0, 1, 3]].T])
+    for name, values in zip(AT_REST, columns, strict=True):
         table[f"{PLACE}_{name}"] = np.where(row < 0, np.nan, values[row])
     carrying = place.system.carrying
     left_out = {name: getattr(carrying, name) for name in ("rattlers", "clusters", "clustered")}
@@ -148,37 +145,37 @@ def add_in_packing(
     at_rest = {
         "withheld": moves,
         "held": held,
-        "loops": len(order),
-        "judged": int(np.count_nonzero(np.isfinite(smallest))),
+        "loops": len(stuck),
+        "judged": int(np.count_nonzero(np.isfinite(columns[0]))),
         "loops_in_table": int(np.count_nonzero(row >= 0)),
         "stuck": None if moves else _share_of(stuck),
         "bands": shares,
     }
-    told_rest = at_rest | {"says": said_at_rest(at_rest)}
-    return InPacking(told, told_rest, order, smallest), notes
+    at_rest["says"] = said_at_rest(at_rest)
+    order = rest.faces.order[rest.faces.loops]
+    return InPacking(told, at_rest, order, columns[0]), notes
 
 
 def _share_of(smallest: Floats) -> dict[str, Any]:
     """Return number and share of the loops with a negative eigenvalue, of those with one."""
-    unstable = smallest[np.isfinite(smallest)] < -RTOL
+    unstable = smallest[np.isfinite(smallest)] < 0
     return {"unstable": int(np.count_nonzero(unstable)), **share(unstable)}
 
 
-def _share_of_band(found: LoopsAtYield, smallest: Floats, hold: bool) -> dict[str, Any]:
+def _share_of_band(found: LoopsAtYield, hold: bool) -> dict[str, Any]:
     """Return the share of unstable loops with the contacts of a band sliding, or why none."""
-    why = ""
-    if found.softening:
+    soft, contacts, why = found.softening, len(found.yielding.rows), ""
+    if soft:
         remedy = "take another state" if hold else "bring the state to rest first with --hold"
         why = (
-            f"{found.softening} of {len(found.yielding.rows)} contacts that may slide are driven "
-            f"on by their own slip (M_cc <= 0), so that next to no rates agree; {remedy}"
+            f"{soft} of {contacts} contacts that may slide are driven on by their own slip "
+            f"(M_cc <= 0), so that next to no rates agree; {remedy}"
         )
-    confirmed = None if found.softening is None else int(np.count_nonzero(found.confirmed))
     return {
         "band": found.band,
-        "contacts": len(found.yielding.rows),
-        **_share_of(np.where(bool(why), np.nan, smallest)),
-        "confirmed": confirmed,
+        "contacts": contacts,
+        **_share_of(found.smallest[:0] if why else found.smallest),
+        "confirmed": None if soft is None else int(np.count_nonzero(found.confirmed)),
         "withheld": why,
     }
 
@@ -189,25 +186,22 @@ def said_at_rest(at_rest: dict[str, Any]) -> str:
         return (
             f"The share of loops unstable in their packing is withheld, as {at_rest['withheld']}."
         )
-    stuck, bands = at_rest["stuck"], [*at_rest["bands"]]
+    stuck, (first, *wider) = at_rest["stuck"], at_rest["bands"]
     stable = "every loop is stable in its packing"
     if stuck["unstable"] or not stuck["count"]:
         stable = f"{_said(stuck)} do negative work in some direction"
-    said = f"At rest, if all contacts stick, {stable}"
-    if bands[0]["band"] == AT_LIMIT and not bands[0]["contacts"]:
-        del bands[0]
-        said = f"At rest no contact stands at its friction limit and {stable}"
-    counted = False
+    said, bands = f"At rest, if all contacts stick, {stable}", [first, *wider]
+    if first["band"] == AT_LIMIT and not first["contacts"]:
+        said, bands = f"At rest no contact stands at its friction limit and {stable}", wider
+    slide, do = "if contacts {} of their limit slide", " would do negative work in some direction"
     for one in bands:
         within = WITHIN.get(one["band"]) or f"within {1.0 - one['band']:.3g}"
         if one["withheld"]:
-            said += f"; for contacts {within} of their limit it is withheld: {one['withheld']}"
-        elif counted:
-            said += f", {_said(one)} if those {within} do"
+            said += f"; {slide.format(within)}, the share is withheld: {one['withheld']}"
+        elif do:
+            said, do = f"{said}; {slide.format(within)}, {_said(one)}{do}", ""
         else:
-            would = f"{_said(one)} would do negative work in some direction"
-            said += f"; if contacts {within} of their limit slide, {would}"
-            counted = True
+            said += f", {_said(one)} if those {within} do"
     return f"{said}: {definitions('assumptions')['rank']}."
 
 
@@ -215,11 +209,11 @@ def _said(one: dict[str, Any]) -> str:
     """Share of the unstable loops with its error, the numbers of loops, and of those confirmed."""
     if not one["unstable"]:
         return f"none of {one['count']} loops"
-    numbers = f"{one['unstable']} of {one['count']}"
-    if "confirmed" in one:
-        confirmed = one["confirmed"]
-        numbers += "; regimes not sought" if confirmed is None else f"; {confirmed} confirmed"
-    return f"{100 * one['mean']:.2g} +- {100 * one['std_error']:.1g} % ({numbers})"
+    confirmed = "" if "confirmed" not in one else "; regimes not sought"
+    if one.get("confirmed") is not None:
+        confirmed = f"; {one['confirmed']} confirmed"
+    numbers = f"({one['unstable']} of {one['count']}{confirmed})"
+    return f"{100 * one['mean']:.2g} +- {100 * one['std_error']:.1g} % {numbers}"
 
 
 def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
@@ -241,12 +235,6 @@ def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
     columns["surroundings_lambda_min"] = np.where(known, around / kn, np.nan)
     columns[f"{PLACE}_error"] = np.where(np.isnan(place.matrix[:, 0, 0]), np.nan, place.error)
     return columns
-
-
-def smallest_in_place(place: LoopsInPlace, kn: float) -> Floats:
-    """Return (L,) smallest eigenvalues over `kn`; a sign within its error is not a number."""
-    smallest = loop_spectra(place.matrix)[:, 0]
-    return np.where(np.abs(smallest) > place.matrix_error, smallest / kn, np.nan)
 
 
 # Above this unbalanced force the rates of a state are not those of an equilibrium.

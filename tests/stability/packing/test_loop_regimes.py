@@ -1,6 +1,7 @@
 """Loops in place by agreeing regimes: against the matrix assembled anew, and against sampling."""
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,7 @@ from loops.system import (
 from patterns import read_snapshot, sample_path
 from stability import restrict
 from stability.complementarity import solve_from
-from stability.packing import loops_at_yield, loops_stuck
-from stability.packing.loop_regimes import with_sliding
+from stability.packing import loops_at_yield
 from stability.spectra import subspace_basis
 from tests.packings import LAW, packing
 
@@ -43,6 +43,20 @@ def loop_of(scene, row):
             k = int(np.flatnonzero(rows == row)[0])
             return grains[k], vectors[k], area[k]
     raise AssertionError
+
+
+def with_sliding(scene, yielding, sliding):
+    """The scene with the regimes of its contacts: these candidates slide, the others stick."""
+    system, boundary = yielding.system, scene.boundary
+    regimes, count = system.regime.copy(), len(system.contacts)
+    regimes[yielding.rows[sliding]] = Regime.SLIDING
+    regime = system.state.regime.copy()
+    regime[system.contacts] = regimes[:count]
+    if boundary.walls is not None:
+        slides = np.zeros(len(boundary.walls.grain), dtype=bool)
+        slides[system.carrying.grains[boundary.walls.grain]] = regimes[count:] == Regime.SLIDING
+        boundary = replace(boundary, walls=replace(boundary.walls, sliding=slides))
+    return Scene(scene.graph.replace(regime=regime), scene.law, boundary)
 
 
 def rates_of(scene, regimes, row, strain):
@@ -84,6 +98,17 @@ def test_the_matrix_assembled_anew_has_the_same_work_and_no_contact_disagrees(wh
     scene, found = small(*which)
     assert found.softening == 0 and (found.confirmed <= found.unstable).all()
     agrees(scene, found)
+
+
+def test_unstable_loops_without_candidates_are_confirmed_by_their_softest_mode():
+    """Contacts so compressed that their geometry makes loops unstable, without shear forces."""
+    graph = packing(16, seed=2)
+    graph = graph.replace(normal_force=30 * graph.normal_force, shear_force=0 * graph.shear_force)
+    found = loops_at_yield(Scene(graph, LAW), 0.9)
+    assert len(found.yielding.rows) == 0 and found.unstable.sum() == 7
+    np.testing.assert_array_equal(found.confirmed, found.unstable)
+    loops = found.confirmed
+    np.testing.assert_allclose(found.work[loops], found.smallest[loops], rtol=1e-9)
 
 
 def test_loops_of_hertzian_grains_in_regimes_that_agree():
@@ -150,11 +175,11 @@ def slips_of(which, row):
 def test_all_or_no_slips_give_the_operators_in_place(which):
     """`P = A_in h` with all candidates sliding, the stuck operator with none."""
     scene, found = small(*which)
-    stuck = loops_stuck(scene).matrix
-    for row in np.flatnonzero(np.isfinite(found.place.matrix[:, 0, 0]))[::5]:
+    stuck = loops_at_yield(scene, None).matrix
+    for row in np.flatnonzero(np.isfinite(found.matrix[:, 0, 0]))[::5]:
         Q, M, A, Z = slips_of(which, row)
         size = np.linalg.norm(A)
-        slid = restrict(found.place.matrix[row], "symmetric")
+        slid = restrict(found.matrix[row], "symmetric")
         np.testing.assert_allclose(A - Z @ np.linalg.solve(M, Q), slid, atol=1e-11 * size, rtol=0)
         np.testing.assert_allclose(A, restrict(stuck[row], "symmetric"), atol=1e-12 * size, rtol=0)
 

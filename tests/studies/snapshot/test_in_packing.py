@@ -251,7 +251,7 @@ def test_a_state_brought_to_rest_has_a_share(box, monkeypatch, tmp_path, capsys)
     for loop, face in enumerate(rest.faces.loops):
         ends = slice(*rest.faces.offsets[face : face + 2])
         number[frozenset(rest.ids[rest.faces.grains[ends]].tolist())] = loop
-    smallest = eigenvalues(found.place.matrix)[:, 0] / box.mean_kn
+    smallest = eigenvalues(found.matrix)[:, 0] / box.mean_kn
     for ids, value in zip(table["grains"][held.notna()], held[held.notna()], strict=True):
         assert value == pytest.approx(smallest[number[frozenset(ids)]], rel=1e-9)
     again = gl.loop_table(box, in_packing=True, hold=True)
