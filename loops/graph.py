@@ -195,8 +195,8 @@ class GrainGraph(Shown):
         """Return a graph with some fields changed, validated again.
 
         Regimes belong to the forces that they were read with: with other forces they are dropped
-        unless given again. Other contacts keep the fields that the contacts have (forces, images,
-        regimes, rolling moments), in this order, unless one of them is given: then all are needed.
+        unless given again. Other contacts keep the forces, regimes and rolling moments that they
+        have, in this order, unless one of them is given: then all are needed, and the images.
 
         Examples
         --------
@@ -205,8 +205,8 @@ class GrainGraph(Shown):
         >>> pair.replace(normal_force=[0.1]).normal_force.tolist()
         [0.1]
         """
-        fields = (*CONTACT_FIELDS, "images")
-        if "contacts" in changes and (given := [name for name in fields if name in changes]):
+        if "contacts" in changes and (given := [n for n in CONTACT_FIELDS if n in changes]):
+            fields = (*CONTACT_FIELDS, "images")
             left = [name for name in fields if name not in changes and np.any(getattr(self, name))]
             if left:
                 received = f"new contacts with {', '.join(given)} and without {', '.join(left)}"

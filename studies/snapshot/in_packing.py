@@ -10,7 +10,6 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from loops.scene import Scene, Subject, scene_of
-from loops.tracking import Fate, loop_fates, match_contacts
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.walls import box_area, box_corners
 from stability.spectra import subspace_basis
@@ -109,6 +108,7 @@ def add_in_packing(
     """
     # Loaded only when loops are judged in place.
     from loops.in_place import loops_in_place
+    from loops.tracking import Fate, loop_fates, match_contacts
     from stability.packing.loop_regimes import loops_at_yield
 
     kn, bands = snapshot.mean_kn, BANDS if yield_band is None else (yield_band,)

@@ -166,6 +166,16 @@ def test_contacts_of_renumbered_grains_keep_what_they_have():
         np.testing.assert_array_equal(getattr(other, name), values, err_msg=name)
 
 
+def test_a_contact_that_is_turned_round_keeps_what_it_has():
+    cell = {"images": [[0, 0], [0, 0], [1, 0]], "cell": 3 * np.eye(2)}
+    graph = triangle().replace(**cell)
+    other = graph.replace(contacts=graph.contacts[:, ::-1], images=-graph.images)
+    np.testing.assert_array_equal(other.regime, graph.regime)
+    np.testing.assert_array_equal(other.normal_force, graph.normal_force)
+    with pytest.raises(InputError, match="without images"):
+        graph.replace(contacts=graph.contacts[[2, 0, 1]], **graph.at_contacts([2, 0, 1]))
+
+
 def test_contacts_in_another_order_need_every_field():
     rows = [2, 0, 1]
     graph, contacts = triangle(), triangle().contacts[rows]

@@ -282,9 +282,10 @@ def test_bad_input():
     law = RollingResistance(LAW, [0.1, 0.2], [0.3, 0.4]).take(np.array([1]))
     assert (law.k_r.tolist(), law.mu_r.tolist(), law.shear_increment) == ([0.2], [0.4], "radii")
     graph = KAGOME.replace(rolling_moment=np.ones(6))
-    names = ("contacts", "images", "normal_force", "shear_force")
-    fewer = graph.replace(**{name: getattr(graph, name)[:5] for name in names})
-    assert fewer.rolling_moment is None and graph.replace(x=graph.x).rolling_moment is not None
+    five = {"contacts": graph.contacts[:5], "images": graph.images[:5]}
+    with pytest.raises(InputError, match="without rolling_moment"):
+        graph.replace(**five, normal_force=graph.normal_force[:5], shear_force=[0.0] * 5)
+    assert graph.replace(**five, **graph.at_contacts(slice(5))).rolling_moment.tolist() == [1.0] * 5
 
 
 def test_energy_of_the_springs():

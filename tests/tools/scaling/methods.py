@@ -49,8 +49,7 @@ def shuffled(snapshot: Snapshot) -> Snapshot:
         x=graph.x[grains],
         radii=graph.radii[grains],
         contacts=place[graph.contacts[rows]],
-        normal_force=graph.normal_force[rows],
-        shear_force=graph.shear_force[rows],
+        **graph.at_contacts(rows),
     )
     return replace(snapshot, graph=mixed, regime=snapshot.regime[rows])
 
