@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -38,7 +38,6 @@ from studies.snapshot.summary import (
 )
 from studies.snapshot.table import (
     CLOSURES,
-    EIGENVALUES,
     FREE,
     GROUPS,
     LAST_ORDER,
@@ -81,13 +80,8 @@ PIXELS = 1600
 # Every group of orders has its own colour.
 ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
-EIGENVALUE_NAMES = ("smallest", "middle", "largest")
-# A histogram has as many bins as the square root of the number of loops, within these limits.
-BIN_COUNTS = 20, 60
-# Share of the loops at either end that the first and the last bin of a histogram collect.
-TAIL = 0.01
-# Largest extension of the axis for negative values beyond that, over its positive part.
-NEGATIVE = 0.15
+# Steps that are drawn of a distribution, at most.
+MOST_STEPS_DRAWN = 500
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
 # Whole numbers up to which each has its own colour.
 MOST_STEPS = 12
@@ -130,7 +124,7 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
             )
             axes[1].add_collection(outlines, autolim=False)
             unknown = int(np.count_nonzero(~np.isfinite(smallest)))
-            name = f"unstable ({JUDGE_TITLES[judge]})" + (
+            name = f"unstable ({JUDGE_TITLES[judge]}): {len(unstable)} of {len(smallest)}" + (
                 f"; white: {unknown} without a verdict" if unknown else ""
             )
             key: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
@@ -161,33 +155,22 @@ def draw_values(
     """
     if values.dtype.kind in "biu" and len(values) and np.ptp(values.astype(int)) <= MOST_STEPS:
         steps = np.arange(values.min(), values.max() + 1)
-        scale: Normalize = BoundaryNorm(np.append(steps, steps[-1] + 1) - 0.5, len(steps))
-        colours = draw(ax, values, mpl.colormaps[SEQUENTIAL].resampled(len(steps)), scale)
+        edges = BoundaryNorm(np.append(steps, steps[-1] + 1) - 0.5, len(steps))
+        colours = draw(ax, values, mpl.colormaps[SEQUENTIAL].resampled(len(steps)), edges)
         figure_of(ax).colorbar(colours, ax=ax, ticks=steps, shrink=0.75, label=label)
         return
     known = values[np.isfinite(values)]
-    signed = signed or bool((known < 0).any()) or len(known) == 0
-    top = np.percentile(known, 98) if len(known) else 1.0
-    scale = around_zero(values) if signed else Normalize(known.min(), top)
-    colours = draw(ax, values, mpl.colormaps[DIVERGING if signed else SEQUENTIAL], scale)
-    bar = figure_of(ax).colorbar(colours, ax=ax, extend="both", shrink=0.75)
-    low, high = colours.get_clim()
-    middle = 0.0 if signed else 0.5 * (low + high)
-    ticks = [low, 0.5 * (low + middle), middle, 0.5 * (middle + high), high]
-    bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
-    bar.set_label(label)
-
-
-def around_zero(values: Floats) -> Normalize:
-    """Scale with zero in the middle; each side has its own range, so that few values show too."""
-    known = values[np.isfinite(values)]
-    if not known.any():
-        return TwoSlopeNorm(0.0, vmin=-1.0, vmax=1.0)
-    high = max(np.percentile(known, 98), 0.0)
-    negative = known[known < 0]
-    low = -np.percentile(negative, 10) if len(negative) else 0.0
-    smallest = 0.05 * max(high, low, np.finfo(float).tiny)
-    return TwoSlopeNorm(0.0, vmin=-max(low, smallest), vmax=max(high, smallest))
+    unit, top = linear_part(known)
+    low = -top if signed or (known < 0).any() else float(known.min(initial=top))
+    scale = SymLogNorm(unit, vmin=low, vmax=top) if signed else Normalize(low, top)
+    ticks = np.linspace(low, top, 5)
+    if signed:
+        decades = unit * 10.0 ** np.arange(np.log10(top / unit) + 1e-9)
+        ticks = np.concatenate([-decades[::-1], [0.0], decades])
+    drawn = draw(ax, values, mpl.colormaps[DIVERGING if low < 0 else SEQUENTIAL], scale)
+    bar = figure_of(ax).colorbar(drawn, ax=ax, extend="both", shrink=0.75, label=label)
+    bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
+    bar.ax.minorticks_off()
 
 
 def loop_drawer(snapshot: Snapshot) -> Drawer:
@@ -278,7 +261,7 @@ def snapshot_figures(
     if links is not None and summary["loops"]:
         yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
-        yield "eigenvalues", lambda: eigenvalue_distribution(table, groups, unstable)
+        yield "eigenvalues", lambda: eigenvalue_distribution(table, groups)
         if any(unstable[judge].any() for judge in rose_judges(table)):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
@@ -320,56 +303,66 @@ def order_bars(summary: Summary, ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def eigenvalue_distribution(table: Columns, groups: Groups, unstable: dict[str, Flags]) -> Figure:
-    """Histograms of the eigenvalues of Ks: one row per judge, one colour per group of orders."""
-    present = list(unstable)
-    figure, panels = new_panels(len(present), 3, 0.2 + 1.8 * len(present), sharey=True)
-    for k, (name, shown) in enumerate(zip(EIGENVALUES, EIGENVALUE_NAMES, strict=True)):
-        values = np.concatenate([table[f"{judge}_{name}"] for judge in present])
-        edges = _edges(values, len(present))
-        for ax, judge in zip(panels[:, k], present, strict=True):
-            for group in GROUPS:
-                own = table[f"{judge}_{name}"][groups[group]]
-                known = np.clip(own[np.isfinite(own)], edges[0], edges[-1])
-                if len(known):
-                    share_per_bin = np.histogram(known, edges)[0] / len(known)
-                    colour = GROUP_COLOURS[group]
-                    ax.stairs(share_per_bin, edges, color=colour, linewidth=1.0, baseline=None)
-            ax.set(yscale="log", xlim=(edges[0], edges[-1]))
-            if edges[0] < 0:
-                ax.axvspan(edges[0], 0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-        panels[-1, k].set_xlabel(shown)
-    for judge, row in zip(present, panels, strict=True):
-        written, rest = (", as written", " at rest") if judge == PLACE else ("", "")
-        row[0].set_ylabel(f"{JUDGE_TITLES[judge]}{written}\nshare of the loops per bin")
-        known = np.isfinite(verdicts(table, judge))
+def eigenvalue_distribution(table: Columns, groups: Groups) -> Figure:
+    """Share of the loops below each smallest eigenvalue of Ks: a panel a judge, a line an order."""
+    present = judges(table)
+    figure, (axes,) = new_panels(1, len(present), 2.7, sharex=True, sharey=True)
+    smallest = {judge: verdicts(table, judge) for judge in present}
+    withheld = [judge for judge in present if not np.isfinite(smallest[judge]).any()]
+    smallest |= {judge: table[f"{judge}_lambda_min"] for judge in withheld}
+    whole = np.concatenate([*smallest.values()])
+    unit, _ = linear_part(whole)
+    low, high = 1.2 * np.nanmin(whole, initial=0.0), 1.2 * np.nanmax(whole, initial=unit)
+    for ax, judge in zip(axes, present, strict=True):
+        known = np.isfinite(smallest[judge])
         for group in GROUPS:
             rows = groups[group]
-            if known[rows].any():
-                lost = np.count_nonzero(unstable[judge][rows])
-                percent = 100 * lost / np.count_nonzero(known[rows])
-                label = f"order {group}: {float(f'{percent:.2g}'):g} %"
-                if not known[rows].all():
-                    label += f"\n({np.count_nonzero(known[rows])} of {len(known[rows])})"
-                row[2].plot([], [], color=GROUP_COLOURS[group], label=label)
-        unsure = "" if known.all() else "\n(judged of all)"
-        title = f"unstable{rest}{unsure if known.any() else ': withheld'}"
-        row[2].legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    figure.supxlabel(r"eigenvalue of $K_s$ / mean $k_n$", fontsize=8)
+            own = np.sort(smallest[judge][rows][known[rows]])
+            if len(own):
+                # Of many loops some; the first and the last are among them.
+                kept = np.linspace(0, len(own) - 1, min(len(own), MOST_STEPS_DRAWN)).astype(int)
+                x, y = np.append(own[0], own[kept]), np.append(0, kept + 1) / len(own)
+                ax.step(x, y, where="post", color=GROUP_COLOURS[group], linewidth=1.0)
+        state = "" if judge != PLACE else ", as written" if judge in withheld else ", at rest"
+        lost = np.count_nonzero(unstable_loops(table, judge))
+        counted = f"{lost} of {np.count_nonzero(known)} unstable"
+        unsure = "" if known.all() else f"\n{np.count_nonzero(~known)} without a verdict"
+        told = "verdicts withheld" if judge in withheld else counted + unsure
+        ax.set_title(f"{JUDGE_TITLES[judge]}{state}\n{told}")
+        ax.set_xlabel(r"$\lambda_{\min}(K_s)$ / mean $k_n$")
+        ax.axvspan(low, 0.0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
+    axes[0].set_xscale("symlog", linthresh=unit)
+    ticks = [-10 * unit, -unit, 0, unit, 10 * unit, 100 * unit]
+    ticks = [tick for tick in ticks if low <= tick <= high]
+    axes[0].set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axes[0].set(xlim=(low, high), ylim=(0, 1), ylabel="share of the loops below")
+    order_key(figure, table["order"])
     return figure
 
 
-def _edges(values: Floats, tables: int = 1) -> Floats:
-    """Edges of the bins of a histogram; one edge is zero, the outer bins collect the tails."""
-    known = values[np.isfinite(values)]
-    if len(known) == 0:
-        return np.linspace(0.0, 1.0, BIN_COUNTS[0] + 1)
-    low, high = np.quantile(known, [TAIL, 1 - TAIL])
-    if known.min() < 0:
-        low = max(known.min(), min(low, -NEGATIVE * abs(high)))
-    width = max((high - low) / np.clip((len(known) / tables) ** 0.5, *BIN_COUNTS), 1e-9)
-    first, last = np.floor(low / width), np.ceil(high / width)
-    return width * np.arange(first, last + 1.5)
+def linear_part(values: Floats) -> tuple[float, float]:
+    """Where a logarithmic scale of both signs becomes linear, and its end.
+
+    A power of ten that three quarters of the values exceed; at most a thousandth of the end, which
+    98 % do not.
+    """
+    size = np.abs(values[np.isfinite(values) & (values != 0)])
+    if not len(size):
+        return 0.1, 1.0
+    quarter, top = np.percentile(size, [25, 98]).tolist()
+    return 10.0 ** float(np.floor(np.log10(max(quarter, 1e-3 * top)))), top
+
+
+def order_key(figure: Figure, order: Integers) -> None:
+    """Key of the groups of orders that there are, with the number of their loops."""
+    counts = np.bincount(np.minimum(order, LAST_ORDER), minlength=LAST_ORDER + 1)[3:].tolist()
+    handles = [
+        Line2D([], [], color=GROUP_COLOURS[name], label=f"order {name} ({count})")
+        for name, count in zip(GROUPS, counts, strict=True)
+        if count
+    ]
+    beside = key_columns(figure, len(GROUPS))
+    figure.legend(handles=handles, loc="outside lower center", ncols=beside)
 
 
 def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
@@ -452,7 +445,7 @@ def rose_judges(table: Columns) -> tuple[str, ...]:
 @styled()
 def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) -> Figure:
     """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
-    figure, (axes,) = new_panels(1, 2, 3.7, subplot_kw={"projection": "polar"})
+    figure, (axes,) = new_panels(1, 2, 4.2, subplot_kw={"projection": "polar"})
     unstable = {judge: judged[judge] for judge in rose_judges(table) if judged[judge].any()}
     for ax, (title, column, key) in zip(
         axes,
@@ -467,8 +460,12 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
             angles = angles[np.isfinite(angles)]
             width = FINE_BIN if len(angles) >= FEW_AXES else COARSE_BIN
             label = f"{JUDGE_TITLES[closure]}, {len(angles)} loops"
-            density = axes_density(angles, width)["density"]
-            _bars(ax, density, CLOSURE_COLOURS[closure], label, filled=False)
+            counted, colour = axes_density(angles, width), CLOSURE_COLOURS[closure]
+            density, axis = counted["density"], np.radians(counted["angle"])
+            error = density / np.sqrt(np.maximum(counted["count"], 1))
+            _bars(ax, density, colour, label, filled=False)
+            ax.errorbar([*axis, *(axis + np.pi)], [*density] * 2, [*error] * 2, fmt="none",
+                        ecolor=colour, elinewidth=0.7)  # fmt: skip
         for closure in unstable:
             mean, colour = summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure]
             if mean["count"]:
@@ -493,18 +490,16 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
     for name in GROUPS:
         rows = groups[name]
         left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
-                  label=f"order {name}", rasterized=len(alone) > FEW_AXES**2)  # fmt: skip
-    for value, limits in ((alone, left.set_xlim), (inside, left.set_ylim)):
-        edges = _edges(value)
-        limits(edges[0], edges[-1])
+                  rasterized=len(alone) > FEW_AXES**2)  # fmt: skip
+    unit, _ = linear_part(np.concatenate([alone, inside]))
+    left.set_xscale("symlog", linthresh=unit)
+    left.set_yscale("symlog", linthresh=unit)
     for line in (left.axhline, left.axvline):
         line(0.0, color=GREY, linewidth=0.6)
     left.set(xlabel="cut out, spins free", ylabel=where)
     unstable_by_band(middle, at_rest)
     left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
-    key = left.get_legend_handles_labels()
-    beside = key_columns(figure, len(GROUPS))
-    figure.legend(*key, loc="outside lower center", ncols=beside, markerscale=3)
+    order_key(figure, table["order"])
     order = table["order"]
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
     if orders:

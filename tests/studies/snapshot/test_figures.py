@@ -7,10 +7,12 @@ import pandas as pd
 import pytest
 
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.snapshot import run_snapshot
+from studies.snapshot import figures, run_snapshot
 from studies.snapshot.figures import (
     eigenvalue_distribution,
     fabric_rose,
+    loop_drawer,
+    loop_map,
     order_bars,
     snapshot_figures,
     unstable_rose,
@@ -22,7 +24,7 @@ from studies.snapshot.summary import (
     snapshot_summary,
     unstable_loops,
 )
-from studies.snapshot.table import EIGENVALUES, loop_columns
+from studies.snapshot.table import GROUPS, loop_columns
 from studies.study import Results
 
 PERIODIC = sample_path("grains_periodic.parquet")
@@ -86,20 +88,51 @@ def test_rose_of_unstable_loops(sample):
     np.testing.assert_allclose(reach, block["resultant"] * soft.get_ylim()[1])
 
 
-def test_histograms_hold_every_loop(sample):
+@pytest.mark.parametrize("most", [500, 7])
+def test_distributions_hold_every_loop(sample, monkeypatch, most):
+    """The line of an order passes the share of its loops below each value, zero among them."""
+    monkeypatch.setattr(figures, "MOST_STEPS_DRAWN", most)
     _, table, _ = sample
-    figure = eigenvalue_distribution(table, group_rows(table["order"]), judged(table))
+    figure = eigenvalue_distribution(table, group_rows(table["order"]))
     pooled = np.minimum(table["order"], 8)
-    names = [f"{judge}_{name}" for judge in judges(table) for name in EIGENVALUES]
-    for ax, name in zip(figure.axes, names, strict=True):
-        shares = [
-            patch.get_data().values.sum() for patch in ax.patches if hasattr(patch, "get_data")
-        ]
-        np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
-        assert len(shares) == len(np.unique(pooled[np.isfinite(table[name])]))
-    legend = [text.get_text() for text in figure.axes[5].get_legend().get_texts()]
-    shares = ("3: 0", "4: 0.49", "5: 0.51", "6: 0.55", "7: 2.6", "8+: 0.81")
-    assert legend == [f"order {share} %" for share in shares]
+    for ax, judge in zip(figure.axes, judges(table), strict=True):
+        smallest = table[f"{judge}_lambda_min"]
+        known = np.isfinite(smallest)
+        assert len(ax.lines) == len(np.unique(pooled[known]))
+        for order, line in zip(np.unique(pooled[known]), ax.lines, strict=True):
+            own = np.sort(smallest[known & (pooled == order)])
+            x, y = line.get_data()
+            assert (x[0], y[0], x[-1], y[-1]) == (own[0], 0.0, own[-1], 1.0)
+            np.testing.assert_allclose(y[1:], np.searchsorted(own, x[1:], "right") / len(own))
+            assert most < 500 or len(x) == len(own) + 1
+        lost = f"{np.count_nonzero(unstable_loops(table, judge))} of {known.sum()} unstable"
+        assert lost in ax.get_title()
+    counts = np.bincount(pooled, minlength=9)[3:]
+    key = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert key == [f"order {name} ({n})" for name, n in zip(GROUPS, counts, strict=True)]
+
+
+def test_one_scale_for_both_signs(sample):
+    snapshot, table, _ = sample
+    figure = loop_map(snapshot, table, loop_drawer(snapshot))
+    scale = figure.axes[1].collections[0].norm
+    assert scale.vmin == -scale.vmax and 0 < scale.linthresh < scale.vmax / 3
+    assert scale(0.0) == 0.5
+    (said,) = figure.axes[1].get_legend().get_texts()
+    lost = np.count_nonzero(table["traction_lambda_min"] < 0)
+    assert said.get_text() == f"unstable (traction, spins blocked): {lost} of {len(table['loop'])}"
+
+
+def test_roses_of_few_loops_have_errors(sample):
+    """Of n axes in a bin the density is uncertain by one over the root of n."""
+    _, table, summary = sample
+    ax = unstable_rose(table, judged(table), summary).axes[0]
+    bars_drawn = ax.containers[1].lines[2][0].get_segments()
+    assert len(bars_drawn) == 18
+    _, height, width = bars(ax, 0)
+    for (low, high), density in zip(bars_drawn, height, strict=True):
+        count = density * 7 * 2 * width[0]
+        assert high[1] - low[1] == pytest.approx(2 * density / max(count, 1) ** 0.5, abs=1e-12)
 
 
 def test_bars_of_orders(sample):
@@ -121,7 +154,7 @@ def test_stable_and_untrusted_loops_are_drawn_too(sample):
     names = [name for name, _ in snapshot_figures(snapshot, stable, fabric, summary)]
     assert "eigenvalues" in names and "directions" not in names
     groups = group_rows(stable["order"])
-    eigenvalue_distribution(stable, groups, judged(stable)).draw_without_rendering()
+    eigenvalue_distribution(stable, groups).draw_without_rendering()
 
 
 def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
