@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -53,11 +56,13 @@ def probability_map(found: Forecast, ax: Axes) -> Axes:
     """Draw the loops of the sample by the probability that they are lost."""
     values = found.loops["lost_probability"].to_numpy()
     scale = Normalize(0.0, 1.0)
-    drawn = loop_drawer(planar(found.evolution.scene))(ax, values, mpl.colormaps[SEQUENTIAL], scale)
+    colours = mpl.colormaps[SEQUENTIAL]
+    loop_drawer(planar(found.evolution.scene))(ax, values, colours, scale)
     driven, to = found.evolution.driven, found.evolution.to
     name = f"{driven[0]}_{{{driven[1:]}}}"
     label = f"probability that the loop is lost up to $\\Delta {name}$ = {to:g}"
-    figure_of(ax).colorbar(drawn, ax=ax, location="bottom", shrink=0.75, label=label)
+    shown: Any = {"location": "bottom", "shrink": 0.75, "label": label}
+    figure_of(ax).colorbar(ScalarMappable(scale, colours), ax=ax, **shown)
     if not np.isfinite(values).any():
         ax.set_title("no probabilities: see the notes")
     return ax

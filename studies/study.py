@@ -6,6 +6,7 @@ import base64
 import json
 import mimetypes
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
@@ -85,19 +86,24 @@ class Results:
         if self.figures is None:
             return []
         # matplotlib is loaded only if something is drawn.
-        from studies.style import figure_file, save_figure
+        from studies.style import drawn_file
 
-        pictures, (names, kind) = [], self.figures
-        for name, draw in drawings:
-            if names and name not in names:
-                continue
-            drawn = draw() if callable(draw) else draw
-            figure: Any = getattr(drawn, "figure", drawn)
-            content = save_figure(figure, self.folder, name, self.source, kind)
-            if kind == "pdf":
-                content = figure_file(figure, name, self.source)
-            pictures.append(Picture(name, PAGE_KINDS[kind], content))
-        return pictures
+        (names, kind), files = self.figures, dict[str, list[Future[bytes]]]()
+        kinds = dict.fromkeys([kind, "png" if kind == "pdf" else kind])
+        # Packing releases the interpreter, so that the next figure is drawn meanwhile.
+        with ThreadPoolExecutor(1) as packer:
+            for name, draw in drawings:
+                if names and name not in names:
+                    continue
+                drawn = draw() if callable(draw) else draw
+                figure: Any = getattr(drawn, "figure", drawn)
+                files[name] = [
+                    packer.submit(drawn_file(figure, name, self.source, one)) for one in kinds
+                ]
+        for name, packed in files.items():
+            (self.folder / f"{name}.{kind}").write_bytes(packed[0].result())
+        shown = PAGE_KINDS[kind]
+        return [Picture(name, shown, packed[-1].result()) for name, packed in files.items()]
 
     def write_report(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from io import BytesIO
 from itertools import chain
@@ -188,17 +188,18 @@ def say_empty(ax: Axes, why: str) -> None:
 
 def save_figure(
     fig: Figure, folder: Path, name: str, source: Mapping[str, Any], kind: str = "png"
-) -> bytes:
-    """Save a figure as PNG, SVG or PDF; return the bytes of the file."""
-    content = figure_file(fig, name, source, kind)
-    (folder / f"{name}.{kind}").write_bytes(content)
-    return content
+) -> None:
+    """Save a figure as PNG, SVG or PDF."""
+    (folder / f"{name}.{kind}").write_bytes(drawn_file(fig, name, source, kind)())
 
 
-def figure_file(fig: Figure, name: str, source: Mapping[str, Any], kind: str = "png") -> bytes:
-    """A figure as PNG (300 dpi), SVG or PDF, its provenance as JSON in the metadata.
+def drawn_file(
+    fig: Figure, name: str, source: Mapping[str, Any], kind: str = "png"
+) -> Callable[[], bytes]:
+    """Draw a figure; return what packs it as PNG (300 dpi), SVG or PDF, in any thread.
 
-    No date is written: the same numbers give the same bytes.
+    The provenance is in the metadata as JSON. No date is written: the same numbers give the same
+    bytes.
     """
     made_by = f"{source.get('command', 'grainloops')}, version {source.get('version', 'unknown')}"
     keys = METADATA[kind]
@@ -211,15 +212,18 @@ def figure_file(fig: Figure, name: str, source: Mapping[str, Any], kind: str = "
             # By `savefig` everything would be drawn once more for the layout.
             engine.execute(fig)
             fig.set_layout_engine(None)
-        if kind == "png":
-            canvas.draw()
-            # The file is a tenth larger than by default, and takes two thirds of the time.
-            packed: Any = {"compress_level": 3}
-            how: Any = {"metadata": said, "dpi": fig.dpi, "pil_kwargs": packed}
-            imsave(file, canvas.buffer_rgba(), format="png", origin="upper", **how)
-        else:
+        if kind != "png":
             fig.savefig(file, format=kind, metadata=said)
-    return bytes(file.getvalue())
+            return cast(Callable[[], bytes], file.getvalue)
+        canvas.draw()
+    # The file is a tenth larger than by default, and takes two thirds of the time.
+    how: Any = {"metadata": said, "dpi": fig.dpi, "pil_kwargs": {"compress_level": 3}}
+
+    def pack() -> bytes:
+        imsave(file, canvas.buffer_rgba(), format="png", origin="upper", **how)
+        return bytes(file.getvalue())
+
+    return pack
 
 
 def write_animation(

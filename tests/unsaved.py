@@ -12,4 +12,4 @@ PIXEL = base64.b64decode(
 
 def leave_files_empty(patch: pytest.MonkeyPatch) -> None:
     """The names of the figures stay; a file has one pixel."""
-    patch.setattr("studies.style.figure_file", lambda *_: PIXEL)
+    patch.setattr("studies.style.drawn_file", lambda *_: lambda: PIXEL)

@@ -497,7 +497,7 @@ def animate_series(
         figure.suptitle(frame.title)
 
     show(first)
-    order_bar(ScalarMappable(ORDER_SCALE, palettes[0]), axes[0])
+    order_bar(axes[0])
     if first.smallest is not None:
         colours = ScalarMappable(scales[1], palettes[1])
         bar = figure.colorbar(colours, ax=axes[1], shrink=0.75, extend="both")

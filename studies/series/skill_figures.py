@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -102,9 +103,9 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]
     palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
-    draw = loop_drawer(before)
-    colours = draw(ax, work, palette, Normalize(-1.0, 1.0))
-    bar = figure_of(ax).colorbar(colours, ax=ax, shrink=0.8)
+    scale = Normalize(-1.0, 1.0)
+    loop_drawer(before)(ax, work, palette, scale)
+    bar = figure_of(ax).colorbar(ScalarMappable(scale, palette), ax=ax, shrink=0.8)
     bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")
     handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
     ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
@@ -200,8 +201,9 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     draw = loop_drawer(before)
     panels = {"predicted by the packing": predicted["packing_nonaffinity"], "actual": actual}
     for ax, (title, values) in zip(axes, panels.items(), strict=True):
-        colours = draw(ax, values, palette, scale)
+        draw(ax, values, palette, scale)
         ax.set_title(title)
+    colours = ScalarMappable(scale, palette)
     bar = figure_of(axes[0]).colorbar(colours, ax=axes, shrink=0.75, extend="both")
     ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low < tick < high]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks], minor=False)

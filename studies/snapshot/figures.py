@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
@@ -70,7 +71,7 @@ from studies.style import (
 )
 
 # A function (axes, values of the loops, colour map, scale) that draws the loops.
-Drawer = Callable[..., ScalarMappable]
+Drawer = Callable[..., Artist]
 # More loops than these are pixels in the SVG too.
 VECTOR_LIMIT = 20_000
 # More loops than these are painted into one picture instead of drawn one by one.
@@ -134,13 +135,13 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
 
 def draw_orders(draw: Drawer, ax: Axes, order: Integers) -> None:
     """Loops coloured by order."""
-    order_bar(
-        draw(ax, np.minimum(order, LAST_ORDER), ListedColormap(ORDER_COLOURS), ORDER_SCALE), ax
-    )
+    draw(ax, np.minimum(order, LAST_ORDER), ListedColormap(ORDER_COLOURS), ORDER_SCALE)
+    order_bar(ax)
 
 
-def order_bar(colours: ScalarMappable, ax: Axes) -> None:
+def order_bar(ax: Axes) -> None:
     """Draw the colour bar of the orders beside a map."""
+    colours = ScalarMappable(ORDER_SCALE, ListedColormap(ORDER_COLOURS))
     bar = figure_of(ax).colorbar(colours, ax=ax, ticks=range(3, LAST_ORDER + 1), shrink=0.75)
     bar.ax.set_yticklabels(GROUPS)
     bar.set_label("loop order (grains)")
@@ -156,8 +157,10 @@ def draw_values(
     if values.dtype.kind in "biu" and len(values) and np.ptp(values.astype(int)) <= MOST_STEPS:
         steps = np.arange(values.min(), values.max() + 1)
         edges = BoundaryNorm(np.append(steps, steps[-1] + 1) - 0.5, len(steps))
-        colours = draw(ax, values, mpl.colormaps[SEQUENTIAL].resampled(len(steps)), edges)
-        figure_of(ax).colorbar(colours, ax=ax, ticks=steps, shrink=0.75, label=label)
+        colours = mpl.colormaps[SEQUENTIAL].resampled(len(steps))
+        draw(ax, values, colours, edges)
+        mapped = ScalarMappable(edges, colours)
+        figure_of(ax).colorbar(mapped, ax=ax, ticks=steps, shrink=0.75, label=label)
         return
     known = values[np.isfinite(values)]
     unit, top = linear_part(known)
@@ -167,8 +170,10 @@ def draw_values(
     if signed:
         decades = unit * 10.0 ** np.arange(np.log10(top / unit) + 1e-9)
         ticks = np.concatenate([-decades[::-1], [0.0], decades])
-    drawn = draw(ax, values, mpl.colormaps[DIVERGING if low < 0 else SEQUENTIAL], scale)
-    bar = figure_of(ax).colorbar(drawn, ax=ax, extend="both", shrink=0.75, label=label)
+    colours = mpl.colormaps[DIVERGING if low < 0 else SEQUENTIAL]
+    draw(ax, values, colours, scale)
+    shown: Any = {"extend": "both", "shrink": 0.75, "label": label}
+    bar = figure_of(ax).colorbar(ScalarMappable(scale, colours), ax=ax, **shown)
     bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
     bar.ax.minorticks_off()
 
@@ -182,7 +187,7 @@ def _polygon_drawer(snapshot: Snapshot) -> Drawer:
     """Return a function that draws every loop as a polygon."""
     polygons = polygons_of_loops(snapshot)
 
-    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
+    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> Artist:
         collection = PolyCollection(
             polygons,
             array=values,
@@ -207,7 +212,7 @@ def _painter(snapshot: Snapshot) -> Drawer:
 
     painting = paint_loops(snapshot.graph, snapshot.faces, PIXELS)
 
-    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> ScalarMappable:
+    def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> Artist:
         # A pixel outside all loops is -1, which finds the last value. Colours are computed for
         # each loop, not for each pixel: there are more pixels than loops.
         known = np.ma.masked_invalid(np.append(values, np.nan))
@@ -216,8 +221,6 @@ def _painter(snapshot: Snapshot) -> Drawer:
             shades[painting.loop],
             origin="lower",
             extent=painting.extent,
-            cmap=colours,
-            norm=scale,
             interpolation="none",
             rasterized=True,
         )

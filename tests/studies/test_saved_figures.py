@@ -70,7 +70,7 @@ TABLES = {".parquet", ".json"}
 
 @pytest.mark.parametrize("command", [snapshot(), *LOOPS])
 def test_no_figure_is_drawn_if_none_is_wanted(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "figure_file", None)
+    monkeypatch.setattr(style, "drawn_file", None)
     for number, none in enumerate((("--figures", "none"), ("--no-figures",))):
         out = tmp_path / f"{number}"
         assert run(monkeypatch, *command, *none, "--out", out) == 0
