@@ -106,13 +106,14 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
     ratio = extent[1] / extent[0] if extent[0] > 0 else 1.0
     height = float(np.clip((panel_width(2) - 0.95) * ratio + 0.5, 2.0, 9.0))
     panels = 2 if snapshot.mechanical else 1
-    figure, (axes,) = new_panels(1, panels, height, TWO_COLUMNS * panels / 2)
+    figure, (axes,) = new_panels(1, panels, height, TWO_COLUMNS * panels / 2, sharey=True)
     draw_orders(draw, axes[0], table["order"])
     if snapshot.mechanical:
         judge = main_judge(table)
         smallest = verdicts(table, judge)
         label = r"smallest eigenvalue of $K_s$ / mean $k_n$"
         draw_values(draw, axes[1], smallest, label, signed=True)
+        axes[1].label_outer()
         unstable = np.flatnonzero(smallest < 0)
         # Some unstable loops are too soft to show by their colour: a line goes around them.
         if len(unstable) <= VECTOR_LIMIT:
@@ -378,17 +379,16 @@ def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
 def chains_figure(
     table: Columns, draw: Drawer, links: Floats, groups: Groups, unstable: dict[str, Flags]
 ) -> Figure:
-    """Force chains over the loops by order; unstable loops beside chains and elsewhere."""
-    figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.25, 1))
+    """Force chains over the loops; unstable loops beside chains and elsewhere."""
+    figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.1, 1))
     left, right = axes
-    draw_orders(draw, left, table["order"])
+    draw(left, np.zeros(len(table["order"])), ListedColormap([LIGHT_GREY]), Normalize(0.0, 1.0))
     many = len(links) > VECTOR_LIMIT
     lines = _joined(links) if many else list(links)
     width = float(np.clip(60.0 / max(len(table["order"]), 1) ** 0.5, 0.3, 2.0))
     look: Any = {"capstyle": "round", "rasterized": many}
-    for colour, wide in (("white", 2.2), (BLACK, 1.2)):
-        drawn = LineCollection(lines, colors=colour, linewidths=wide * width, **look)
-        left.add_collection(drawn, autolim=False)
+    drawn = LineCollection(lines, colors=BLUE, linewidths=1.2 * width, **look)
+    left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
     judge = main_judge(table)
     near, smallest = table["chain_contacts"] > 0, verdicts(table, judge)
