@@ -314,9 +314,7 @@ def eigenvalue_distribution(table: Columns, groups: Groups) -> Figure:
     smallest = {judge: verdicts(table, judge) for judge in present}
     withheld = [judge for judge in present if not np.isfinite(smallest[judge]).any()]
     smallest |= {judge: table[f"{judge}_lambda_min"] for judge in withheld}
-    whole = np.concatenate([*smallest.values()])
-    unit, _ = linear_part(whole)
-    low, high = 1.2 * np.nanmin(whole, initial=0.0), 1.2 * np.nanmax(whole, initial=unit)
+    low = both_signs(axes[0], "x", np.concatenate([*smallest.values()]))
     for ax, judge in zip(axes, present, strict=True):
         known = np.isfinite(smallest[judge])
         for group in GROUPS:
@@ -335,11 +333,7 @@ def eigenvalue_distribution(table: Columns, groups: Groups) -> Figure:
         ax.set_title(f"{JUDGE_TITLES[judge]}{state}\n{told}")
         ax.set_xlabel(r"$\lambda_{\min}(K_s)$ / mean $k_n$")
         ax.axvspan(low, 0.0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-    axes[0].set_xscale("symlog", linthresh=unit)
-    ticks = [-10 * unit, -unit, 0, unit, 10 * unit, 100 * unit]
-    ticks = [tick for tick in ticks if low <= tick <= high]
-    axes[0].set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    axes[0].set(xlim=(low, high), ylim=(0, 1), ylabel="share of the loops below")
+    axes[0].set(ylim=(0, 1), ylabel="share of the loops below")
     order_key(figure, table["order"])
     return figure
 
@@ -355,6 +349,19 @@ def linear_part(values: Floats) -> tuple[float, float]:
         return 0.1, 1.0
     quarter, top = np.percentile(size, [25, 98]).tolist()
     return 10.0 ** float(np.floor(np.log10(max(quarter, 1e-3 * top)))), top
+
+
+def both_signs(ax: Axes, axis: str, values: Floats) -> float:
+    """Make an axis, x or y, logarithmic but for its middle, with few ticks; return its low end."""
+    unit, _ = linear_part(values)
+    low, high = 1.2 * np.nanmin(values, initial=0.0), 1.2 * np.nanmax(values, initial=unit)
+    powers = np.arange(1 + np.log10(max(-low, high) / unit))
+    decades = unit * 10.0 ** powers[:: 1 if len(powers) < 4 else 2]
+    ticks = [tick for tick in (*-decades[::-1], 0.0, *decades) if low <= tick <= high]
+    getattr(ax, f"set_{axis}scale")("symlog", linthresh=unit)
+    getattr(ax, f"set_{axis}ticks")(ticks, labels=[f"{tick:g}" for tick in ticks])
+    getattr(ax, f"set_{axis}lim")(low, high)
+    return float(low)
 
 
 def order_key(figure: Figure, order: Integers) -> None:
@@ -494,9 +501,8 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
         rows = groups[name]
         left.plot(alone[rows], inside[rows], ".", color=GROUP_COLOURS[name], markersize=2.5,
                   rasterized=len(alone) > FEW_AXES**2)  # fmt: skip
-    unit, _ = linear_part(np.concatenate([alone, inside]))
-    left.set_xscale("symlog", linthresh=unit)
-    left.set_yscale("symlog", linthresh=unit)
+    both_signs(left, "x", alone)
+    both_signs(left, "y", inside)
     for line in (left.axhline, left.axvline):
         line(0.0, color=GREY, linewidth=0.6)
     left.set(xlabel="cut out, spins free", ylabel=where)
