@@ -95,7 +95,7 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
 # paths, which are not refined, move by 1e-8 or less (docs/knobs.md).
 REGULARISATION = 1e-11
 # Relative residual at which refinement ends; one step reaches rounding.
-REFINED = 1e-15
+REFINED = 1e-14
 # Steps of refinement at most.
 REFINEMENTS = 8
 # Stiffness over the typical one against which a mechanism moves under its load: so fast that
@@ -405,7 +405,8 @@ def _solved(
     for start in range(0, loads.shape[1], width):
         part = slice(start, start + width)
         out[:, part] = _corrected(matrix, once, loads[:, part], refine)
-    return np.asarray(out + R @ (compliance * left - L @ out))
+    out += R @ (compliance * left - L @ out)
+    return out
 
 
 def _corrected(
