@@ -27,7 +27,8 @@ from loops import (
 )
 from loops.in_place import loops_in_place
 from loops.system import packing_stress
-from patterns import Snapshot, regular_polygon
+from patterns import Snapshot, WallContacts, regular_polygon
+from patterns.snapshots.walls import wall_plates
 from stability import Stage, follow, programmes
 from stability.material import LoopMaterial, oriented
 from stability.packing import hold, replay
@@ -293,3 +294,21 @@ def test_forces_of_walls_start_as_they_are_given(law, sample):
     total = contact_forces(graph).T @ graph.branches - force.T @ planes.to_plates(graph.x)
     system = gl.rates_at(scene, H=np.diag([1.0, -1.0])).system
     np.testing.assert_allclose(packing_stress(system), total / 16.0, rtol=0, atol=1e-12)
+
+
+def rolling_hertz(graph, term=1.0):
+    return RollingResistance(hertz(graph), ROLLING)
+
+
+@pytest.mark.parametrize(
+    "law", [*LAWS, linear, hertz, mindlin, rolling_hertz], ids=lambda law: law.__name__
+)
+def test_walls_without_a_stiffness_have_the_tangent_of_the_law(law):
+    """The force over the overlap times the power of the overlap that it goes with."""
+    graph, planes, force = jammed_in_box(16, 6, BRANCH, ROUGH)
+    found, _ = wall_plates(graph, WallContacts(planes.grain, force, -planes.branch), law(graph))
+    overlap = graph.radii[planes.grain] - np.linalg.norm(planes.branch, axis=1)
+    power = 1.5 if law in (anew, anew_mindlin, hertz, mindlin, rolling_hertz) else 1.0
+    if law is stiffening:
+        power = (1.0 + 2.0 * BEND * overlap) / (1.0 + BEND * overlap)
+    np.testing.assert_allclose(found.kn, power * planes.kn, rtol=1e-8)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import splu
 
 from loops import (
     GrainGraph,
@@ -19,10 +20,17 @@ from loops import (
     contact_tangent,
 )
 from loops.boundary import Boundary, PlaneContacts, boundary_of
+from loops.gears import spin_modes
+from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at
 from stability.packing import response
+from stability.packing.controls import component_control
+from stability.packing.response import PackingRates
+from stability.packing.yielding import UNIT_STRAINS, YIELD_BAND, yield_response
+from tests.oracles import eighty_bits
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
+from tests.stability.packing.yade_rest import STATES, yade_rest
 
 H = np.array([[0.8, 0.3], [-0.1, -0.5]])
 
@@ -308,3 +316,27 @@ def test_what_floats_or_has_no_area_is_refused():
         rates_at(Scene(graph, LAW), H=[1.0, 2.0])
     with pytest.raises(InputError, match=r"stress_rate: got .* Give zero to hold the stress"):
         rates_at(Scene(graph, LAW), H=np.full((2, 2), np.nan), P=[[np.nan] * 2] * 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("state", STATES)
+def test_q_and_M_are_those_of_eighty_bits(state):
+    """Straight from the contacts, all candidates sticking; slips are refined in 80 bits."""
+    graph, law, _ = yade_rest(state)
+    yielding = yield_response(Scene(graph, law), yield_band=YIELD_BAND)
+    rates, system, rows = PackingRates(yielding), yielding.system, yielding.rows
+    q, M = rates.problem(component_control(H, None))
+    modes = spin_modes(system.stiffness, system.ends, system.size)
+    K, number = eighty_bits.matrix_of(system, modes)
+    assert K.shape[0] == system.size and (number >= 0).all()
+    affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS) @ H.ravel()
+    strained = balancing_forces(system, np.einsum("eij,ej->ei", system.stiffness, affine))
+    loads = np.column_stack([-in_freedoms(system, rows, yielding.push).T.toarray(), strained])
+    lu = splu(K.astype(float).tocsc())
+    motion = eighty_bits.refined(K, lu, loads.astype(eighty_bits.LONG)).astype(float)
+    relative = np.array([relative_motion(system, v)[rows] for v in motion.T])
+    edges = np.einsum("ci,kci->ck", yielding.gauge, relative)
+    wanted = np.eye(len(rows)) + edges[:, :-1]
+    np.testing.assert_allclose(M, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+    wanted = edges[:, -1] + np.sum(yielding.gauge * affine[rows], axis=1)
+    np.testing.assert_allclose(q, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
