@@ -16,6 +16,7 @@ Five grains compressed along axis 1 at constant stress along axis 2:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -162,7 +163,7 @@ class Stage(Shown):
     ----------
     programme : Programme or str
         Controlled quantities; or the name of one of this module at its unit rate, such as
-        'isotropic_strain' or 'drained_biaxial'.
+        'isotropic_strain' or 'drained_biaxial', or as on the command line, 'isotropic', 'drained'.
     quantity : str
         Quantity that ends the stage: a component 'H11', ..., 'P22', or 'parameter', the loading
         parameter counted from the start of the stage.
@@ -218,12 +219,17 @@ class Stage(Shown):
         tensor = H if self.quantity[0] == "H" else P
         return float(tensor[COMPONENTS.index(self.quantity[1:])])
 
-    def approaches(self, sense: float) -> bool:
-        """Whether the quantity moves towards its target, as far as the programme fixes its rate."""
-        if self.quantity == "parameter":
-            return sense > 0
-        rate = self.programme.driven(self.quantity)
-        return bool(np.isnan(rate) or rate * sense > 0)
+    def away(self, sense: float) -> str:
+        """Say why the quantity does not come to its target; empty as far as its rate is not fixed.
+
+        `sense` is the sign of the way that it has to go.
+        """
+        is_parameter = self.quantity == "parameter"
+        rate = 1.0 if is_parameter else self.programme.driven(self.quantity)
+        if np.isnan(rate) or rate * sense > 0:
+            return ""
+        said = f"{self.programme.name} leads away from {self.quantity}'s target"
+        return said if is_parameter or rate == 0.0 else f"{said}: reverse it with rate=-1"
 
 
 def isotropic_strain(rate: float = 1.0) -> Programme:
@@ -436,27 +442,29 @@ def _axes(axis: int) -> tuple[str, str]:
     return ("11", "22") if axis == 1 else ("22", "11")
 
 
-# Programmes that need nothing but their axis and rate, by name.
-BY_NAME = {
+# Programmes that need nothing but their axis and rate, by name; `drained` and `isotropic` as on the
+# command line.
+BY_NAME: dict[str, Callable[..., Programme]] = {
     make.__name__: make
     for make in (
         isotropic_strain, isotropic_stress, drained_biaxial, cauchy_drained, biaxial, oedometric,
         undrained, simple_shear,
     )
-}  # fmt: skip
+} | {"drained": drained_biaxial, "isotropic": isotropic_strain}  # fmt: skip
 
 
 def programme_of(given: Programme | str) -> Programme:
-    """Return a programme, or that of a name at its unit rate.
+    """Return a programme, or that of a name at its unit rate; names of the command are taken too.
 
     Examples
     --------
-    >>> programme_of("simple_shear").name
-    'simple shear'
+    >>> [programme_of(name).name for name in ("simple_shear", "cauchy-drained", "drained")]
+    ['simple shear', 'Cauchy drained', 'drained biaxial']
     """
     if isinstance(given, Programme):
         return given
-    if given not in BY_NAME:
+    name = given.replace("-", "_") if isinstance(given, str) else given
+    if not isinstance(name, str) or name not in BY_NAME:
         remedy = "Pick one, or give a Programme of stability.programmes."
         raise InputError("programme", repr(given), ", ".join(BY_NAME), remedy)
-    return BY_NAME[given]()
+    return BY_NAME[name]()

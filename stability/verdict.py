@@ -48,7 +48,7 @@ class Verdict(Shown):
     witness : ndarray, shape (m,)
         Unit direction of lambda_min(Ks) in the components of the subspace.
     subspace : str
-        'diagonal', 'symmetric', 'full', or 'given' for an operator judged as it came.
+        'diagonal', 'symmetric', 'full', or 'given' for an array judged as it came.
     divergence : bool
         K is singular within the tolerance, or has a negative real eigenvalue.
     flutter : bool
@@ -130,7 +130,8 @@ def judge(
         The operator as it stands, or the macroscopic tangent A to be restricted; with the tangent
         of a closure goes the error bound that its solver states.
     subspace : {'diagonal', 'symmetric', 'full'}, optional
-        Where to restrict a macroscopic tangent; None judges K as it is.
+        Where to restrict a macroscopic tangent. Left out: that of a `MacroTangent` is 'symmetric',
+        strains without rotation of the loop; an array is judged as it is.
     rtol : float
         Tolerance relative to the Frobenius norm.
     error : float, optional
@@ -159,12 +160,21 @@ def judge(
     ('unstable', 'divergence', -0.099504)
     >>> print(judge([[3.0, 0.0], [0.0, 4.0]]))
     stable (given): lambda_min/|K| = 0.6 (tolerance 1e-12) along (1, 0); spectrum of K: no loss
+
+    The tangent of a closure is judged on strains alone; among all four components is the rotation
+    of the loop against grains whose spins are blocked.
+
+    >>> from loops import LinearFrictional, affine_tangent
+    >>> from patterns import regular_polygon
+    >>> A = affine_tangent(regular_polygon(5, strain=0.2), LinearFrictional(kn=1.0, kt=0.2))
+    >>> [(one.subspace, one.status) for one in (judge(A), judge(A, "full"))]
+    [('symmetric', 'stable'), ('full', 'unstable')]
     """
     known = 0.0 if error is None else float(error)
     if isinstance(K, MacroTangent):
         # A batch is refused below, where its shape is known.
         known = float(np.max(K.error, initial=0.0)) if error is None else known
-        K = K.matrix
+        K, subspace = K.matrix, subspace or "symmetric"
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
         received = f"a batch of shape {operator.shape}"

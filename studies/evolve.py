@@ -20,13 +20,13 @@ from loops.scene import Scene, Subject
 from loops.shown import Shown
 from patterns import planar
 from stability import Path as FollowedPath
-from stability import Stage, follow, programmes
+from stability import Stage, follow
 from stability.packing import LoopRates, loop_changes, replay
 from stability.path import Past, describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
 from studies.output import UNITS, Summary, components, definitions, readable
-from studies.paths.options import PROGRAMMES, programme_named
+from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import plan_series, reading
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
@@ -35,7 +35,7 @@ from studies.study import files_of, study
 
 By = Literal["events", "replay", "both"]
 Options = TypeVar("Options")
-EVOLVED = (*PROGRAMMES, "proportional-strain", "simple-shear")
+EVOLVED = (*get_args(ProgrammeName), "simple-shear")
 # A path is given up after so many strain increments.
 INTERVALS = 20_000
 # Number of a wall in the table of events.
@@ -379,10 +379,7 @@ def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> S
     if axis not in (1, 2):
         raise InputError("--axis", f"{axis}", "1 or 2", "Name the axis that is driven.")
     sense = float(np.sign(to))
-    if programme == "simple-shear":
-        loading = programmes.simple_shear(axis, sense)  # type: ignore[arg-type]
-    else:
-        loading = programme_named(programme, rate=sense, axis=axis, **numbers)
+    loading = programme_named(programme, rate=sense, axis=axis, **numbers)
     return Stage(loading, "parameter", abs(to))
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import ROUNDING, Flags, Floats, Regimes
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes
 from loops.errors import InputError
 from loops.geometry import area_growth, boundary_vectors, polygon_area, require_loop
 from loops.graph import ContactState, GrainGraph
@@ -95,7 +95,8 @@ def other_arms(state: ContactState, law: ContactLaw) -> tuple[Floats, Floats]:
 
 
 def gear_projector(
-    graph: GrainGraph,
+    contacts: Integers,
+    radii: Floats,
     state: ContactState,
     law: ContactLaw,
     regime: Regimes,
@@ -112,8 +113,7 @@ def gear_projector(
     b_i, b_j = (b_i, b_j) if arms is None else arms
     felt = (stiffness[..., 0, 1] != 0) | (stiffness[..., 1, 1] != 0)
     rolls = np.broadcast_to(law.rolling_stiffness(state, regime) != 0, felt.shape)
-    grains, radii, c = graph.grain_count, graph.radii, np.arange(graph.contact_count)
-    i, j = graph.contacts.T
+    grains, c, (i, j) = radii.shape[-1], np.arange(len(contacts)), contacts.T
     batch = np.broadcast_shapes(felt.shape[:-1], b_i.shape[:-1], radii.shape[:-1])
     rows = np.zeros((*batch, max(grains, (1 + rolls.any()) * len(c)), grains))
     # Shear and roll per spin times radius of either grain, of order one.
@@ -127,7 +127,7 @@ def gear_projector(
         rows[..., len(c) + c, j] -= least / radii[..., j]
     _, s, vt = np.linalg.svd(rows, full_matrices=False)
     null = s <= GEAR_TOLERANCE
-    if grains == len(c) and (np.bincount(graph.contacts.ravel()) == 2).all():
+    if grains == len(c) and (np.bincount(contacts.ravel()) == 2).all():
         # Around a ring that shears everywhere arms cancel two by two (equal grains, mirror images),
         # or by chance.
         uneven = np.sort(np.abs(b_i - b_j) / np.maximum(b_i, b_j), axis=-1)

@@ -313,7 +313,7 @@ def relaxed_loop(
     def by_arms(arms: Arms | None) -> Relaxed:
         gear = None
         if spins == "free":
-            gear = gear_projector(graph, state, law, regime, arms)
+            gear = gear_projector(graph.contacts, graph.radii, state, law, regime, arms)
         return relax(form, contact_springs(state, law, regime, spins, arms), sizes, gear)
 
     own = by_arms(None)

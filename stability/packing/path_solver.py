@@ -162,6 +162,9 @@ class PackingPathSolver:
             place, name = (self.parameter, number, len(self.rows) - 1), stage.programme.name
             self.events.append(Event("programme_change", *place, programme=name))
         self.start_stage(number, stage, rows)
+        away = stage.away(np.sign(stage.target - self._quantity(stage))) if self.targets else ""
+        if away:
+            return "lost", away
         while self.targets:
             if self.intervals >= max_steps:
                 self.record()

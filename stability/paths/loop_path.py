@@ -175,8 +175,8 @@ class LoopPathSolver:
             if sense == 0.0:
                 return FINISHED
             if before is None:
-                if not stage.approaches(sense):
-                    return "lost", f"{name} leads away from {stage.quantity}'s target"
+                if away := stage.away(sense):
+                    return "lost", away
                 # Length of the stage in the space of H, judged from its start.
                 rate = abs(stage.value(here.rates.H, here.rates.P, here.rates.parameter))
                 left = abs(stage.target - stage.value(here.H, here.P, 0.0))

@@ -11,10 +11,13 @@ from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, with_sides
 from stability.path import WORK_TERMS
-from stability.paths.model import START_MISMATCH, PathModel, compressed_state
+from stability.paths.model import JUST_TOUCHING, START_MISMATCH, PathModel, compressed_state
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8
+# The same of even loops of unequal grains with free spins: there a gear mode has no stiffness yet,
+# and stiffnesses next to it are known to rounding over the strain.
+FIRST_STRAIN_OF_GEARS = 1e-6
 # Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
 # spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
 FIRST_ATOL = 1e-4
@@ -55,25 +58,33 @@ def initial_state(model: PathModel, contacts: ContactState) -> Floats:
 def first_state(model: PathModel, contacts: ContactState) -> tuple[PathModel, Floats, float]:
     """Vector `y` at the start, and the least absolute tolerance of a path from there.
 
-    Where no contact has any stiffness yet, the state is lifted to a first overlap, and the scale of
-    the stiffness follows it.
+    Where no contact has any stiffness yet, or unequal grains with free spins have yet to leave a
+    gear mode, the state is lifted to a first overlap, and the scale of the stiffness follows it.
     """
     y = initial_state(model, contacts)
     elastic = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     stiffness = model.law.local_stiffness(contacts, elastic)[:, 0, 0]
-    if not model.contact_count or (stiffness > 0.0).any():
+    even = model.grain_count % 2 == 0 and np.ptp(model.radii) > 0.0
+    gears = (
+        model.spins == "free"
+        and even
+        and not np.any(model.law.rolling_stiffness(contacts, elastic))
+    )
+    gears &= bool((contacts.overlap <= JUST_TOUCHING * contacts.touching_length).all())
+    if not model.contact_count or ((stiffness > 0.0).any() and not gears):
         return model, y, 0.0
+    first = FIRST_STRAIN_OF_GEARS if gears else FIRST_STRAIN
     state = unpack(model, y)
     if model.closure == "affine":
-        place = state.place + FIRST_STRAIN * (np.eye(2).ravel() - state.place)
+        place = state.place + first * (np.eye(2).ravel() - state.place)
     else:
-        place = state.place - FIRST_STRAIN * (model.x0 + state.place)
-    pressed = compressed_state(contacts, model.law, 1.0 - FIRST_STRAIN)
+        place = state.place - first * (model.x0 + state.place)
+    pressed = compressed_state(contacts, model.law, 1.0 - first)
     kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
     # Between the first stiffness, for what is singular, and the later ones, for tolerances.
     model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
     y = pack(place, state.shear_force, state.parameter, state.work)
-    return model, y, FIRST_ATOL * FIRST_STRAIN
+    return model, y, FIRST_ATOL * first
 
 
 def start_mode(model: PathModel, contacts: ContactState) -> Mode:
@@ -244,18 +255,6 @@ class Rates:
         kept = {"condition": self.condition, "trusted": self.trusted}
         values = {name: factor * value for name, value in vars(self).items() if name not in kept}
         return Rates(**values, **kept)  # type: ignore[arg-type]
-
-
-def contact_rates(
-    model: PathModel, contacts: ContactState, stiffness: Floats, motion: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """`un'`, `ut'`, `N'` and `T'` of the contacts (C,) from their motions and the law's tangent."""
-    g, b_i, b_j = model.law.shear_kinematics(contacts)
-    branch, (w_i, w_j) = motion[:, :2], motion[:, 2:].T
-    un = (contacts.n * branch).sum(axis=1)
-    ut = g * (contacts.t * branch).sum(axis=1) - b_i * w_i - b_j * w_j
-    normal = -(stiffness[:, 0, 0] * un + stiffness[:, 0, 1] * ut)
-    return un, ut, normal, -(stiffness[:, 1, 0] * un + stiffness[:, 1, 1] * ut)
 
 
 def path_stress(model: PathModel, contacts: ContactState) -> Floats:

@@ -8,9 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from loops.arrays import Floats, Regimes
-from loops.assembly import translational_blocks, translational_compliances
+from loops.assembly import (
+    contact_kinematics,
+    translational_blocks,
+    translational_compliances,
+)
 from loops.closures.null_space import LeastSquares, solve_through_null_space
-from loops.closures.spins import LoopSpin, spin_of_gradient
+from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT, ring_equations
 from loops.graph import ContactState
@@ -21,7 +25,6 @@ from stability.paths.state import (
     PathState,
     Rates,
     centres,
-    contact_rates,
     contacts_at,
     displacement_gradient,
     forces,
@@ -42,6 +45,8 @@ SOFT_BLOCK = 0.1
 SOFT_BLOCK_OF_LONG = 1e-3
 # Grains beyond which a loop is long in this sense.
 LONG_LOOP = 24
+# Slip of a gear mode over the largest depth over the radius that may be rounding.
+GEAR_RTOL = 64 * float(np.finfo(float).eps)
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
 UNIT_PARAMETER: Floats = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -113,12 +118,15 @@ class StateRates:
         motion = model.length * (equations.motion @ z)
         if model.spins != "blocked":
             motion[:, 2:] /= model.radii[model.contacts]
+        relative = model.length * (equations.relative @ z)
+        un, ut = relative.T
         D = law.local_stiffness(self.sided, self.mode.regime)
+        N, T = -(D @ relative[..., None])[..., 0].T
         return Rates(
             z[:4],
             z[4:8] * model.stiffness,
             parameter,
-            *contact_rates(model, self.contacts, D, motion),
+            *(un, ut, N, T),
             motion,
             np.inf if found is None else float(found.condition),
             is_trusted(found),
@@ -201,11 +209,13 @@ class Equations:
     """Closure equations of all unknowns `(H', P'/kn, v)`, see `loops.closures.system`.
 
     `matrix` (4 + m, 8 + m); four control equations complete it; `motion` (C, 4, 8 + m): Motions of
-    the contacts, branch rates and spins times radii, over the length scale.
+    the contacts, branch rates and spins times radii, over the length scale; `relative`
+    (C, 2, 8 + m): Their normal and shear displacements `(un', ut')` over it.
     """
 
     matrix: Floats
     motion: Floats
+    relative: Floats
 
 
 def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
@@ -226,7 +236,8 @@ def closure_equations(
     """Equations of the model's closure in one state."""
     if kind == "ring":
         compliance = translational_compliances(contacts, model.law, regime) * model.stiffness
-        return Equations(*ring_equations(compliance, model.m / model.length))
+        matrix, motion = ring_equations(compliance, model.m / model.length)
+        return Equations(matrix, motion, relative_motion(model, contacts) @ motion)
     form, motion = model.form, model.motion
     if model.spins == "affine":
         # A loop that has collapsed to a line has no rotation: not a number, and not trusted.
@@ -238,12 +249,67 @@ def closure_equations(
         motion[:, :, :4] = drive(form)
     S = contact_springs(contacts, model.law, regime, model.spins) / model.stiffness
     matrix = closure_matrix(form, S, motion[:, :, :4])
+    equations = Equations(matrix, motion, relative_motion(model, contacts) @ motion)
+    if model.spins == "free":
+        equations = with_gear_mode(model, contacts, regime, equations)
     if kind == "saddle":
         # The mean displacement is free: held at zero.
         for first in (4, 5):
             centres = slice(first, 4 + 2 * model.grain_count, 2)
-            matrix[centres, 4:][:, centres] += 1.0 / model.grain_count
-    return Equations(matrix, motion)
+            equations.matrix[centres, 4:][:, centres] += 1.0 / model.grain_count
+    return equations
+
+
+def relative_motion(model: PathModel, contacts: ContactState) -> Floats:
+    """(C, 2, 4) relative displacements per motion of a contact, spins times radii."""
+    rows = contact_kinematics(contacts, model.law)
+    rows[..., 2:] /= model.radii[model.contacts][:, None]
+    return rows
+
+
+def with_gear_mode(
+    model: PathModel, contacts: ContactState, regime: Regimes, equations: Equations
+) -> Equations:
+    """Take a gear mode that nearly closes for the first spin, and its moment for the first moment.
+
+    From grain to grain all contacts roll but the last, which slips by next to nothing. The square
+    of that resists the mode: below rounding of the matrix, and noise for an integrator. The slip
+    follows from the depths of the rims beneath the contacts, to rounding of its own; as unknown it
+    is of order one. On modes that roll everywhere no moments act, see `loops.closures.system`.
+    """
+    law, n, ring = model.law, model.grain_count, np.arange(model.grain_count)
+    projector, soft = gear_projector(model.contacts, model.radii, contacts, law, regime)
+    equations.matrix[-n:, -n:] += projector
+    plain = np.array_equal(model.contacts.T, [ring, np.roll(ring, -1)]) and n % 2 == 0
+    felt = (law.local_stiffness(contacts, regime)[:, :, 1] != 0.0).any(axis=1).all()
+    if projector.any() or not (soft and plain and felt) or model.symmetry is not None:
+        return equations
+    d, radii = 0.5 * contacts.overlap, model.radii[model.contacts].T
+    own, arms = law.shear_kinematics(contacts)[1:], (contacts.arm_i, contacts.arm_j)
+    modes, slips = [], []
+    for levers in (arms, own):
+        # Depths over the radii: those of arms do not follow from their rounded lengths.
+        depth = np.where(np.equal(levers, arms), d / radii, 1.0 - levers / radii)
+        logs = np.log1p(-depth)
+        turned = np.cumsum(logs[0] - logs[1])
+        if abs(turned[-1]) <= GEAR_RTOL * np.abs(depth).max():
+            return equations
+        modes.append((1.0 - 2.0 * (ring % 2)) * np.exp(np.append(0.0, turned[:-1])))
+        slips.append((1.0 - depth[1, -1]) * np.expm1(turned[-1]))
+    D = law.local_stiffness(contacts, regime)[-1] / model.stiffness
+    matrix, motion, relative = (each.copy() for each in vars(equations).values())
+    place = len(matrix) - n
+    # Forces on the unknowns per unit of the last contact's slip.
+    moments = -D[1, 1] * np.array([arms[0][-1], arms[1][-1]]) / radii[:, -1]
+    push = motion[-1].T @ np.append(D[0, 1] * contacts.n[-1] + D[1, 1] * contacts.t[-1], moments)
+    matrix[:, place + 4] = np.delete(push, slice(4, 8))
+    motion[..., place + 4] = motion[..., place + 4 :] @ modes[1] / slips[1]
+    relative[..., place + 4] = 0.0
+    relative[-1, 1, place + 4] = 1.0
+    growth = (modes[0] / model.radii)[model.contacts].sum(axis=1) / slips[0] / model.stiffness
+    growth = 0.5 * (contacts.shear_force * growth)[:, None] * contacts.n
+    matrix[place] = D[1] @ relative[-1] + np.einsum("cm,cmk->k", growth, motion[:, :2])
+    return Equations(matrix, motion, relative)
 
 
 def solve_rates(

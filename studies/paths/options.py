@@ -46,16 +46,6 @@ ProgrammeName = Literal[
     "drained", "cauchy-drained", "biaxial", "isotropic", "isotropic-stress", "oedometric",
     "proportional-strain", "undrained",
 ]  # fmt: skip
-# Those that need no number but their axis and rate.
-PROGRAMMES: dict[str, Callable[..., Programme]] = {
-    "drained": programmes.drained_biaxial,
-    "cauchy-drained": programmes.cauchy_drained,
-    "biaxial": programmes.biaxial,
-    "isotropic": programmes.isotropic_strain,
-    "isotropic-stress": programmes.isotropic_stress,
-    "oedometric": programmes.oedometric,
-    "undrained": programmes.undrained,
-}
 TABLES = {1: TABLE_1, 2: TABLE_2}
 DIAMOND_PARAMETERS = ("alpha0_deg", "kappa", "phi_deg", "confine")
 # Strain of the diamond's path after A.
@@ -102,7 +92,7 @@ def programme_named(
             inside("--fluid-bulk-modulus", fluid_bulk_modulus, lambda K: K >= 0.0, expected)
         return programmes.undrained(axis, rate, fluid_bulk_modulus)  # type: ignore[arg-type]
     given = {"rate": rate} if name.startswith("isotropic") else {"rate": rate, "axis": axis}
-    return PROGRAMMES[name](**given)
+    return programmes.BY_NAME[name.replace("-", "_")](**given)
 
 
 @dataclass(frozen=True)

@@ -131,3 +131,17 @@ def test_bad_cauchy_rows_are_refused(given):
 def test_bad_bulk_moduli_are_refused(modulus):
     with pytest.raises(InputError, match="fluid_bulk_modulus"):
         programmes.undrained(fluid_bulk_modulus=modulus)
+
+
+def test_names_are_those_of_the_module_and_of_the_command():
+    pairs = {
+        "drained": programmes.drained_biaxial, "isotropic": programmes.isotropic_strain,
+        "cauchy-drained": programmes.cauchy_drained, "simple_shear": programmes.simple_shear,
+        "isotropic-stress": programmes.isotropic_stress, "undrained": programmes.undrained,
+    }  # fmt: skip
+    for name, make in pairs.items():
+        assert Stage(name, "H11", 0.1).programme.name == make().name
+    with pytest.raises(InputError, match=r"proportional-strain.*drained_biaxial"):
+        Stage("proportional-strain", "H11", 0.1)
+    with pytest.raises(InputError, match="programme: got 3"):
+        Stage(3, "H11", 0.1)

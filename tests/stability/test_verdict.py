@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from loops import LinearFrictional, affine_tangent
 from loops.errors import InputError
+from patterns import regular_polygon
 from stability import RTOL, judge, operator_norm, restrict, statuses, symmetric_spectrum
 from tests.oracles.stability_operators import PAIRWISE_POSITIVE, isotropic_diamond, rotation
 
@@ -63,6 +65,22 @@ def test_the_subspace_decides():
     np.testing.assert_allclose(
         np.abs(judge(A, "full").witness), [0.0, 0.5**0.5, 0.5**0.5, 0.0], atol=1e-15
     )
+
+
+def test_the_tangent_of_a_closure_is_judged_without_its_rotation():
+    """A pentagon between the threshold of its rotation and that of its strains; an array as it is.
+
+    With spins blocked: kappa/(1 + kappa) and (1 + kappa)/(2 + kappa) under the affine closure.
+    """
+    law, loop = LinearFrictional(1.0, 0.2), regular_polygon(5, strain=0.3)
+    tangent = affine_tangent(loop, law)
+    verdict = judge(tangent)
+    assert (verdict.subspace, verdict.status) == ("symmetric", "stable")
+    assert "symmetric" in str(verdict) and verdict.facts()["subspace"] == "symmetric"
+    named = judge(tangent, "symmetric")
+    assert (verdict.margin, verdict.tolerance) == (named.margin, named.tolerance)
+    assert judge(tangent, "full").status == judge(tangent.matrix).status == "unstable"
+    assert judge(tangent.matrix).subspace == "given"
 
 
 @pytest.mark.parametrize(

@@ -170,3 +170,13 @@ print("done", file=sys.stderr)
     assert "work: 0 s, 0.3 of 1" in shown
     # The line is cleared before anything else is said.
     assert shown.endswith("\r\x1b[Kdone\r\n")
+
+
+def test_python_runs_the_package_as_the_command(tmp_path):
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    done = subprocess.run(
+        [sys.executable, "-m", "grainloops", "polygon", "--order", "2"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("grainloops: --order: got 2, expected a whole number from 3")

@@ -69,6 +69,13 @@ def test_halving_the_interval_halves_the_error(case):
     assert error[1] < 1e-6
 
 
+def test_a_programme_that_leads_away_from_its_target_is_not_followed():
+    stage = Stage("drained", "H11", -1e-5)
+    path = followed(Scene(packed(*CASES[1][:3]), CASES[1][2]), stage)
+    assert (path.status, len(path.H)) == ("lost", 1)
+    assert "reverse it with rate=-1" in path.message
+
+
 @cases
 def test_a_slow_replay_comes_to_the_same_state(case):
     """A replay ten times slower is closer; the rest is its rate and the path's interval."""

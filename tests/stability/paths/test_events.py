@@ -292,15 +292,17 @@ def test_collapse_and_exhausted_steps_are_lost_not_silent():
 
 
 def test_a_programme_that_leads_away_from_its_target_ends_at_once():
-    for stage in (
-        isotropic(-0.1),
-        Stage(programmes.oedometric(), "H22", 0.1),
-        Stage(programmes.oedometric(), "parameter", -1.0),
-        Stage(programmes.isotropic_stress(-1.0), "P11", 0.5),
+    """The message names the rate where the other sense leads there."""
+    for stage, helps in (
+        (isotropic(-0.1), True),
+        (Stage("drained", "H11", 0.01), True),
+        (Stage(programmes.oedometric(), "H22", 0.1), False),
+        (Stage(programmes.oedometric(), "parameter", -1.0), False),
+        (Stage(programmes.isotropic_stress(-1.0), "P11", 0.5), True),
     ):
         path = follow(Scene(diamond(np.pi / 4, E1=0.05, E2=0.05), LAW), stage, closure="affine")
         assert (path.status, len(path)) == ("lost", 1)
-        assert "away from" in path.message
+        assert "away from" in path.message and ("rate=-1" in path.message) == helps
 
 
 def test_contacts_that_part_under_shear_are_reported():

@@ -9,7 +9,7 @@ from loops import LinearFrictional, contact_state
 from patterns import random_loop
 from stability.paths.model import path_model
 from stability.paths.path_segment import _rows
-from stability.paths.state import contact_rates
+from stability.paths.state_rates import relative_motion
 
 
 def exact(s):
@@ -54,21 +54,19 @@ def test_rows_end_before_an_event():
     assert _rows(step(0.0, 1.0, np.inf), 1.0) == []
 
 
-def test_rates_of_contacts_are_the_tangent_of_the_law_times_the_motion():
-    """Also of a law whose normal force answers to shear."""
+def test_relative_displacements_are_those_of_branches_and_spins():
+    """Of a law that shears by the radii, spins times radii."""
     rng = np.random.default_rng(1)
-    loop = random_loop(5, 3, strain=0.02)
+    loop = random_loop(5, 3, polydispersity=0.3, strain=0.02)
     law = LinearFrictional(1.0, 0.4, 0.3, "radii")
     contacts = contact_state(loop)
     model = path_model(loop, contacts, law, "traction", "free", None)
-    D, motion = rng.standard_normal((5, 2, 2)), rng.standard_normal((5, 4))
-    un, ut, N, T = contact_rates(model, contacts, D, motion)
+    motion = rng.standard_normal((5, 4))
+    rows = relative_motion(model, contacts)
     for c, (i, j) in enumerate(loop.contacts):
         d = loop.x[j] - loop.x[i]
         length, n = np.hypot(*d), d / np.hypot(*d)
         t = np.array([-n[1], n[0]])
-        r_i, r_j = loop.radii[[i, j]]
         own = n @ motion[c, :2]
-        other = (r_i + r_j) / length * (t @ motion[c, :2]) - r_i * motion[c, 2] - r_j * motion[c, 3]
-        assert un[c] == pytest.approx(own) and ut[c] == pytest.approx(other)
-        np.testing.assert_allclose([N[c], T[c]], -D[c] @ [own, other], atol=1e-14)
+        turned = loop.radii[[i, j]].sum() / length * (t @ motion[c, :2]) - motion[c, 2:].sum()
+        np.testing.assert_allclose(rows[c] @ motion[c], [own, turned], rtol=0, atol=1e-14)

@@ -1,0 +1,7 @@
+"""The command, as `python -m grainloops`."""
+
+from studies.cli import main
+
+# Workers of a pool import this module again.
+if __name__ == "__main__":
+    main()
