@@ -6,8 +6,9 @@ import hashlib
 import inspect
 import re
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -17,6 +18,7 @@ import pyarrow
 
 from loops import InputError
 from patterns import Snapshot, count_frames, planar, read_snapshot
+from patterns.snapshots.formats import frame_steps
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
 
@@ -74,6 +76,29 @@ class PlannedSnapshot:
     def read(self) -> Snapshot:
         """Read the snapshot and find its faces; `InputError` as `read_planar`."""
         return read_planar(self.path, **self.how)
+
+
+NUMBERS_IN_NAMES = re.compile(r"(0\.\d+|\d+)")
+
+
+def in_order(paths: Sequence[Path], how: Mapping[str, Any]) -> tuple[list[Path], list[str]]:
+    """Files by the steps in them, else by the numbers in their names, and a note if they moved."""
+
+    def by_name(path: Path) -> list[tuple[float, str]]:
+        parts = NUMBERS_IN_NAMES.split(str(path))
+        return [(float(part), "") if k % 2 else (0.0, part) for k, part in enumerate(parts)]
+
+    steps: dict[Path, float] = {}
+    for path in paths:
+        with suppress(InputError):
+            first = frame_steps(path, how)[0]
+            if first is not None:
+                steps[path] = first
+    told = len(set(steps.values())) == len(paths)
+    ordered = sorted(paths, key=steps.__getitem__) if told else sorted(paths, key=by_name)
+    which = "the steps that the files tell" if told else "the numbers in their names"
+    moved = [f"snapshots in the order of {which}, not as given: --as-given keeps that"]
+    return ordered, moved if ordered != list(paths) else []
 
 
 def plan_series(

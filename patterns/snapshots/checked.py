@@ -27,6 +27,11 @@ LEAST_SPREAD = 0.1
 # How far the exponent of kn over R times the overlap may be from a half: two materials of 1:4 leave
 # 0.07 among 44 contacts. Springs have an exponent of 0, Yade's that go with the radii 0.05 at most.
 ROOT_BAND = 0.2
+# A force this many times the median stands out: of a million at rest the largest is 20 times it.
+STANDS_OUT = 20.0
+FEW_FORCES = 100_000  # of which that median is taken
+# Such a force is a fault if it leaves this share of itself on a grain: clean none.
+UNBALANCED = 0.3
 # Share of the contacts that may be wrong, one by one or by their grain: the others tell the noise.
 FEW_WRONG = 0.1
 # Standard errors of a median, of numbers that scatter by a quartile range, that are allowed.
@@ -64,7 +69,8 @@ class Checked:
     """Contacts between grains with their branches, law and regimes, as the checks need them.
 
     `given` (C, 2) are the branches or normals of the file, `walls` the grains that walls touch and
-    the forces on them (W, 2), `ids` (G,) those of the grains. Forces may be known without a law.
+    the forces on them (W, 2), `ids` (G,) those of the grains, `rows` those of the contacts in the
+    file. Forces may be known without a law.
     """
 
     graph: GrainGraph
@@ -76,6 +82,8 @@ class Checked:
     walls: tuple[Integers, Floats] | None
     ids: Integers
     forces_known: bool = False
+    periodic: tuple[bool, bool] = (True, True)
+    rows: Integers | None = None
 
     def __post_init__(self) -> None:
         graph = self.graph
@@ -84,13 +92,43 @@ class Checked:
         self.sliding = None if self.regime is None else self.regime == Regime.SLIDING
         self.degree = np.bincount(self.contacts.ravel(), minlength=len(self.x))
         self.inner = self.degree > 0
-        if graph.cell is None and self.walls is None:
+        if (graph.cell is None or not all(self.periodic)) and self.walls is None:
             # Walls whose forces are not known may push on the rim.
-            self.inner &= ~on_rim(self.x, self.radii, self.inner)
+            free = [k for k in (0, 1) if graph.cell is None or not self.periodic[k]]
+            self.inner &= ~on_rim(self.x[:, free], self.radii, self.inner)
         self.reach = touching_lengths(self.radii, self.contacts)
         self.overlap = self.reach - self.length
-        limit = LOADED * float(self.normal.mean())
-        self.loaded = self.normal > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
+        self.touched = self.degree > 0
+        self.odd = self._unbalanced()
+        self.inner[self.contacts[self.odd].ravel()] = False
+        limit = LOADED * float(self.judged[0].sum()) / (len(self.normal) - len(self.odd))
+        self.loaded = self.judged[0] > limit if limit > 0 else np.ones(len(self.normal), dtype=bool)
+
+    def _unbalanced(self) -> Integers:
+        """Contacts whose force stands out, and which a grain of theirs does not balance."""
+        size = np.maximum(np.abs(self.normal), np.abs(self.shear))
+        limit = STANDS_OUT * median(size[:: max(1, len(size) // FEW_FORCES)])
+        rows = np.flatnonzero(size > limit) if limit > 0 else np.zeros(0, dtype=np.int64)
+        if not len(rows):
+            return rows
+        rest = np.hypot(*np.add(*self.residuals).T)
+        # Found anew without these grains.
+        del self.__dict__["residuals"], self.__dict__["resultants"]
+        return rows[rest[self.contacts[rows]].max(axis=1) > UNBALANCED * size[rows]]
+
+    @cached_property
+    def judged(self) -> tuple[Floats, Floats]:
+        """`normal` and `shear`, zero where a force stands out that nothing balances."""
+        if not len(self.odd):
+            return self.normal, self.shear
+        normal, shear = self.normal.copy(), self.shear.copy()
+        normal[self.odd] = shear[self.odd] = 0.0
+        return normal, shear
+
+    @cached_property
+    def mean_force(self) -> float:
+        """Mean size of the contact forces, but for those that nothing balances."""
+        return float(np.hypot(*self.judged).sum()) / (len(self.normal) - len(self.odd))
 
     @property
     def mu(self) -> Floats:
@@ -229,7 +267,7 @@ class Checked:
         (G, 2) each, less a uniform body force that inner grains tell.
         """
         area = np.where(self.inner, self.radii**2, 0.0)
-        touched = np.where(self.degree > 0, self.radii**2, 0.0)
+        touched = np.where(self.touched, self.radii**2, 0.0)
         found: list[Floats] = []
         for rest in self._sums():
             if not found and self.walls is not None:

@@ -14,7 +14,7 @@ from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, power_of_ten, rounding
-from patterns.snapshots.missing import lost_contacts, walls
+from patterns.snapshots.missing import cell, lost_contacts, walls
 from patterns.snapshots.stiffness_checks import (
     needed_stiffness,
     one_contact,
@@ -46,7 +46,10 @@ def distances(state: Checked) -> Finding:
         unit = power_of_ten(reach)
         cause = f"another unit, {unit} times as long" if unit else "another column or unit"
         return found.error(f": the radii look like {cause}", remedy)
-    if reach < SOFT_GRAINS or reach > LOADED_APART:
+    if reach > LOADED_APART:
+        cause = f": radii too small by {100 * (1 - 1 / reach):.2g} %, as those of images may be"
+        return found.doubt(cause, f"Multiply them by {reach:.4g} if they are measured. {remedy}")
+    if reach < SOFT_GRAINS:
         return found.doubt(", which is far from touching", remedy)
     return found
 
@@ -61,12 +64,12 @@ def touching(state: Checked) -> Finding | None:
     if len(gap) == 0:
         return None
     share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[state.loaded]))
-    says = f"{100 * share:.3g} % of the contacts that carry load are apart"
-    return Finding("touching", share, says).doubt(
-        ": positions and contacts of different snapshots, radii too small, or cohesion",
-        "Take both tables from one snapshot.",
-        share > GAPS,
-    )
+    which, causes = "contacts that carry load", "radii too small, or cohesion"
+    if not state.normal.any():
+        which, causes = "contacts", "radii too small, or pairs that don't touch"
+    found = Finding("touching", share, f"{100 * share:.3g} % of the {which} are apart")
+    cause = f": positions and contacts of different snapshots, {causes}"
+    return found.doubt(cause, "Take both tables from one snapshot.", share > GAPS)
 
 
 # Directions of the file against the centres, in radians: 1e-9 if saved within a step.
@@ -92,14 +95,41 @@ def same_snapshot(state: Checked) -> Finding | None:
     )
 
 
+# Numbers that stand for a missing value.
+MISSING = (999.0, 9999.0, 99999.0, 999999.0, 1e30)
+
+
+def unbalanced(state: Checked) -> Finding:
+    """Forces far beyond the others that their grains don't balance: missing values, failed fits."""
+    rows = state.odd
+    found = Finding("unbalanced", len(rows), f"{len(rows)} forces stand out and have no balance")
+    if not len(rows):
+        return found
+    size = np.hypot(state.normal[rows], state.shear[rows])
+    rows, typical = rows[np.argsort(-size)], median(np.hypot(state.normal, state.shear))
+    each = [
+        f"{'' if state.rows is None else f'row {state.rows[c]}, '}grains "
+        f"{state.names(np.array([c]))} (N = {state.normal[c]:.4g}, T = {state.shear[c]:.4g})"
+        for c in rows[:3].tolist()
+    ]
+    found = found._replace(says=f"{found.says}: {', '.join(each)}{', ...' * (len(rows) > 3)}")
+    times = f", {size.max() / typical:.3g} times a typical one"
+    each_part = np.abs([state.normal[rows], state.shear[rows]])
+    if np.isclose(each_part[..., None], MISSING, rtol=1e-9).any():
+        return found.error(f"{times}, as a missing value", "Give the force, or drop the row.")
+    remedy = "Correct or drop the rows: stress and balance hold them."
+    return found.doubt(f"{times}: a fit that failed, or another unit", remedy)
+
+
 # Share of the forces along the branches: clean 0.97 to 1; exchanged components 0 to 0.3; signs -1.
 ALONG = 0.4
 
 
 def directions(state: Checked) -> Finding:
     """Forces along the branches: signs, exchanged columns."""
-    size = float(np.hypot(state.normal, state.shear).sum())
-    share = float(state.normal.sum()) / size
+    normal, shear = state.judged
+    size = float(np.hypot(normal, shear).sum())
+    share = float(normal.sum()) / size
     says = f"the component along the branch is {share:.3g} of the force, positive if it pushes"
     found = Finding("directions", share, says)
     if share >= ALONG:
@@ -112,7 +142,7 @@ def directions(state: Checked) -> Finding:
         )
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
-    exchanged = 2 * n[:, 0] * n[:, 1] * state.normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * state.shear
+    exchanged = 2 * n[:, 0] * n[:, 1] * normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * shear
     other = float(exchanged.sum()) / size
     if abs(other) > 2 * ALONG:
         return found.error(f": x and y exchanged give {other:.3g}", "Exchange fx and fy.")
@@ -141,8 +171,9 @@ def pulling(state: Checked) -> Finding:
             "Check the adhesion, and that the forces are of this law.",
             count > 0,
         )
-    size = np.abs(state.normal)
-    share = float(size[state.normal < 0].sum() / (float(size.sum()) or 1.0))
+    normal = state.judged[0]
+    size = np.abs(normal)
+    share = float(size[normal < 0].sum() / (float(size.sum()) or 1.0))
     found = Finding("pulling", share, f"{100 * share:.3g} % of the normal forces is tension")
     return found.doubt(
         ": cohesion, damping, or rows whose grains are exchanged",
@@ -163,7 +194,7 @@ def balance(state: Checked) -> Finding | None:
     if inner < 3:
         return None
     normal, shear = state.residuals
-    mean = float(np.hypot(state.normal, state.shear).mean())
+    mean = state.mean_force
     both = normal + shear, normal - shear
     rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
     says = f"the resultant force on a grain is {rest:.2g} of the mean contact force"
@@ -200,7 +231,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
         return None
     rest = np.add(*state.residuals)
     size = np.hypot(*rest.T)
-    least = max(JUDGED * median(size[state.inner]), WEAKEST * float(np.abs(state.normal).mean()))
+    least = max(JUDGED * median(size[state.inner]), WEAKEST * state.mean_force)
     rows = np.flatnonzero(_turned(state, rest, least))
     count = len(rows)
     found = Finding(
@@ -420,7 +451,7 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
     """All findings on a state, also those that are as they should be."""
     # Those of one group share what they compute, and run one after the other.
     groups: list[list[Callable[[Checked], Finding | None]]]
-    groups = [[distances, touching, same_snapshot], [lost_contacts]]
+    groups = [[distances, touching, cell, same_snapshot], [lost_contacts]]
     zero: list[Finding] = []
     known = state.forces_known or state.law is not None
     if known and not (state.normal.any() or state.shear.any()):
@@ -428,12 +459,15 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
         zero.append(Finding("forces", 0.0, says, "doubt", "Export them."))
     elif state.law is not None:
         groups += [
-            [balance, one_contact_turned, walls],
+            [unbalanced, balance, one_contact_turned, walls],
             [directions, pulling, friction, one_ratio, sliding, flags],
             [stiffness, one_radius, one_contact, radii, jammed, unseen],
         ]
     elif state.forces_known:
-        groups += [[balance, one_contact_turned, walls], [directions, pulling, needed_stiffness]]
+        groups += [
+            [unbalanced, balance, one_contact_turned, walls],
+            [directions, pulling, needed_stiffness],
+        ]
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def run(group: list[Callable[[Checked], Finding | None]]) -> list[Finding | None]:
@@ -470,16 +504,18 @@ def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Inte
 REPEATED = 0.5
 
 
-def repeated(same: int, turned: int, count: int, off: Floats) -> Finding:
+def repeated(same: int, turned: int, count: int, off: Floats, such: str = "") -> Finding:
     """Rows of contacts that stand in an earlier row, with the same first grain or the other one.
 
     A list may have each of `count` contacts once from each of its grains, but for fixed grains.
-    `off` (rows,) are the forces in such rows less those in the earlier one, in mean forces.
+    `off` (rows,) are the forces in such rows less those in the earlier one, in mean forces; `such`
+    names the two rows that differ most.
     """
     says = f"{same + turned} of {count} contacts are also in an earlier row"
     found = Finding("repeated", (same + turned) / count, says)
-    wrong = int(np.count_nonzero(off > SAME_FORCE))
+    wrong, such = int(np.count_nonzero(off > SAME_FORCE)), such and f", such as {such}"
     if wrong:
-        return found.doubt(f", {wrong} of them with another force", "Dump it again.")
-    cause = ": rows of two processors, or files that were joined"
+        cause = f", {wrong} of them with another force{such}"
+        return found.error(cause, "Keep one row of each contact.")
+    cause = f": rows of two processors, or files that were joined{such}"
     return found.doubt(cause, "Dump each contact once.", same > 0 or turned < REPEATED * count)

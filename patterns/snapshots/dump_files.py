@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
-from loops.validation import repeated_contacts
-from patterns.snapshots.checks import repeated
+from patterns.snapshots.columns import names_beside
 from patterns.snapshots.files import Text, line_at, open_text
-from patterns.snapshots.findings import Finding
 from patterns.snapshots.frame import (
     Frame,
     Frames,
@@ -27,7 +25,14 @@ from patterns.snapshots.frame import (
     paired,
     require_column,
 )
-from patterns.snapshots.geometry import index_of, places_of, refuse_radii, refuse_repeated
+from patterns.snapshots.geometry import (
+    axis_across,
+    index_of,
+    places_of,
+    plane_note,
+    refuse_radii,
+    refuse_repeated,
+)
 from patterns.snapshots.tables import Table, listed
 
 ITEM = b"ITEM: "
@@ -35,17 +40,21 @@ START = b"ITEM: TIMESTEP"
 
 
 class Box(NamedTuple):
-    """Simulation box of a frame, in the plane.
+    """Simulation box of a frame.
 
-    `origin` (2,), `cell` (2, 2) with the edges as columns and `height` along z (length);
-    `periodic` of the two edges; `digits`, the significant ones that the header prints.
+    `origin` (3,), `cell` (3, 3) with the edges as columns (length); `periodic` of the edges;
+    `digits`, the significant ones that the header prints.
     """
 
     origin: Floats
     cell: Floats
-    height: float
-    periodic: tuple[bool, bool]
+    periodic: tuple[bool, ...]
     digits: int
+
+    def plane(self, axes: list[int]) -> tuple[Floats, tuple[bool, bool]]:
+        """Cell (2, 2) in the plane of two axes, and which of its edges are periodic."""
+        one, two = axes
+        return self.cell[np.ix_(axes, axes)], (self.periodic[one], self.periodic[two])
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +153,16 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
         if rows.shape != ((3, 4) if "abc" in words else (3, 3) if "xy" in words else (3, 2)):
             raise ValueError
         if "abc" in words:
-            origin, cell, height = rows[:2, 3].copy(), rows[:2, :2].T.copy(), float(rows[2, 2])
+            origin, cell = rows[:, 3], rows[:, :3].T.copy()
         else:
-            low, high, xy = rows[:, 0].copy(), rows[:, 1].copy(), 0.0
-            if "xy" in words:
-                # The header has the bounds of the tilted box: subtract the tilt.
-                xy, xz, yz = rows[:, 2]
-                corners = (0.0, xy, xz, xy + xz)
-                low -= [min(corners), min(0.0, yz), 0.0]
-                high -= [max(corners), max(0.0, yz), 0.0]
-            lx, ly, lz = high - low
-            origin, cell, height = low[:2], np.array([[lx, xy], [0.0, ly]]), float(lz)
+            low, high = rows[:, 0].copy(), rows[:, 1].copy()
+            xy, xz, yz = rows[:, 2] if "xy" in words else np.zeros(3)
+            # The header has the bounds of the tilted box: subtract the tilt.
+            corners = (0.0, xy, xz, xy + xz)
+            low -= [min(corners), min(0.0, yz), 0.0]
+            high -= [max(corners), max(0.0, yz), 0.0]
+            origin, cell = low, np.diag(high - low)
+            cell[np.triu_indices(3, 1)] = xy, xz, yz
         if not (np.isfinite(rows).all() and np.linalg.det(cell) > 0):
             raise ValueError
     except ValueError:
@@ -164,15 +172,13 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
         ) from None
     # pp is periodic; f, s and m, also of one side alone, are not. Old dumps don't say.
     flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
-    periodic = (flags[0] == "pp", flags[1] == "pp") if len(flags) == 3 else (False, False)
+    periodic = tuple(flag == "pp" for flag in flags) if len(flags) == 3 else (False,) * 3
     mantissas = [v.lower().split(b"e")[0].lstrip(b"+-") for line in fields for v in line]
     digits = max(len(mantissa.replace(b".", b"").lstrip(b"0")) for mantissa in mantissas)
-    return Box(origin, cell, height, periodic, digits)
+    return Box(origin, cell, periodic, digits)
 
 
 Listings = list[DumpFrame | InputError]
-ATOM_WORDS = ("atoms", "atom", "grains", "particles")
-CONTACT_WORDS = ("contacts", "contact", "local", "pairs", "pair")
 # Plain names of the atoms' columns that a column map may give.
 ATOM_NAMES = ("id", "x", "y", "z", "radius")
 # Boxes of both dumps of a step agree to six printed digits.
@@ -180,25 +186,23 @@ BOX_TOLERANCE = 1e-5
 
 
 class Atoms(NamedTuple):
-    """Grains of a frame: `ids` (G,), `x` (G, 2), `radii` (G,), `z` (G,) or None (length)."""
+    """Grains of a frame: `ids` (G,), `x` (G, 2) along the two `axes` of their plane, `radii` (G,).
+
+    `z` (G,) is their distance along the third axis, or None (length).
+    """
 
     ids: Integers
     x: Floats
     radii: Floats
     z: Floats | None
-
-
-def contact_names(path: Path) -> list[str]:
-    """Possible names of the dump of contacts beside that of the atoms."""
-    words = [word for word in ATOM_WORDS if word in path.name]
-    return [path.name.replace(word, other) for word in words for other in CONTACT_WORDS]
+    axes: list[int]
 
 
 def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
     """Listings of the atoms with those of the contacts at the same step."""
     wanted = "a 'dump local', such as dump.contacts.0 beside dump.atoms.0"
     lacks, hint = "no dump of contacts beside it", "Name it by --contacts."
-    path = contacts_path(source, contact_names(source.path), lacks, wanted, hint)
+    path = contacts_path(source, names_beside(source.path, "contacts"), lacks, wanted, hint)
     atoms, contacts = dump_frames(source.path), dump_frames(path)
     _require_kind(atoms, atom=True)
     _require_kind(contacts, atom=False)
@@ -246,7 +250,7 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
         if name in columns:
             require_column(name, columns[name], frame.names, frame.where)
             found[name] = columns[name]
-    for name in ("id", "x", "y", "radius"):
+    for name in ("id", "x", *("y" * (found["z"] is None)), "radius"):
         if found[name] is None:
             raise InputError(
                 f"{frame.where}, columns {' '.join(frame.names)}",
@@ -254,24 +258,24 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
                 f"the {name} of each grain",
                 f"Add {name} to the 'dump custom', or name its column: --columns {name}=COLUMN.",
             )
-    wanted = [name for name in found.values() if name is not None]
-    table = frame.read(wanted)
-    x = np.column_stack([table.column(str(found[name])) for name in "xy"])
-    z = None if found["z"] is None else table.column(found["z"])
-    if str(found["x"]) in ("xs", "xsu"):
+    own = {name: column for name, column in found.items() if column is not None}
+    table = frame.read(list(own.values()))
+    place = {axis: table.column(own[axis]) for axis in "xyz" if axis in own}
+    if own["x"] in ("xs", "xsu"):
         if frame.box is None:
-            expected = "a box"
-            raise InputError(
-                frame.where, "scaled positions and no box", expected, "Dump x y instead."
-            )
-        x = frame.box.origin + x @ frame.box.cell.T
-    if z is not None and str(found["z"]) in ("zs", "zsu"):
-        z = z * (1.0 if frame.box is None else frame.box.height)
-    radii = table.column(str(found["radius"])) * (0.5 if found["radius"] == "diameter" else 1.0)
-    ids = table.integers(str(found["id"]))
+            received, remedy = "scaled positions and no box", "Dump x y instead."
+            raise InputError(frame.where, received, "a box", remedy)
+        shares = np.stack([place.get(axis, np.zeros(len(table))) for axis in "xyz"])
+        whole = frame.box.origin[:, None] + frame.box.cell @ shares
+        place = {axis: whole["xyz".index(axis)] for axis in place}
+    radii = table.column(own["radius"]) * (0.5 if own["radius"] == "diameter" else 1.0)
+    ids = table.integers(own["id"])
     refuse_repeated(table, ids)
     refuse_radii(table, ids, radii, "Correct the dump; leave points out of it by a group.")
-    return Atoms(ids, x, radii, z)
+    across = axis_across(place, radii, frame.where)
+    axes = [k for k in range(3) if k != across]
+    x = np.column_stack([place["xyz"[k]] for k in axes])
+    return Atoms(ids, x, radii, place.get("xyz"[across]), axes)
 
 
 MOST_CELLS = 1e9  # largest distance in cells; beyond it digits are lost
@@ -301,28 +305,13 @@ class Space(NamedTuple):
         return np.zeros(images.shape) if self.cell is None else images @ self.cell.T
 
 
-def space_of(box: Box | None, atoms: Atoms, given: Floats | None) -> tuple[Space, tuple[str, ...]]:
-    """The periodic cell of a frame.
-
-    A box that is periodic in one direction alone becomes a cell so large in the other that no
-    contact crosses it there.
-    """
-    if given is not None:
-        return Space(np.asarray(given, dtype=float), (True, True)), ()
-    if box is None or not any(box.periodic):
-        return Space(None, (False, False)), ()
-    if all(box.periodic):
-        return Space(box.cell, box.periodic), ()
-    free = box.periodic.index(False)
-    across = np.linalg.solve(box.cell, (atoms.x - box.origin).T)[free]
-    reach = 2 * atoms.radii.max() * np.linalg.norm(np.linalg.inv(box.cell)[free])
-    cell = box.cell.copy()
-    cell[:, free] *= max(1.0, float(np.ptp(across) + reach))
-    note = (
-        f"periodic along {'xy'[1 - free]} alone: stress refers to the cell {cell.tolist()}, "
-        "which may hold more than the packing"
-    )
-    return Space(cell, box.periodic), (note,)
+def space_of(box: Box | None, atoms: Atoms, source: Source) -> Space:
+    """The periodic cell of a frame: that of the user, else the box where it is periodic."""
+    cell, periodic = source.cell, (True, True)
+    if cell is None:
+        cell, periodic = (None, (False, False)) if box is None else box.plane(atoms.axes)
+    periodic = source.periodic or periodic
+    return Space(cell if any(periodic) else None, periodic)
 
 
 class GrainPairs(NamedTuple):
@@ -359,38 +348,6 @@ def gaps(atoms: Atoms, pairs: GrainPairs) -> Floats:
     return np.asarray(np.hypot(pairs.d[:, 0], pairs.d[:, 1]) - reach)
 
 
-def contact_rows(
-    atoms: Atoms, pairs: GrainPairs, force: Floats | None
-) -> tuple[Integers, tuple[str, ...], tuple[Finding, ...]]:
-    """Rows of the pairs that are contacts, each once, with notes and findings on the others."""
-    apart = gaps(atoms, pairs) >= 0
-    if force is not None:
-        apart &= (force == 0).all(axis=1)
-    again, first = repeated_contacts(
-        np.column_stack([pairs.i, pairs.j]), pairs.images, len(atoms.ids)
-    )
-    again, first = again[~apart[again]], first[~apart[again]]
-    once = ~apart
-    once[again] = False
-    rows, notes = np.flatnonzero(once), []
-    if apart.any():
-        notes.append(f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts")
-    findings: tuple[Finding, ...] = ()
-    if len(again) == len(rows):
-        notes.append(f"each contact in two rows: {2 * len(rows)} rows, {len(rows)} contacts")
-    elif len(again):
-        notes.append(f"{len(again)} contacts are in two rows and were taken once")
-    if len(again):
-        same = pairs.i[again] == pairs.i[first]
-        off = np.zeros(1)
-        if force is not None:
-            gap = force[again] - np.where(same, 1, -1)[:, None] * force[first]
-            off = np.hypot(*gap.T) / (float(np.hypot(*force[rows].T).mean()) or 1.0)
-        twins = int(np.count_nonzero(same))
-        findings = (repeated(twins, len(again) - twins, len(rows), off),)
-    return rows, tuple(notes), findings
-
-
 class Forces(NamedTuple):
     """Forces on the second grain of each pair, (C, 2) or None; `normal` is the part along n."""
 
@@ -423,9 +380,7 @@ def frame_of_pairs(
     walls: Sequence[Wall] = (),
     notes: Sequence[str] = (),
 ) -> Frame:
-    """Plain tables of grains and of the pairs that are contacts; ids of walls are below theirs."""
-    rows, said, findings = contact_rows(atoms, pairs, forces.any)
-    pairs, forces = pairs.take(rows), Forces(*(f if f is None else f[rows] for f in forces))
+    """Plain tables of grains and of the pairs; ids of walls are below theirs."""
     below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
     columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
     if atoms.z is not None:
@@ -452,7 +407,10 @@ def frame_of_pairs(
         else:
             contacts |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
     tables = Table(listings[0].where, grains), Table(listings[1].where, contacts)
-    return Frame(*tables, space.cell, float(listings[0].step), (*notes, *said), findings)
+    periodic = space.periodic if space.cell is not None else (True, True)
+    of_plane = [plane_note("xyz"[3 - sum(atoms.axes)])] if atoms.axes != [0, 1] else []
+    step, said = float(listings[0].step), (*notes, *of_plane)
+    return Frame(*tables, space.cell, step, said, periodic=periodic, has_types=True)
 
 
 Map = dict[str, str]
@@ -499,6 +457,19 @@ def reach_of(atoms: Atoms, space: Space, one: Integers, two: Integers) -> float:
     return float(np.quantile(np.hypot(*d.T) / (atoms.radii[i] + atoms.radii[j]), 0.9))
 
 
+SIX_DIGITS = (
+    "Ids of a million and more have six digits, LAMMPS's %g: dump again with dump_modify format "
+    "float %.15g."
+)
+
+
+def _six_digits(values: Floats) -> bool:
+    """Whether whole numbers of seven digits and more all end in zeros after the sixth."""
+    large = values[(values >= 1e6) & (np.rint(values) == values)]
+    unit = 10.0 ** (np.floor(np.log10(large)) - 5)
+    return bool(len(large) and (large % unit == 0).all())
+
+
 def find_ids(
     table: Table,
     atoms: Atoms,
@@ -519,6 +490,9 @@ def find_ids(
         if one in known and two in known
     ]
     best = min(reach, default=(np.inf, ("", "")), key=lambda item: item[0])
+    coarse = any(_six_digits(table.column(n)) for n in names)
+    if coarse:
+        remedy += f". {SIX_DIGITS}"
     if best[0] > PAIR_REACH:
         given = ", ".join(f"{n}={columns[n]}" for n in ("id1", "id2") if n in columns)
         raise InputError(
@@ -529,6 +503,7 @@ def find_ids(
         )
     columns["id1"], columns["id2"] = best[1]
     other = "Take both dumps from one step of one run, with all the atoms."
+    other = SIX_DIGITS if coarse else other
     one, two = places_of(table, best[1], atoms.ids, "an id of the dump of atoms", other).T
     return one, two
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
+import lzma
 import mmap
 import os
+import re
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import pyarrow
 import pyarrow.csv
@@ -18,10 +22,24 @@ import pyarrow.parquet
 from loops import InputError
 from loops.errors import out_of_memory
 
-# Content of a text file: memory-mapped, or unpacked from gzip.
+# Content of a text file: memory-mapped, or unpacked.
 Text = bytes | mmap.mmap
 
 
+def _open_zstd(path: Path, mode: str) -> Any:
+    return pyarrow.CompressedInputStream(open(path, mode), "zstd")
+
+
+# First bytes of packed files, and what opens them.
+PACKED: dict[bytes, Callable[[Path, str], Any]] = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ": lzma.open,
+    b"\x28\xb5\x2f\xfd": _open_zstd,
+}
+PACKED_ENDINGS = (".gz", ".bz2", ".xz", ".zst")
+# Texts of 16 bits a letter: Excel's "Unicode text".
+WIDE = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
 HEAD = 4096  # first bytes of a file, by which its format is recognised
 # Highest accepted compression ratio, a guard against zip bombs.
 PACKING = 1100
@@ -56,12 +74,18 @@ def require_room(path: str | Path, size: int, packed: int) -> None:
 
 
 def beside(path: Path, *names: str) -> Path | None:
-    """The first file of these names beside another, gzip or not; None if there is none."""
+    """The first file of these names beside another, packed or not; None if there is none."""
     for name in names:
-        for found in (name, f"{name}.gz", name.removesuffix(".gz")):
-            if path.with_name(found).is_file():
-                return path.with_name(found)
+        for ending in ("", *PACKED_ENDINGS):
+            found = path.with_name(unpacked_name(name) + ending)
+            if found.is_file():
+                return found
     return None
+
+
+def unpacked_name(name: str) -> str:
+    """Name of a file without the ending of a packed one."""
+    return re.sub(rf"({'|'.join(map(re.escape, PACKED_ENDINGS))})$", "", name, flags=re.I)
 
 
 @contextmanager
@@ -74,7 +98,14 @@ def whole_file(path: Path) -> Iterator[None]:
     except MemoryError as error:
         raise MemoryError(f"out of memory while {path} was read ({error})") from None
     except (
-        *(pyarrow.ArrowException, OSError, EOFError, zlib.error, zipfile.BadZipFile),
+        *(
+            pyarrow.ArrowException,
+            OSError,
+            EOFError,
+            zlib.error,
+            lzma.LZMAError,
+            zipfile.BadZipFile,
+        ),
         *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
     ) as error:
         if out_of_memory(error):
@@ -85,31 +116,48 @@ def whole_file(path: Path) -> Iterator[None]:
 
 
 def open_text(path: Path) -> Text:
-    """Bytes of a text file, plain or gzip, without reading more of a plain one than is used."""
+    """Bytes of a text file, packed or not, without reading more of a plain one than is used."""
     require_file(path)
     with open(path, "rb") as file:
-        zipped = file.read(2) == b"\x1f\x8b"
-        if not zipped:
+        head = file.read(8)
+        if not head.startswith((*PACKED, *WIDE)):
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     content = bytearray()
-    with whole_file(path), gzip.open(path) as unzipped:
-        while part := unzipped.read(1 << 24):
+    with whole_file(path), opened(path) as unpacked:
+        while part := unpacked.read(1 << 24):
             content += part
             require_room(path, len(content), path.stat().st_size)
-    if not content:
-        raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
-    return bytes(content)
+        if not content:
+            raise InputError(str(path), "an empty file", "a snapshot's file", "Export it again.")
+        return _narrow(bytes(content))
+    raise AssertionError
+
+
+def opened(path: Path) -> BinaryIO:
+    """A file, unpacked as its first bytes say."""
+    with open(path, "rb") as file:
+        head = file.read(8)
+    unpack = next((unpack for start, unpack in PACKED.items() if head.startswith(start)), open)
+    found: BinaryIO = unpack(path, "rb")
+    return found
+
+
+def _narrow(content: bytes) -> bytes:
+    """Text as UTF-8; one of 16 bits a letter begins with a mark of the order of its bytes."""
+    kind = WIDE.get(content[:2])
+    return content if kind is None else content[2:].decode(kind).encode()
 
 
 def head_of(path: Path) -> bytes:
-    """First bytes of a file, at most `HEAD`, unpacked if it is gzip."""
-    with open(path, "rb") as file:
-        head = file.read(HEAD)
-    if not head.startswith(b"\x1f\x8b"):
-        return head
+    """First bytes of a file, at most `HEAD`, unpacked."""
     try:
-        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
-    except zlib.error:
+        with opened(path) as file:
+            head = file.read(HEAD)
+    except (OSError, EOFError, zlib.error, lzma.LZMAError, pyarrow.ArrowException):
+        head = path.read_bytes()[:HEAD]
+    try:
+        return _narrow(head)
+    except UnicodeDecodeError:
         return head
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict, Unpack, get_args
 
@@ -13,23 +12,21 @@ from numpy.typing import ArrayLike
 from loops import HertzMindlin, InputError
 from loops.errors import check_choice, number
 from loops.laws.frictional import ShearHistory, checked_increment, friction_of
-from patterns.snapshots.build import COHESIVE, LawName, Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.files import head_of, require_file
 from patterns.snapshots.frame import (
-    WALL_COLUMNS,
     Frames,
     Source,
     frame_of_tables,
-    is_pegs,
     is_table,
-    pegs_frames,
     table_frames,
-    with_aliases,
 )
-from patterns.snapshots.geometry import as_cell
+from patterns.snapshots.geometry import as_cell, as_periodic
 from patterns.snapshots.lammps import is_lammps, lammps_frames
+from patterns.snapshots.laws import COHESIVE, LawName, Parameters
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
+from patterns.snapshots.pegs import is_pegs, pegs_frames
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import given_table
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
@@ -104,6 +101,7 @@ def read_snapshot(
     contacts: str | Path | None = None,
     *,
     cell: ArrayLike | None = None,
+    periodic: str | None = None,
     kn: float | None = None,
     kt: float | None = None,
     mu: float | None = None,
@@ -116,7 +114,7 @@ def read_snapshot(
     adhesion: float | None = None,
     cohesion: float | None = None,
     format: str = "auto",
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | int] | None = None,
     strict: bool = True,
     frame: int | None = None,
 ) -> Snapshot:
@@ -142,6 +140,9 @@ def read_snapshot(
         replaced by `contacts`.
     cell : (2, 2) array, optional
         Periodic cell, its columns are the cell vectors (length); comes before the file's own.
+    periodic : {'xy', 'x', 'y'}, optional
+        Along which of these vectors the sample is periodic, by default both. Between walls the
+        other one gets the height from foot to foot.
     kn, kt, mu, phi : float, optional
         Stiffness (force per length) and friction where the file lacks them, the coefficient `mu` or
         its angle `phi` (radians); a column of the file comes first.
@@ -165,8 +166,9 @@ def read_snapshot(
         and what it adds to `mu N` (force); of the latter `mu` times the former if left out.
     format : str
         A key of `FORMATS`, or 'auto': the first format that recognises the file.
-    columns : mapping of str to str, optional
-        Plain name to the column that holds it.
+    columns : mapping, optional
+        Plain name to the column that holds it, its number from 0 in a table without header, 'none'
+        for a column that is not to be used.
     strict : bool
         Whether a finding that leaves no meaningful result is refused; if not, it stands
         in the notes and in `Snapshot.findings`.
@@ -198,7 +200,7 @@ def read_snapshot(
         kn=kn, kt=kt, mu=mu, phi=phi, shear_increment=shear_increment, law=law, young=young,
         poisson=poisson, shear_history=shear_history, adhesion=adhesion, cohesion=cohesion,
     )  # fmt: skip
-    found = _frames(path, contacts, format, columns, cell)
+    found = _frames(path, contacts, format, columns, cell, periodic)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
         raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
@@ -215,7 +217,8 @@ def snapshot_from_tables(
     *,
     walls: Any = None,
     cell: ArrayLike | None = None,
-    columns: Mapping[str, str] | None = None,
+    periodic: str | None = None,
+    columns: Mapping[str, str | int] | None = None,
     strict: bool = True,
     **law: Unpack[LawOptions],
 ) -> Snapshot:
@@ -230,7 +233,7 @@ def snapshot_from_tables(
         A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
         of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
         (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks, and friction `mu`.
-    cell, columns, strict
+    cell, periodic, columns, strict
         See `read_snapshot`.
     **law
         `kn`, `kt`, `mu`, `phi`, `shear_increment`, `law`, `young`, `poisson`, `shear_history`,
@@ -260,15 +263,10 @@ def snapshot_from_tables(
     radius is half the column 'diameter' of grains
     column 'i' of contacts read as 'id1'
     """
-    source = Source(Path("tables"), None, as_cell(cell), dict(columns or {}))
-    frame = frame_of_tables(
-        source, given_table("grains", grains), given_table("contacts", contacts)
-    )
-    if walls is not None:
-        of_walls, notes = with_aliases(given_table("walls", walls), WALL_COLUMNS)
-        frame = replace(frame, walls=of_walls, notes=(*frame.notes, *notes))
-    parameters = _parameters(**law)
-    return build_snapshot(frame, parameters, strict=strict)
+    given = {"grains": grains, "contacts": contacts, "walls": walls}
+    tables = {kind: given_table(kind, one) for kind, one in given.items() if one is not None}
+    source = _source("tables", None, cell, columns, periodic)
+    return build_snapshot(frame_of_tables(source, tables), _parameters(**law), strict=strict)
 
 
 def read_frames(
@@ -276,8 +274,9 @@ def read_frames(
     contacts: str | Path | None = None,
     *,
     cell: ArrayLike | None = None,
+    periodic: str | None = None,
     format: str = "auto",
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | int] | None = None,
     strict: bool = True,
     **law: Unpack[LawOptions],
 ) -> Iterator[Snapshot]:
@@ -285,7 +284,7 @@ def read_frames(
 
     Parameters
     ----------
-    path, contacts, cell, format, columns, strict
+    path, contacts, cell, periodic, format, columns, strict
         See `read_snapshot`.
     **law
         Its options of the law, `kn` to `cohesion`.
@@ -308,7 +307,7 @@ def read_frames(
     [(0.0, 323)]
     """
     parameters = _parameters(**law)
-    for read in _frames(path, contacts, format, columns, cell):
+    for read in _frames(path, contacts, format, columns, cell, periodic):
         yield build_snapshot(read(), parameters, strict=strict)
 
 
@@ -317,7 +316,7 @@ def count_frames(
     contacts: str | Path | None = None,
     *,
     format: str = "auto",
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> int:
     """Number of snapshots in a file.
 
@@ -337,6 +336,13 @@ def count_frames(
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
     return len(_frames(path, contacts, format, columns))
+
+
+def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:
+    """Step, iteration or time of each snapshot in a file, None where only reading it would tell."""
+    given = (how.get(name) for name in ("contacts", "format", "columns"))
+    contacts, format, columns = given
+    return [one.step for one in _frames(path, contacts, format or "auto", columns)]
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
@@ -388,14 +394,26 @@ def _frames(
     path: str | Path,
     contacts: str | Path | None,
     format: str,
-    columns: Mapping[str, str] | None,
+    columns: Mapping[str, str | int] | None,
     cell: ArrayLike | None = None,
+    periodic: str | None = None,
 ) -> Frames:
     files: dict[str, Any] = {"path": path, "contacts": contacts}
     for name, given in files.items():
         if not isinstance(given, str | os.PathLike | None):
             remedy = "For tables in memory call snapshot_from_tables."
             raise InputError(name, type(given).__name__, "the path of a file", remedy)
-    beside = None if contacts is None else Path(contacts)
-    source = Source(Path(path), beside, as_cell(cell), dict(columns or {}))
+    source = _source(path, contacts, cell, columns, periodic)
     return format_of(source.path, format).frames(source)
+
+
+def _source(
+    path: str | Path,
+    contacts: str | Path | None,
+    cell: ArrayLike | None,
+    columns: Mapping[str, str | int] | None,
+    periodic: str | None,
+) -> Source:
+    names = {name: str(column) for name, column in (columns or {}).items()}
+    beside = None if contacts is None else Path(contacts)
+    return Source(Path(path), beside, as_cell(cell), names, as_periodic(periodic))

@@ -1,13 +1,13 @@
-"""One snapshot as plain tables, into which every format is translated; its files, and PeGS2's."""
+"""One snapshot as plain tables, into which every format is translated; files of plain tables."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
@@ -18,18 +18,27 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats
 from loops.errors import check_choice
 from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
-from patterns.snapshots.files import Text, beside, require_file, whole_file
+from patterns.snapshots.columns import (
+    LAYOUTS,
+    WHEN,
+    is_column,
+    names_beside,
+    plain_tables,
+    read_as,
+)
+from patterns.snapshots.files import Text, beside, head_of, unpacked_name
 from patterns.snapshots.findings import Finding
-from patterns.snapshots.geometry import WALL
+from patterns.snapshots.geometry import as_periodic
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
     SPREADSHEETS,
     TABLE_ENDINGS,
+    TEXTS,
     Table,
+    layout_of,
     listed,
     read_arrays,
     read_body,
@@ -37,53 +46,22 @@ from patterns.snapshots.tables import (
     table_of_arrays,
 )
 
-GRAIN_COLUMNS = (
-    *("id", "type", "x", "y", "z", "radius", "diameter", "theta_z", "mass"),
-    *("vx", "vy", "omega_z"),
-)
-CONTACT_COLUMNS = (
-    *("id1", "id2", "branch_x", "branch_y", "nx", "ny", "cx", "cy", "cell_dx", "cell_dy"),
-    *("fn", "ft", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks", "mu", "sliding"),
-    *("adhesion", "cohesion"),
-    "mz_on_2",
-)
 Notes = tuple[str, ...]  # guesses, and data that a file lacks
-PLAIN_NAMES = GRAIN_COLUMNS + CONTACT_COLUMNS
-# Those of a table of contacts with walls that have other names.
-WALL_COLUMNS = ("id", "kn", "ks", "mu")
-# Other names of the columns; case does not matter.
-ALIASES: dict[str, tuple[str, ...]] = {
-    "id": ("grain", "grain_id", "particle", "particle_id", "body", "body_id"),
-    "x": ("pos_x", "x_pos", "posx", "position_x"),
-    "y": ("pos_y", "y_pos", "posy", "position_y"),
-    "radius": ("rad", "r", "radii"),
-    "diameter": ("diam", "d"),
-    "id1": ("id_1", "i", "grain1", "grain_1", "particle1", "body1", "i1"),
-    "id2": ("id_2", "j", "grain2", "grain_2", "particle2", "body2", "i2"),
-    "nx": ("n_x", "normal_x"),
-    "ny": ("n_y", "normal_y"),
-    "fn": ("f_n", "normal_force", "force_n"),
-    "ft": ("f_t", "f_s", "fs", "shear_force", "tangential_force", "force_t"),
-    "kn": ("k_n",),
-    "ks": ("k_s", "kt", "k_t"),
-    "mu": ("friction", "mu_g"),
-    "sliding": ("is_sliding", "slides"),
-    "mz_on_2": ("rolling_moment", "moment_on_2"),
-}
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Files, cell and column map given by the user."""
+    """Files, cell with its periodic directions, and column map given by the user."""
 
     path: Path
     contacts: Path | None = None
     cell: NDArray[np.float64] | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+    periodic: tuple[bool, bool] | None = None
 
 
 def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str, hint: str) -> Path:
-    """The file of contacts as given, else of one of these names beside the grains', gzip or not."""
+    """The file of contacts as given, else of one of these names beside the grains."""
     found = source.contacts or beside(source.path, *names)
     if found is None:
         raise InputError(f"contacts of {source.path}", lacks, wanted, hint)
@@ -94,14 +72,16 @@ def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str,
 class Frame:
     """One snapshot, columns by their plain names (see `read_snapshot`).
 
-    `grains` may have `z`, which must be one plane, `theta_z` (rad), `mass`, and `vx`, `vy` with
-    `omega_z` (rad/time); of a wall the branch starts at its foot, the contact point. Columns of
+    `grains` may have `z`, where centres lie in a plane, `theta_z` (rad), `mass`, and `vx`, `vy`
+    with `omega_z` (rad/time); of a wall the branch starts at its foot, the contact point. Those of
     `cell` (2, 2) are its vectors (length); `step` is the code's own number, a step, iteration or
     time, `time` the time, if known; `notes` name guesses and missing data, `findings` are those of
     the reader, and `shear_increment` is that of the code, if the source has it;
     `law` and `shear_history` are those that it names.
     `walls`, a row a contact with a wall, stands in for rows of `type` 1 and their contacts;
-    `measured` forces are those of an experiment, a law of them needs their balance.
+    `measured` forces are those of an experiment, a law of them needs their balance; `periodic`
+    are the directions of the cell; `unused` names columns of the files that are none of these,
+    `has_types` is set where the user names the column `type`.
     """
 
     grains: Table
@@ -114,17 +94,11 @@ class Frame:
     walls: Table | None = None
     measured: bool = False
     time: float | None = None
+    periodic: tuple[bool, bool] = (True, True)
+    unused: Notes = ()
+    has_types: bool = False
     law: Literal["linear", "hertz", "cohesive", "bonded"] | None = None
     shear_history: ShearHistory | None = None
-
-
-def check_names(source: Source, known: Collection[str]) -> None:
-    """Raise `InputError` for names in the column map that the format does not know."""
-    for name, column in source.columns.items():
-        if name not in known:
-            where = f"--columns {name}={column}"
-            remedy = "Write NAME=COLUMN, the column as the file calls it."
-            raise InputError(where, f"the name {name!r}", f"one of {', '.join(known)}", remedy)
 
 
 def require_column(
@@ -136,59 +110,20 @@ def require_column(
         raise InputError(f"--columns {name}={column}", received, expected, "Correct the name.")
 
 
-def with_plain_names(source: Source, grains: Table, contacts: Table) -> tuple[Table, Table]:
-    """Rename the columns of two tables by the user's column map.
-
-    `InputError` for an unknown plain name, or a column that neither table has.
-    """
-    check_names(source, PLAIN_NAMES)
-    for name, column in source.columns.items():
-        if not grains.has(column) and not contacts.has(column):
-            raise InputError(
-                f"--columns {name}={column}",
-                f"columns {listed(grains.names)} of {grains.path} and {listed(contacts.names)} of "
-                f"{contacts.path}",
-                f"a column {column!r}",
-                "Write NAME=COLUMN, the column as the file calls it.",
-            )
-    maps = [
-        {name: source.columns[name] for name in plain if name in source.columns}
-        for plain in (GRAIN_COLUMNS, CONTACT_COLUMNS)
-    ]
-    return grains.renamed(maps[0]), contacts.renamed(maps[1])
-
-
-def known_spellings() -> set[str]:
-    """Every name that a column of a table may have, in the usual cases."""
-    names = {*PLAIN_NAMES, *(alias for several in ALIASES.values() for alias in several)}
-    cases = (str, str.upper, str.capitalize, str.title)
-    return {case(name) for name in names for case in cases}
-
-
-def with_aliases(table: Table, plain: Sequence[str]) -> tuple[Table, list[str]]:
-    """Rename columns that have one of their other names, and say so."""
-    found: dict[str, str] = {}
-    spelt = {name.lower(): name for name in table.names}
-    for name in plain:
-        hits = [spelt[other] for other in (name, *ALIASES.get(name, ())) if other in spelt]
-        if not table.has(name) and len(hits) == 1:
-            found[name] = hits[0]
-    notes = [
-        f"column {column!r} of {table.path} read as {name!r}" for name, column in found.items()
-    ]
-    return table.renamed(found) if found else table, notes
-
-
-def with_radii(grains: Table) -> tuple[Table, list[str]]:
-    """Radii of a table that has diameters instead, with a note."""
-    if grains.has("radius") or not grains.has("diameter"):
-        return grains, []
-    note = f"radius is half the column 'diameter' of {grains.path}"
-    return grains.replaced("diameter", "radius", 0.5 * grains.column("diameter")), [note]
-
-
 # Snapshots that a format finds in a file, each read by a call.
-Frames = Sequence[Callable[[], Frame]]
+@dataclass(frozen=True)
+class Moment:
+    """One of them, and its step, iteration or time, if that is known before it is read."""
+
+    read: Callable[[], Frame]
+    step: float | None = None
+
+    def __call__(self) -> Frame:
+        """Read it."""
+        return self.read()
+
+
+Frames = Sequence[Moment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,17 +176,17 @@ def paired(
 ) -> Frames:
     """Snapshots of grains with their contacts, `by` step or time; errors are raised on reading.
 
-    Snapshots without contacts, as before the grains meet, are left out.
+    Snapshots without grains or contacts, as before the grains meet, are left out.
     """
     found = list(contacts)
     good = [one for one in found if not isinstance(one, InputError)]
     damaged = [one for one in found if isinstance(one, InputError)]
     steps = np.array([one.step for one in good], dtype=float)
-    readers: list[Callable[[], Frame]] = []
+    readers: list[Moment] = []
     empty = 0
     for own in grains:
         if isinstance(own, InputError):
-            readers.append(partial(_refuse, own))
+            readers.append(Moment(partial(_refuse, own)))
             continue
         same = np.flatnonzero(np.abs(steps - own.step) <= tolerance * abs(own.step))
         if not len(same):
@@ -260,12 +195,14 @@ def paired(
             expected = f"{by} {own.step:.15g} of {own.where}"
             remedy = f"Take both files from the same {by}s of one run."
             missing = InputError(str(contacts_path), received, expected, remedy)
-            readers.append(partial(_refuse, damaged[0] if damaged else missing))
-        elif good[same[0]].is_empty:
+            error = damaged[0] if damaged else missing
+            readers.append(Moment(partial(_refuse, error), own.step))
+        elif own.is_empty or good[same[0]].is_empty:
             empty += 1
         else:
             said = (f"{empty} earlier snapshots without contacts left out",) if empty else ()
-            readers.append(partial(read, own, good[same[0]], (*notes, *said)))
+            whole = partial(read, own, good[same[0]], (*notes, *said))
+            readers.append(Moment(whole, own.step))
     if not readers:
         where = str(contacts_path)
         raise InputError(where, "no contacts in any snapshot", "contacts", "Check the export.")
@@ -282,74 +219,147 @@ YADE_COLUMNS = ("fn", "fsx", "fsy", "fx_on_2", "fy_on_2", "kn", "ks")
 
 def is_table(path: Path, head: bytes) -> bool:
     """Whether this is a plain table: by its ending, what is in it is checked on reading."""
-    return path.name.lower().endswith((*TABLE_ENDINGS, *SPREADSHEETS))
+    return unpacked_name(path.name.lower()).endswith((*TABLE_ENDINGS, *SPREADSHEETS))
 
 
 def table_frames(source: Source) -> Frames:
-    """The one snapshot of a pair of tables, or of one npz or HDF5 file with both and the `cell`.
+    """Snapshots of a pair of tables, or of one npz or HDF5 file with both and the `cell`.
 
-    The contacts stand beside the grains, `grains` in the name replaced by `contacts`, and so may
-    `cell_....json`: `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000,
-    "time": 0.5, "shear_increment": "radii", "law": "hertz", "shear_history": "force"}`, null for no
-    cell, and `walls_...`, a row a contact with a wall, see `snapshot_from_tables`.
+    Contacts, `walls_...`, a row a contact with a wall, see `snapshot_from_tables`, and
+    `cell_....json` stand beside the grains under names of `columns.WORDS`. The latter is
+    `{"cell": [[HXX, HXY], [HYX, HYY]], "iteration": 1000, "time": 0.5, "periodic": "xy",
+    "shear_increment": "radii", "law": "hertz", "shear_history": "force"}`, null for no cell. Tables
+    with a column `step` or `time` of several values hold a snapshot each.
     """
+    told: dict[str, Any] = {}
+    one_file = source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES)
 
-    def read() -> Frame:
-        wanted = known_spellings() | {*source.columns.values()}
-        tables: tuple[Table, ...] = ()
-        if source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES):
-            names, arrays = read_arrays(source.path, wanted | {"cell"})
-            if any(name.startswith("contacts/") for name in names):
-                cell, told = arrays.get("cell"), {}
-                for group in ("grains/", "contacts/"):
-                    own = [n.removeprefix(group) for n in names if n.startswith(group)]
-                    values = {n: arrays[group + n] for n in own if group + n in arrays}
-                    table = table_of_arrays(f"{group[:-1]} of {source.path}", own, values)
-                    tables = (*tables, table)
-        if not tables:
-            grains = read_table(source.path, wanted)
-            tables = grains, read_table(source.contacts or contacts_beside(source.path), wanted)
-            told = _cell_beside(source.path)
-            cell = told.pop("cell", None)
-            walls = source.path.with_name(source.path.name.replace("grains", "walls"))
-            if "grains" in source.path.name and walls.is_file():
-                pushed = read_table(walls, wanted | {"fx", "fy"})
-                told["walls"] = with_aliases(pushed, WALL_COLUMNS)[0]
-        frame = frame_of_tables(source, *tables)
-        return replace(frame, cell=cell if source.cell is None else source.cell, **told)
+    @cache
+    def load() -> dict[str, Table]:
+        if one_file and (found := _groups(source, told)):
+            return found
+        wanted = {*source.columns.values()}
 
-    return [read]
+        def own(path: Path) -> Table:
+            return read_table(path, lambda name: is_column(name) or name in wanted)
+
+        read = {"grains": own(source.path)}
+        read["contacts"] = own(source.contacts or contacts_beside(source.path))
+        if walls := beside(source.path, *names_beside(source.path, "walls")):
+            read["walls"] = own(walls)
+        told.update(_cell_beside(source.path))
+        return _with_layout(read, source)
+
+    def read(name: str = "", value: float = 0.0, notes: Notes = ()) -> Frame:
+        frame = frame_of_tables(source, load(), **told)
+        if not name:
+            return frame
+        parts: dict[str, Any] = {kind: getattr(frame, kind) for kind in load()}
+        parts = {kind: one.take(one.column(name) == value) for kind, one in parts.items()}
+        parts[name] = value
+        return replace(frame, **parts, notes=(*frame.notes, *notes))
+
+    if not _may_be_long(source):
+        return [Moment(read, _cell_beside(source.path).get("step"))]
+    frame = frame_of_tables(source, load(), **told)
+    tables = [frame.grains, frame.contacts, *([frame.walls] if frame.walls else [])]
+    long = [name for name in WHEN if any(t.has(name) and np.ptp(t.column(name)) for t in tables)]
+    if not long:
+        return [Moment(read, frame.step)]
+    for table in tables:
+        if not table.has(long[0]):
+            received, wanted = f"columns {listed(table.names)}", f"a column {long[0]!r}"
+            remedy = "Give each table the column, or one snapshot to each file."
+            raise InputError(table.path, received, f"{wanted}, as in the other table", remedy)
+    moments, touched = (np.unique(table.column(long[0])) for table in tables[:2])
+    left = len(moments) - len(moments := np.intersect1d(moments, touched))
+    if not len(moments):
+        remedy = "Take both tables from one run."
+        raise InputError(tables[1].path, f"no {long[0]} of the grains", "contacts", remedy)
+    said = (f"{left} snapshots without contacts left out",) if left else ()
+    return [Moment(partial(read, long[0], value, said), value) for value in moments.tolist()]
 
 
-def frame_of_tables(source: Source, grains: Table, contacts: Table) -> Frame:
-    """One saved state from its two tables, columns under their plain names."""
-    grains, contacts = with_plain_names(source, grains, contacts)
-    grains, other_grains = with_aliases(grains, GRAIN_COLUMNS)
-    contacts, other_contacts = with_aliases(contacts, CONTACT_COLUMNS)
-    grains, halved = with_radii(grains)
-    increment: ShearIncrement | None = "radii" if contacts.has(*YADE_COLUMNS) else None
-    notes = (*other_grains, *halved, *other_contacts)
-    return Frame(grains, contacts, cell=source.cell, shear_increment=increment, notes=notes)
+def _may_be_long(source: Source) -> bool:
+    """Whether the table of grains may hold several snapshots, by the names of its columns."""
+    if set(WHEN) & set(source.columns):
+        return True
+    path, name = source.path, unpacked_name(source.path.name.lower())
+    names: Sequence[str] = ()
+    if name.endswith(TEXTS) and path.is_file():
+        with suppress(InputError):  # told when it is read
+            names = layout_of(path, head_of(path), is_column).names
+    elif name.endswith(".parquet") and path.is_file():
+        names = read_table(path, lambda name: False).names
+    return any(read_as(name, "grains") in WHEN for name in names)
+
+
+def _groups(source: Source, told: dict[str, Any]) -> dict[str, Table]:
+    """Tables of the groups of one file, none if it has none; its cell joins what is told."""
+    names, arrays = read_arrays(source.path, lambda name: is_column(name) or name == "cell")
+    found: dict[str, Table] = {}
+    if any(name.startswith("contacts/") for name in names):
+        told["cell"] = arrays.get("cell")
+        for group in ("grains", "contacts"):
+            own = [n.removeprefix(f"{group}/") for n in names if n.startswith(f"{group}/")]
+            values = {n: arrays[f"{group}/{n}"] for n in own if f"{group}/{n}" in arrays}
+            found[group] = table_of_arrays(f"{group} of {source.path}", own, values)
+    return found
+
+
+def _with_layout(tables: dict[str, Table], source: Source) -> dict[str, Table]:
+    """Tables without header under the names of a known layout, if they have its columns."""
+    shape = tuple(len(tables[kind].names) for kind in ("grains", "contacts"))
+    bare = all(tables[kind].names[0] == "0" for kind in ("grains", "contacts"))
+    if source.columns or not bare or shape not in LAYOUTS:
+        return tables
+    for kind, names in zip(("grains", "contacts"), LAYOUTS[shape], strict=True):
+        numbered = {name: str(k) for k, name in enumerate(names)}
+        tables[kind] = tables[kind].renamed(numbered)
+    return tables
+
+
+def frame_of_tables(source: Source, tables: Mapping[str, Table], **told: Any) -> Frame:
+    """One saved state from its tables, columns under their plain names."""
+    found, notes, unused = plain_tables(tables, source.columns)
+    grains = found["grains"]
+    for name in WHEN:
+        if grains.has(name) and not np.ptp(when := grains.column(name)):
+            told.setdefault(name, float(when[0]))
+    if grains.has("type") and (of_walls := grains.are("type", "wall")) is not None:
+        grains = grains.replaced("type", "type", of_walls.astype(float))
+    if grains.has("diameter") and not grains.has("radius"):
+        grains = grains.replaced("diameter", "radius", 0.5 * grains.column("diameter"))
+        notes.append(f"radius is half the column 'diameter' of {grains.path}")
+    if found["contacts"].has(*YADE_COLUMNS):
+        told.setdefault("shear_increment", "radii")
+    if source.cell is not None:
+        told["cell"] = source.cell
+    if source.periodic is not None:
+        told["periodic"] = source.periodic
+    told["notes"] = (*told.get("notes", ()), *notes)
+    told.setdefault("has_types", "type" in source.columns)
+    walls = found.get("walls")
+    return Frame(grains, found["contacts"], walls=walls, unused=tuple(unused), **told)
 
 
 def contacts_beside(path: Path) -> Path:
-    """Path of the contacts: `grains` in the name of the file replaced."""
-    if "grains" not in path.name:
-        expected = "grains_... with contacts_... beside it"
+    """Path of the contacts beside the grains, by the words of `columns.WORDS`."""
+    names = names_beside(path, "contacts")
+    if not names:
+        expected = "grains_... with contacts_... beside it, or particles_, atoms_, nodes_, ..."
         remedy = "Name the table of contacts explicitly."
-        raise InputError(f"name of {path}", "no 'grains' in it", expected, remedy)
-    return path.with_name(path.name.replace("grains", "contacts"))
+        raise InputError(f"name of {path}", "no word for grains in it", expected, remedy)
+    return beside(path, *names) or path.with_name(names[0])
 
 
 def _cell_beside(path: Path) -> dict[str, Any]:
     """Fields of a `Frame` that `cell_....json` beside the grains tells."""
-    if "grains" not in path.name:
-        return {}
-    name = path.name.replace("grains", "cell")
-    for ending in TABLE_ENDINGS:
-        name = name.removesuffix(ending)
-    file = path.with_name(f"{name}.json")
-    if not file.is_file():
+    name = unpacked_name(path.name)
+    ending = next((one for one in TABLE_ENDINGS if name.endswith(one)), "")
+    plain = path.with_name(name.removesuffix(ending))
+    file = beside(path, *(f"{name}.json" for name in names_beside(plain, "cell")))
+    if file is None:
         return {}
     try:
         given = json.loads(file.read_text())
@@ -358,6 +368,8 @@ def _cell_beside(path: Path) -> dict[str, Any]:
         for name, field in (("iteration", "step"), ("time", "time")):
             if given.get(name) is not None:
                 found[field] = float(given[name])
+        if given.get("periodic") is not None:
+            found["periodic"] = as_periodic(given["periodic"])
         if given.get("shear_increment") is not None:
             found["shear_increment"] = checked_increment(given["shear_increment"])
         for name, known in (
@@ -423,6 +435,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     given: dict[str, object] = {"cell": None if matrix is None else matrix.tolist()}
     if increment not in (None, "branch"):
         given["shear_increment"] = increment
+    given |= {"periodic": tables["periodic"]} if "periodic" in tables else {}
     given |= {name: tables[name] for name in ("law", "shear_history") if name in tables}
     if given == {"cell": None}:
         cell.unlink(missing_ok=True)
@@ -440,86 +453,3 @@ def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
     with open(partial, "wb") as file:
         write(table, file)
     os.replace(partial, path)
-
-
-# Columns of `particle_positions.txt`, and of `Adjacency_list.txt`; neither has a header.
-POSITIONS = ("frame", "id", "x", "y", "r", "edge")
-ADJACENCY = ("frame", "id1", "id2", "tangential", "normal")
-LIST = "Adjacency_list.txt"
-DECIMAL = rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
-LISTED = re.compile(rb"\s*" + rb"\s*,\s*".join([rb"\d+", rb"\d+", *[DECIMAL] * 4]) + rb"\s*\r?\n")
-OUTSIDE = -1  # id of a wall in the list
-
-
-def is_pegs(path: Path, head: bytes) -> bool:
-    """Whether the first line is one of tracked positions: six numbers between commas."""
-    return LISTED.match(head) is not None
-
-
-def pegs_frames(source: Source) -> Frames:
-    """Frames of `particle_positions.txt` with `Adjacency_list.txt` beside it.
-
-    Lengths in pixels, y of the image turned upwards; forces in newtons, those of a contact that
-    both grains have are averaged. The list has no direction of contacts with walls.
-    """
-    if source.columns:
-        remedy = "PeGS2 writes no names of columns: leave --columns out."
-        raise InputError("--columns", str(dict(source.columns)), "none for PeGS2", remedy)
-    wanted, hint = f"{LIST} of PeGS2's adjacencyMatrix", "Name it by --contacts."
-    lists = contacts_path(source, [LIST], "no list of contacts beside it", wanted, hint)
-    grains, contacts = _rows(source.path, POSITIONS), _rows(lists, ADJACENCY)
-    found = [number for number in np.unique(grains[:, 0]) if (contacts[:, 0] == number).any()]
-    if not found:
-        where, received = str(lists), "no contacts in any frame of the positions"
-        raise InputError(where, received, "contacts", "Take both files of one run.")
-
-    def read(number: float) -> Frame:
-        x = grains[grains[:, 0] == number]
-        rows = contacts[contacts[:, 0] == number]
-        bodies = {
-            "id": np.append(x[:, 1], OUTSIDE),
-            "type": np.append(np.zeros(len(x)), WALL),
-            "x": np.append(x[:, 2], 0.0),
-            "y": np.append(-x[:, 3], 0.0),
-            "radius": np.append(x[:, 4], 0.0),
-        }
-        # One row a pair, whichever grain it was solved on.
-        ends = np.sort(rows[:, 1:3], axis=1)
-        ends[ends[:, 0] == OUTSIDE] = ends[ends[:, 0] == OUTSIDE][:, ::-1]
-        pairs, which, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-        which = which.ravel()
-        force = np.stack([np.bincount(which, f) / count for f in (rows[:, 4], rows[:, 3])], axis=1)
-        apart = np.hypot(*(rows[:, [4, 3]] - force[which]).T)[count[which] > 1]
-        between = pairs[:, 1] != OUTSIDE
-        mean = float(np.hypot(*force[between].T).mean()) if between.any() else 1.0
-        single, walls = np.count_nonzero(between & (count == 1)), np.count_nonzero(~between)
-        spread = float(np.sqrt(np.mean(apart**2))) / mean if len(apart) else 0.0
-        notes = [
-            "PeGS2: lengths in pixels, y turned upwards; N and T as of its force balance",
-            "the force of a contact is the mean of those solved on its two grains, which differ by "
-            f"{spread:.2g} mean forces from it (root mean square); {single} contacts were solved "
-            "on one grain alone",
-        ]
-        if walls:
-            notes.append(f"{walls} contacts with walls have no direction in the list: left out")
-        table = {"id1": pairs[:, 0], "id2": pairs[:, 1], "fn": force[:, 0], "ft": force[:, 1]}
-        return Frame(
-            Table(source.path, bodies),
-            Table(lists, table),
-            source.cell,
-            float(number),
-            tuple(notes),
-            measured=True,
-        )
-
-    return [partial(read, number) for number in found]
-
-
-def _rows(path: Path, names: tuple[str, ...]) -> Floats:
-    require_file(path)
-    with whole_file(path):
-        rows = np.loadtxt(path, delimiter=",", ndmin=2)
-    if rows.shape[1] != len(names):
-        received, expected = f"{rows.shape[1]} columns", f"{len(names)}: {', '.join(names)}"
-        raise InputError(str(path), received, expected, "Write it by PeGS2 again.")
-    return rows

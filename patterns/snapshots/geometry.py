@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -11,15 +11,27 @@ from numpy.typing import ArrayLike
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
 from loops.compiled import given, on_parts, use_passes
-from patterns.snapshots.tables import HUGE, Table
+from loops.errors import check_choice
+from patterns.snapshots.columns import AXIAL, VECTORS
+from patterns.snapshots.findings import Finding
+from patterns.snapshots.tables import HUGE, Table, require_columns
 
 WALL = 1
 GIVE_CELL = (
     "Give --cell HXX,HXY,HYX,HYY or a table, --cells FILE; "
     "in Python cell=[[h_xx, h_xy], [h_yx, h_yy]]."
 )
-# Largest distance of centres from their plane over the smallest radius: the precision of text.
-PLANE_TOLERANCE = 1e-3
+# Largest scatter of centres across their plane over the smallest radius. A distance in the plane is
+# then shorter by 3e-4 of the radius at most.
+PLANE_TOLERANCE = 0.05
+# A scatter that is more than rounding is noted.
+PLANE_NOTED = 1e-6
+# Grains of these distances over the sum of their radii (median) touch: others have wrong ids.
+TOUCHING = 1.3
+# Contacts by which ids are judged.
+FEW_ROWS = 4096
+# From this share of the bodies on type 1 is a kind of grains, not of walls.
+MOST_WALLS = 0.5
 # Ids below this many times their number are looked up in a table, others by bisection.
 SPARSE = 8
 # Branches or normals of the file may differ from the centres by this share of the branch: the
@@ -34,70 +46,217 @@ BRANCH_BLOCK = 1 << 15  # contacts processed together, so that their arrays stay
 
 
 class Bodies(NamedTuple):
-    """Grains and walls of a table: `ids`, `is_wall` of all bodies, the rest of the grains."""
+    """Grains of a table."""
 
     ids: Integers
-    is_wall: Flags
     x: Floats
     radii: Floats
     rotation: Floats | None
     mass: Floats | None
     motion: Floats | None = None  # (G, 3): velocity and spin
 
-    @property
-    def grain_ids(self) -> Integers:
-        """(G,) array: ids of the grains."""
-        return self.ids[~self.is_wall] if self.is_wall.any() else self.ids
 
+def in_plane(tables: Sequence[Table]) -> tuple[list[Table], list[str]]:
+    """Tables in the plane that the centres lie in, grains first: x and z, or y and z, as x and y.
 
-def read_bodies(table: Table, *, along_space: bool = False) -> Bodies:
-    """Grains and walls of a table, ascending by id; refuses what can't be a packing in the plane.
-
-    Grains whose ids jump across the sample are sorted along space instead if `along_space`:
-    neighbouring grains are then close in memory in all that follows.
+    Scatter across it is left out, and noted; `InputError` for a packing in three dimensions.
     """
+    grains = tables[0]
+    axes = [axis for axis in "xyz" if grains.has(axis)]
+    if "z" not in axes:
+        return list(tables), []
+    own = np.ones(len(grains), dtype=bool)
+    if grains.has("type") and not (own := grains.integers("type") != WALL).any():
+        own = ~own
+    radii = grains.column("radius")[own]
+    place = {axis: grains.column(axis)[own] for axis in axes}
+    left = "xyz"[axis_across(place, radii, f"column 'z' of {grains.path}")]
+    notes, smallest = [], float(radii.min())
+    if left in axes and (spread := float(np.ptp(place[left]))) > PLANE_NOTED * smallest:
+        notes.append(
+            f"centres scatter by {spread:.3g} along {left}, which is left out: distances are "
+            f"shorter by {spread**2 / (4 * smallest):.2g} at most"
+        )
+    if left == "z":
+        return list(tables), notes
+    notes.append(plane_note(left))
+    return [_turned_into_plane(table, left) for table in tables], notes
+
+
+def plane_note(left: str) -> str:
+    """Note on a packing in the plane across this axis."""
+    return f"a packing in the plane of {' and '.join('xyz'.replace(left, ''))}: z was taken for y"
+
+
+def axis_across(place: Mapping[str, Floats], radii: Floats, where: str) -> int:
+    """Number of the axis along which centres don't differ, z first, or which is not there."""
+    for k in (2, 1, 0):
+        values = place.get("xyz"[k])
+        if values is None or np.ptp(values) <= PLANE_TOLERANCE * np.abs(radii).min():
+            return k
+    z = place["z"]
+    raise InputError(
+        where,
+        f"centres from z = {z.min():g} to {z.max():g}",
+        "a packing in two dimensions, all centres in one plane",
+        "Loops are faces of a plane network and have no counterpart in three dimensions: "
+        "simulate in a plane; a slice or projection of a 3D packing has no loops of its own.",
+    )
+
+
+def _turned_into_plane(table: Table, left: str) -> Table:
+    """The table with its vectors in the plane across the axis `left`, named as in x and y."""
+    kept = "xyz".replace(left, "")
+    names = [(v.replace("@", new), v.replace("@", old)) for v in VECTORS
+             for new, old in zip("xy", kept, strict=True)]  # fmt: skip
+    turned = [(v.replace("@", "z"), v.replace("@", left)) for v in AXIAL]
+    table = table.selected(dict(names + turned))
+    # x, z and -y are right-handed.
+    for name, _ in turned if left == "y" else ():
+        if table.has(name):
+            table = table.replaced(name, name, -table.column(name))
+    return table
+
+
+def read_ids(table: Table) -> Integers:
+    """Ids of the bodies; without such a column the row is the id, from 0."""
+    if not table.has("id"):
+        return np.arange(len(table))
     ids = table.integers("id")
     refuse_repeated(table, ids)
-    is_wall = table.integers("type") == WALL if table.has("type") else np.zeros(len(ids), bool)
+    return ids
+
+
+def named_rows(
+    grains: Table, contacts: Table, ids: Integers, cell: Floats | None
+) -> tuple[Integers, int, list[str]]:
+    """(C, 2) array: rows of the bodies of every contact, the shift of their ids, and notes.
+
+    The row of a wall that `type1` or `type2` tells is the number of bodies.
+    Ids of contacts may be one more or less than those of the grains: taken so where they touch
+    then, and don't as they are. `InputError` for an unknown id.
+    """
+    named = np.column_stack([contacts.integers(name) for name in ("id1", "id2")])
+    found, notes, walls = index_of(ids, named), list[str](), None
+    if contacts.has("type1", "type2"):
+        types = np.column_stack([contacts.integers(name) for name in ("type1", "type2")])
+        rows = (types != WALL).any(axis=1)
+        if rows.any() and not (found[rows].min() >= 0 and _touch(grains, found[rows], cell)):
+            walls = types != WALL
+            notes.append(f"columns 'type1', 'type2': {np.count_nonzero(rows)} contacts with walls")
+    for shift in (0, -1, 1):
+        moved = found if shift == 0 else index_of(ids, named + shift)
+        if walls is not None:
+            moved = np.where(walls, len(ids), moved)
+        if moved.min() >= 0 and _touch(grains, moved, cell):
+            break
+    else:
+        shift, moved = 0, found if walls is None else np.where(walls, len(ids), found)
+    if shift:
+        by = "more" if shift < 0 else "less"
+        notes.append(f"ids of {contacts.path} are one {by} than those of {grains.path}")
+    if moved.min() < 0:
+        require_columns((grains, ("id",)))
+        row, side = np.argwhere(moved < 0)[0]
+        where = f"column {('id1', 'id2')[side]!r} of {contacts.path}, row {contacts.number(row)}"
+        remedy = "Add the grain or drop the contact; check that both tables are of one snapshot."
+        expected = "an id of the table of grains"
+        raise InputError(where, f"grain {named[row, side]}", expected, remedy)
+    return moved, shift, notes
+
+
+def _touch(grains: Table, rows: Integers, cell: Floats | None) -> bool:
+    """Whether most of the pairs touch, contacts with walls, as far as they are known, left out."""
+    few = np.unique(np.linspace(0, len(rows) - 1, FEW_ROWS).astype(np.int64))
+    one, two = rows[few][rows[few].max(axis=1) < len(grains)].T
+    if grains.has("type"):
+        wall = grains.integers("type") == WALL
+        if (inner := ~(wall[one] | wall[two])).any():
+            one, two = one[inner], two[inner]
+    x, y, radii = (grains.column(name) for name in ("x", "y", "radius"))
+    d = np.column_stack([x[two] - x[one], y[two] - y[one]])
+    return bool(median(_reach(d, radii[one] + radii[two], cell)) < TOUCHING)
+
+
+def _reach(d: Floats, reach: Floats, cell: Floats | None) -> Floats:
+    """Distances to the nearest image over the sums of the radii."""
+    if cell is not None:
+        d = d - np.rint(np.linalg.solve(cell, d.T)).T @ cell.T
+    return np.hypot(*d.T) / np.where(reach > 0, reach, 1.0)
+
+
+def told_walls(
+    grains: Table, rows: Integers, cell: Floats | None, *, given: bool, others: bool
+) -> tuple[Flags, list[str], list[Finding]]:
+    """Bodies of type 1, walls unless they are discs that can't be any; notes and findings.
+
+    `given` is whether the user names the column, `others` whether walls have a table of their own.
+    """
+    wall = grains.integers("type") == WALL if grains.has("type") else np.zeros(len(grains), bool)
+    if given or not wall.any() or not (grains.column("radius")[wall] > 0).all():
+        return wall, [], []
+    own = rows[rows.max(axis=1) < len(grains)]
+    of_walls = np.count_nonzero(wall[own], axis=1)
+    reasons = (
+        (bool((of_walls == 2).any()), "discs of type 1 touch one another"),
+        (float(wall.mean()) >= MOST_WALLS, f"{100 * wall.mean():.3g} % of the discs are of type 1"),
+        (cell is not None, "the sample is periodic"),
+        (others, "walls have a table of their own"),
+    )
+    told = [words for holds, words in reasons if holds]
+    if told:
+        note = f"column 'type' of {grains.path} tells kinds of grains, not walls: {told[0]}"
+        return np.zeros(len(wall), bool), [f"{note}; --columns type=type makes type 1 walls"], []
+    one, two = own[of_walls == 1].T
+    x, radii = grains.columns("x", "y"), grains.column("radius")
+    if not len(one) or median(_reach(x[two] - x[one], radii[one] + radii[two], cell)) > TOUCHING:
+        return wall, [], []
+    found = Finding("type", float(wall.sum()), f"{wall.sum()} walls of type 1")
+    remedy = "Give --columns type=none if they are grains, type=type if they are walls."
+    return wall, [], [found.doubt(" are discs that touch the grains: walls, or a kind of", remedy)]
+
+
+def read_bodies(
+    table: Table, ids: Integers, is_wall: Flags, *, walls: bool = False, along_space: bool = False
+) -> tuple[Bodies, Integers | None]:
+    """Grains of a table, ascending by id, and the place of each row among them.
+
+    The place of a wall is -1, also of `walls` beyond the table; no places if each row is its own.
+    Grains whose ids jump across the
+    sample are sorted along space instead if `along_space`: neighbouring grains are then close in
+    memory in all that follows.
+    """
+    grains = np.flatnonzero(~is_wall)
+    if len(grains) == 0:
+        raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
     x, radii = table.columns("x", "y"), table.column("radius")
+    if (ids[1:] < ids[:-1]).any():
+        grains = grains[np.argsort(ids[grains])]
+    if along_space:
+        # Successive grains lie many mean spacings apart, as after a random insertion.
+        own = some(x, grains)
+        spacing = np.sqrt(np.ptp(own[:, 0]) * np.ptp(own[:, 1]) / len(own))
+        if median(np.abs(np.diff(own[:, 0])) + np.abs(np.diff(own[:, 1]))) > FAR_IN_LISTS * spacing:
+            from loops.compiled.network import spatial_order
+
+            grains = grains[spatial_order(given(own, np.float64))]
     rotation, mass = (
         table.column(name) if table.has(name) else None for name in ("theta_z", "mass")
     )
     velocities = ("vx", "vy", "omega_z")
     motion = table.columns(*velocities) if table.has(*velocities) else None
-    grains = np.flatnonzero(~is_wall)
-    if (ids[1:] < ids[:-1]).any():
-        order = np.argsort(ids)
-        grains = order[~is_wall[order]]
-        ids, is_wall = ids[order], is_wall[order]
-    if len(grains) < len(x) or (grains[1:] < grains[:-1]).any():
-        x, radii = x[grains], radii[grains]
-        rotation, mass, motion = (
-            None if values is None else values[grains] for values in (rotation, mass, motion)
-        )
-    if along_space:
-        # Successive grains lie many mean spacings apart, as after a random insertion.
-        spacing = np.sqrt(np.ptp(x[:, 0]) * np.ptp(x[:, 1]) / len(x))
-        if median(np.abs(np.diff(x[:, 0])) + np.abs(np.diff(x[:, 1]))) > FAR_IN_LISTS * spacing:
-            from loops.compiled.network import spatial_order
-
-            order = spatial_order(given(x, np.float64))
-            x, radii = some(x, order), some(radii, order)
-            rotation, mass, motion = (
-                None if values is None else some(values, order)
-                for values in (rotation, mass, motion)
-            )
-            # Walls stand behind the grains.
-            if is_wall.any():
-                order = np.append(np.flatnonzero(~is_wall)[order], np.flatnonzero(is_wall))
-            ids, is_wall = some(ids, order), is_wall[order]
-    bodies = Bodies(ids, is_wall, x, radii, rotation, mass, motion)
-    if len(radii) == 0:
-        raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
-    refuse_radii(table, bodies.grain_ids, radii, "Correct the row, or give walls type 1.")
-    _refuse_third_dimension(table, bodies)
+    rotation, mass, motion = (
+        None if values is None else some(values, grains) for values in (rotation, mass, motion)
+    )
+    own = some(ids, grains), some(x, grains), some(radii, grains)
+    bodies = Bodies(*own, rotation, mass, motion)
+    refuse_radii(table, bodies.ids, bodies.radii, "Correct the row, or give walls type 1.")
     _refuse_coincident(table, bodies)
-    return bodies
+    place = None
+    if walls or len(grains) < len(ids) or (grains[1:] < grains[:-1]).any():
+        place = np.full(len(ids) + 1, -1)
+        place[grains] = np.arange(len(grains))
+    return bodies, place
 
 
 def rows_between_grains(table: Table, pairs: Integers, *, along_space: bool) -> Integers:
@@ -113,16 +272,6 @@ def rows_between_grains(table: Table, pairs: Integers, *, along_space: bool) -> 
     if len(rows) == 0:
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
     return rows
-
-
-def read_pairs(table: Table, bodies: Bodies) -> Integers:
-    """(C, 2) array: grains of every contact, -1 for walls; `InputError` for an unknown id."""
-    expected = "an id of the table of grains"
-    remedy = "Add the grain or drop the contact; check that both tables are of one snapshot."
-    named = places_of(table, ("id1", "id2"), bodies.ids, expected, remedy)
-    if not bodies.is_wall.any():
-        return named
-    return np.where(bodies.is_wall, -1, np.cumsum(~bodies.is_wall) - 1)[named]
 
 
 def places_of(
@@ -180,23 +329,6 @@ def refuse_repeated(table: Table, ids: Integers) -> None:
     raise InputError(f"column 'id' of {table.path}", received, "each id once", remedy)
 
 
-def _refuse_third_dimension(table: Table, bodies: Bodies) -> None:
-    if not table.has("z"):
-        return
-    z = table.column("z")
-    if table.has("type"):
-        z = z[table.integers("type") != WALL]
-    if np.ptp(z) <= PLANE_TOLERANCE * bodies.radii.min():
-        return
-    raise InputError(
-        f"column 'z' of {table.path}",
-        f"centres from z = {z.min():g} to {z.max():g}",
-        "a packing in two dimensions, all centres in one plane",
-        "Loops are faces of a plane network and have no counterpart in three dimensions: "
-        "simulate in a plane; a slice or projection of a 3D packing has no loops of its own.",
-    )
-
-
 def _refuse_coincident(table: Table, bodies: Bodies) -> None:
     x = bodies.x
     level = np.sort(x[:, 0])
@@ -206,7 +338,7 @@ def _refuse_coincident(table: Table, bodies: Bodies) -> None:
     same = np.flatnonzero((x[order[1:]] == x[order[:-1]]).all(axis=1))
     if len(same) == 0:
         return
-    pair = sorted(bodies.grain_ids[order[same[0] : same[0] + 2]].tolist())
+    pair = sorted(bodies.ids[order[same[0] : same[0] + 2]].tolist())
     received = f"grains {pair[0]} and {pair[1]} at the same place"
     raise InputError(table.path, received, "distinct centres", "Drop one of the two.")
 
@@ -225,6 +357,14 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
         expected = "two independent cell vectors as the columns of HXX, HXY, HYX, HYY"
         raise InputError("cell", received, expected, "Give the cell of this snapshot.")
     return matrix
+
+
+def as_periodic(word: str | None) -> tuple[bool, bool] | None:
+    """Periodic directions of a word: `x`, `y` or `xy`."""
+    if word is None:
+        return None
+    check_choice("periodic", word, ("x", "y", "xy"))
+    return "x" in word, "y" in word
 
 
 def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
@@ -246,7 +386,8 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
 class ContactBranches(NamedTuple):
     """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
 
-    `given` (C, 2) are the normals of the file, else its branches, None if it has neither.
+    `given` (C, 2) are the normals of the file, else its branches, None if it has neither; `off` how
+    far each of the file's is off, `reach` (C,) the lengths over the sums of the radii.
     """
 
     images: Integers | None
@@ -254,10 +395,18 @@ class ContactBranches(NamedTuple):
     length: Floats
     n: Floats
     given: Floats | None
+    of_file: Mapping[str, Floats]
+    off: Mapping[str, Floats]
+    reach: Floats
 
 
 def read_branches(
-    table: Table, rows: Integers, pairs: Integers, bodies: Bodies, cell: Floats | None
+    table: Table,
+    rows: Integers,
+    pairs: Integers,
+    bodies: Bodies,
+    cell: Floats | None,
+    periodic: tuple[bool, bool] = (True, True),
 ) -> ContactBranches:
     """Branches of the contacts in some rows of the table, compared with those of the file.
 
@@ -287,7 +436,7 @@ def read_branches(
             if images is None:
                 near = bodies.x[pairs[part, 0]] - bodies.x[pairs[part, 1]]
                 near = of_file["branch"][part] + near if "branch" in of_file else near
-                made[part] = np.rint(np.linalg.solve(cell, near.T).T)
+                made[part] = np.where(periodic, np.rint(np.linalg.solve(cell, near.T).T), 0)
             across = made[part] @ cell.T
         if by_kernel:
             filled = d[part], length[part], n[part], reach[part]
@@ -306,42 +455,29 @@ def read_branches(
             off["branch"][part] /= np.where(length[part] > 0, length[part], 1.0)
 
     in_threads(fill, range(0, count, BRANCH_BLOCK))
-    made_branches = ContactBranches(
-        *(made, d, length, n),
-        # Normals come first: branches of many files are computed from the centres.
-        of_file.get("normal", of_file.get("branch")),
-    )
-    _require_fitting(table, rows, pairs, bodies, made_branches, of_file, off, reach)
-    return made_branches
+    # Normals come first: branches of many files are computed from the centres.
+    of_both = of_file.get("normal", of_file.get("branch"))
+    return ContactBranches(made, d, length, n, of_both, of_file, off, reach)
 
 
-def _require_fitting(
-    table: Table,
-    rows: Integers,
-    pairs: Integers,
-    bodies: Bodies,
-    branches: ContactBranches,
-    of_file: Mapping[str, Floats],
-    off: Mapping[str, Floats],
-    reach: Floats,
+def require_fitting(
+    table: Table, rows: Integers, pairs: Integers, bodies: Bodies, branches: ContactBranches
 ) -> None:
-    """Raise `InputError` where branches of the file are not those of the centres, or too long.
-
-    `off` is how far each of the file is off, `reach` each length over the sum of the radii.
-    """
+    """Raise `InputError` where branches of the file are not those of the centres, or too long."""
 
     def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
-        one, two = bodies.grain_ids[pairs[c]].tolist()
-        where = f"{table.path}, row {rows[c]} (grains {one} and {two})"
+        one, two = bodies.ids[pairs[c]].tolist()
+        where = f"{table.path}, row {table.number(rows[c])} (grains {one} and {two})"
         raise InputError(where, received, expected, remedy)
 
     of_cell = "Give --cell if the sample is periodic; else take both tables of one snapshot."
     if branches.images is not None:
         of_cell = "Give the cell of this snapshot."
-    for name, values in of_file.items():
-        if off[name].max() <= GEOMETRY_TOLERANCE:
+    for name, values in branches.of_file.items():
+        off = branches.off[name]
+        if off.max() <= GEOMETRY_TOLERANCE:
             continue
-        c = int(np.argmax(off[name]))
+        c = int(np.argmax(off))
         expected = branches.d if name == "branch" else branches.n
         turned = np.abs(values + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
         remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
@@ -352,6 +488,7 @@ def _require_fitting(
             remedy if turned else of_cell,
         )
     # If no grains overlap, the radii may be wrong: the checks explain it.
+    reach = branches.reach
     if reach.max() > TOUCHING_REACH and median(reach) < TOUCHING_REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
@@ -380,7 +517,7 @@ def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Intege
     images: Integers = np.column_stack([some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
     if cell is None and images.any():
         c = int(np.argmax(images.any(axis=1)))
-        where = f"{table.path}, row {rows[c]}"
+        where = f"{table.path}, row {table.number(rows[c])}"
         received = f"periodic image {images[c].tolist()} and no cell"
         raise InputError(where, received, "the periodic cell", GIVE_CELL)
     return None if cell is None else images

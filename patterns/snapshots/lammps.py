@@ -10,6 +10,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from patterns.snapshots.columns import check_names
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     NONE,
@@ -32,7 +33,7 @@ from patterns.snapshots.dump_files import (
     sample_rows,
     space_of,
 )
-from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
+from patterns.snapshots.frame import Frame, Frames, Notes, Source
 from patterns.snapshots.tables import Table, listed
 
 # Plain names of the columns of contacts of LAMMPS, and their contents.
@@ -203,11 +204,11 @@ def lammps_frames(source: Source) -> Frames:
     Columns of contacts are recognised from the grains, or given by a map of `CONTACT_NAMES`; walls
     are the per-atom columns of `fix wall/gran ... contacts`.
     """
-    check_names(source, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
+    check_names(source.columns, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
 
     def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
         atoms = read_atoms(own, source.columns)
-        space, cell_notes = space_of(own.box, atoms, source.cell)
+        space = space_of(own.box, atoms, source)
         columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
         # On grain 2: the opposite of the forces on atom 1.
         forces = Forces(None)
@@ -227,7 +228,7 @@ def lammps_frames(source: Source) -> Frames:
         given = all(name in source.columns or name == column for name, column in found)
         columns_note = f"columns{'' if given else ' guessed'}: {shown}"
         columns_note += "" if given else "; give --columns to overrule"
-        said = (columns_note, *notes, *cell_notes, *force_notes, *wall_notes)
+        said = (columns_note, *notes, *force_notes, *wall_notes)
         return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
 
     return frames_of_dumps(source, read)

@@ -9,6 +9,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
+from patterns.snapshots.columns import check_names, names_beside
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     NONE,
@@ -18,7 +19,6 @@ from patterns.snapshots.dump_files import (
     GrainPairs,
     Map,
     Space,
-    contact_names,
     find_ids,
     first_frame,
     frame_of_pairs,
@@ -32,7 +32,7 @@ from patterns.snapshots.dump_files import (
     space_of,
 )
 from patterns.snapshots.files import beside, head_of
-from patterns.snapshots.frame import Frame, Frames, Notes, Source, check_names
+from patterns.snapshots.frame import Frame, Frames, Notes, Source
 from patterns.snapshots.lammps import AS_WRITTEN, TOLERANCE, shares, with_columns
 from patterns.snapshots.tables import Table
 
@@ -56,7 +56,7 @@ def is_liggghts(path: Path, head: bytes) -> bool:
     """Whether the dump of contacts has the numbered columns of one compute, as LIGGGHTS writes."""
     if not is_dump(head):
         return False
-    contacts = beside(path, *contact_names(path))
+    contacts = beside(path, *names_beside(path, "contacts"))
     if contacts is None:
         return False
     try:
@@ -75,14 +75,14 @@ def liggghts_frames(source: Source) -> Frames:
     `LIGGGHTS_NAMES`. Headers have six digits: the cell is found from the overlaps of the contacts
     that cross its border.
     """
-    check_names(source, (*ATOM_NAMES, *LIGGGHTS_NAMES))
+    check_names(source.columns, (*ATOM_NAMES, *LIGGGHTS_NAMES))
 
     def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
         atoms = read_atoms(own, source.columns)
-        space, said = space_of(own.box, atoms, source.cell)
+        space = space_of(own.box, atoms, source)
         contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
         found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
-        said = (f"columns in the order of pair/gran/local: {found}", *notes, *said)
+        said = (f"columns in the order of pair/gran/local: {found}", *notes)
         box = own.box
         if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
             space, note = finer_cell(atoms, space, contacts)
@@ -155,7 +155,7 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Dumpe
     # Positions of both grains stand first, if velocities don't: these are the atoms' to rounding.
     ends = ((0, pairs.i), (3, pairs.j)) if first >= 6 else ()
     for at, index in ends:
-        x = table.columns(*table.names[at : at + 2])
+        x = table.columns(*(table.names[at + k] for k in atoms.axes))
         gap = x - atoms.x[index]
         gap -= space.shift(space.images(gap))
         off = np.hypot(*gap.T) / atoms.radii[index]
@@ -168,14 +168,16 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Dumpe
                 f"{atoms.x[index[row]].tolist()} of grain {atoms.ids[index[row]]} among the atoms",
                 "Take both dumps from one step of one run.",
             )
-    force = _force(table, pairs, columns, first + 3)
+    force = _force(table, atoms.axes, pairs, columns, first + 3)
     return DumpedContacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
 
 
-def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats | None:
+def _force(
+    table: Table, axes: list[int], pairs: GrainPairs, columns: Map, first: int
+) -> Floats | None:
     """Total force on atom 1, None if there is none."""
     if "fx" not in columns and "fnx" not in columns:
-        _find_force(table, pairs, columns, first)
+        _find_force(table, axes, pairs, columns, first)
     if NONE in (columns.get("fx"), columns.get("fnx")):
         return None
     for group in (("fx", "fy"), FORCE_PARTS):
@@ -210,14 +212,15 @@ def _force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> Floats 
     return force
 
 
-def _find_force(table: Table, pairs: GrainPairs, columns: Map, first: int) -> None:
+def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, first: int) -> None:
     """Add the columns of the force to the map, recognised by their directions."""
-    names = table.names
-    groups = [names[at : at + 2] for at in (first, first + 3, first + 6) if at + 2 < len(names)]
+    names, across = table.names, first + 3 - sum(axes)
+    places = [at for at in (first, first + 3, first + 6) if at + 2 < len(names)]
+    groups = [[names[at + k] for k in axes] for at in places]
     vectors = [table.columns(*group) for group in groups]
-    if vectors and vectors[0].any() and not _small(table.column(names[first + 2]), vectors[0]):
+    if vectors and vectors[0].any() and not _small(table.column(names[across]), vectors[0]):
         raise InputError(
-            f"column {names[first + 2]} of {table.path}",
+            f"column {names[across]} of {table.path}",
             "a force out of the plane",
             f"zero, after x and y of the force in {' '.join(groups[0])}",
             "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",

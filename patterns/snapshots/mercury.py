@@ -25,7 +25,7 @@ from patterns.snapshots.dump_files import (
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.findings import rounding
 from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
-from patterns.snapshots.geometry import PLANE_TOLERANCE
+from patterns.snapshots.geometry import axis_across
 from patterns.snapshots.tables import Table
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
@@ -88,14 +88,19 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
             remedy = "The frame before has other rows than it says: write the file again."
             raise InputError(f"{path}, line {line + 1}", repr(first[:60]), expected, remedy)
         where = f"{path}, time {head.time:g}"
-        if head.grains < 1 or line + head.grains >= len(ends):
+        if head.grains < 0 or line + head.grains >= len(ends):
             raise InputError(
                 where,
                 f"{len(ends) - line - 1} rows to the end of the file",
-                f"{head.grains} as the header says, at least one",
-                "The file is cut short or empty at this time: write it again.",
+                f"{head.grains} as the header says",
+                "The file is cut short at this time: write it again.",
             )
         span = (int(ends[line]) + 1, int(ends[line + head.grains]) + 1)
+        if head.grains == 0:
+            # Grains are inserted later.
+            yield Listing(where, head.time, (), text, span)
+            line += 1
+            continue
         width = len(line_at(text, span[0])[0].split())
         if HEADERS.get(width) != head.width:
             received = f"{head.width} numbers in the header and {width} a row"
@@ -144,6 +149,8 @@ OVERLAP_TOLERANCE = 1e-4
 def is_mercury(path: Path, head: bytes) -> bool:
     """Whether this is a `.data` file: a header of numbers, then rows."""
     lines = head.split(b"\n")
+    while len(lines) > 2 and (first := data_head(lines[0])) is not None and first.grains == 0:
+        lines = lines[1:]
     first = data_head(lines[0])
     if first is None or len(lines) < 3:
         return False
@@ -168,16 +175,15 @@ def mercury_frames(source: Source) -> Frames:
 
 def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
     # Grains, and the two axes of their plane.
-    flat = "z" not in data.names
-    found = data.read([*("xy" if flat else "xyz"), "radius"])
-    radii, axes, depth = found.column("radius"), "xy", None
-    if not flat:
-        depth, y = found.column("z"), found.column("y")
-        limit = PLANE_TOLERANCE * np.abs(radii).min()
-        if np.ptp(depth) > limit and np.ptp(y) <= limit:
-            axes, depth = "xz", y
-    atoms = Atoms(np.arange(len(found)), found.columns(*axes), radii, depth)
-    space = Space(source.cell, (True, True))
+    names = [axis for axis in "xyz" if axis in data.names]
+    found = data.read([*names, "radius"])
+    radii, place = found.column("radius"), {axis: found.column(axis) for axis in names}
+    across = axis_across(place, radii, data.where)
+    axes = "xyz".replace("xyz"[across], "")
+    numbers = ["xyz".index(axis) for axis in axes]
+    depth = place.get("xyz"[across])
+    atoms = Atoms(np.arange(len(found)), found.columns(*axes), radii, depth, numbers)
+    space = Space(source.cell, source.periodic or (True, True))
     table = fstat.read(FSTAT_COLUMNS[1:])
     i, j = table.integers("i"), table.integers("j")
     highest = np.maximum(i, j)
@@ -202,8 +208,6 @@ def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) 
     walls = _walls(table, atoms, axes, i, j, force)
     if source.cell is None:
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
-    if axes != "xy":
-        notes = (*notes, "a packing in the plane of x and z: z was taken for y")
     if walls:
         counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
         notes = (*notes, f"walls: {counts}")

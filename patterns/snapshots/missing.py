@@ -8,8 +8,8 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.compiled import given, use_compiled, use_passes
-from patterns.snapshots.checked import Checked
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.checked import ROUNDINGS, Checked
+from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
 
 # Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
@@ -32,7 +32,7 @@ def lost_contacts(state: Checked) -> Finding | None:
     gap = quantiles(-loaded, [1 - FEW_APART])[0] if apart else 0.0
     noise = 0.0 if state.fit is None else OF_GRAIN * state.fit.noise[1] * typical
     least = max(LOST_OVERLAP * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
-    pairs, overlap = overlapping_pairs(state.x, state.radii, state.graph.cell, least)
+    pairs, overlap = overlapping_pairs(state.x, state.radii, repeated_cell(state), least)
     if len(pairs) == np.count_nonzero(state.overlap > least):
         return Finding("lost", 0.0, "no pair of grains overlaps without a contact")
     # Of a wrong radius another check tells.
@@ -50,11 +50,24 @@ def lost_contacts(state: Checked) -> Finding | None:
     each = [f"{one} and {two} (by {share:.3g} typical overlaps)" for (one, two), share in named]
     more = ", ..." if len(lost) > 3 else ""
     says = f"{len(lost)} pairs of grains overlap and have no contact"
+    remedy = "Export these contacts too, or correct the radii or the cell."
+    if state.walls is not None and state.graph.cell is not None and all(state.periodic):
+        remedy += " Between walls the sample is periodic one way: --periodic x, or y."
     return Finding("lost", len(lost), says).doubt(
-        f": {', '.join(each)}{more}",
-        "Export these contacts too, or correct the radii or the cell.",
-        len(lost) > 0,
+        f": {', '.join(each)}{more}", remedy, len(lost) > 0
     )
+
+
+def repeated_cell(state: Checked) -> Floats | None:
+    """The cell, so high in a direction that is not periodic that nothing meets across it."""
+    cell = state.graph.cell
+    if cell is None or all(state.periodic):
+        return cell
+    cell, free = cell.copy(), state.periodic.index(False)
+    reach = np.linalg.solve(cell, state.x.T)[free]
+    margin = 4 * state.radii.max() * np.linalg.norm(np.linalg.inv(cell)[free])
+    cell[:, free] *= max(1.0, float(np.ptp(reach) + margin))
+    return cell
 
 
 def overlapping_pairs(
@@ -126,6 +139,56 @@ def _with_images(x: Floats, cell: Floats, reach: float) -> tuple[Floats, Integer
     return np.concatenate(copies) @ cell.T, np.concatenate(owners)
 
 
+# Relative change of an edge of the cell that is told, over its standard error; and what it does to
+# an overlap, over a typical one: from here on loops may be wrong.
+EDGE_ERRORS = 5.0
+EDGE_SHIFT = 0.3
+
+
+def cell(state: Checked) -> Finding | None:
+    """Overlaps across the border of the cell against the others: edges that are too long or short.
+
+    An edge longer by the share s makes a branch across it longer by s times its part along it.
+    """
+    images = state.graph.images
+    if state.graph.cell is None or images is None or not images.any():
+        return None
+    fit, inner = state.fit, np.asarray(~images.any(axis=1))
+    wanted = np.full(len(inner), median(state.overlap[inner]) if inner.any() else np.nan)
+    if fit is not None:
+        wanted = fit.needed
+    n = state.d / state.length[:, None]
+    edges, worst = np.zeros(2), 0.0
+    scatter = median(np.abs(state.overlap - wanted)[inner])
+    for k, edge in enumerate(state.graph.cell.T):
+        rows = np.flatnonzero((images[:, k] != 0) & (images[:, 1 - k] == 0))
+        if len(rows) < FEWEST_BARE:
+            continue
+        part = images[rows, k] * (n[rows] @ edge)
+        rows, part = rows[part > 0], part[part > 0]
+        if not len(rows):
+            continue
+        shares = (wanted - state.overlap)[rows] / part
+        share, size = median(shares), median(part)
+        error = 1.5 * max(scatter / size, median(np.abs(shares - share))) / np.sqrt(len(rows))
+        error += ROUNDINGS * rounding(state.x) / size
+        if abs(share) > EDGE_ERRORS * error:
+            edges[k] = share
+            worst = max(worst, abs(share) * size / median(np.abs(wanted)))
+    says = "contacts across the border of the cell overlap as the others do"
+    found = Finding("cell", worst, says)
+    if not edges.any():
+        return found
+    long = " and ".join(f"{'xy'[k]} {100 * abs(s):.2g} % too {'long' if s > 0 else 'short'}"
+                        for k, s in enumerate(edges) if s)  # fmt: skip
+    right = state.graph.cell * (1 - edges)
+    remedy = f"About {','.join(f'{value:.9g}' for value in right.ravel())} would fit."
+    found = found._replace(says=f"contacts across the border of the cell overlap by {worst:.2g} "
+                           "typical overlaps less or more than the others")  # fmt: skip
+    doubtful = found.error if worst > EDGE_SHIFT else found.doubt
+    return doubtful(f": the cell is along {long}", remedy)
+
+
 # Resultant on a grain, in mean normal forces, that counts as pushing it: at rest 0.065 (root mean
 # square), at a wall that is missing 1.
 PUSHED = 0.3
@@ -140,11 +203,11 @@ FEWEST_BARE = 5
 
 def walls(state: Checked) -> Finding | None:
     """Grains at the outline that are pushed outward and have nothing that pushes back."""
-    if state.graph.cell is not None:
+    if state.graph.cell is not None and all(state.periodic):
         return Finding("walls", 0.0, "no walls needed: the sample is periodic")
     force = np.add(*state.resultants)
     size = np.hypot(*force.T)
-    mean = float(np.abs(state.normal).mean())
+    mean = state.mean_force
     pushed = (state.degree > 0) & (size > PUSHED * mean)
     centre = state.x[state.degree > 0].mean(axis=0)
     bare = pushed & ~_stopped(state, pushed, force)

@@ -81,6 +81,9 @@ class Snapshot(Shown):
     velocity, spin : (G, 2), (G,) array or None
         Velocities of the centres (length/time), spins (rad/time, anticlockwise) as the file has
         them; None if it lacks one of the three.
+    periodic : tuple of bool
+        Along which of its vectors the cell of the graph repeats; along the other one, of a sample
+        between walls, it is as high as they are apart.
 
     Examples
     --------
@@ -107,6 +110,7 @@ class Snapshot(Shown):
     time: float | None = None
     velocity: NDArray[np.float64] | None = None
     spin: NDArray[np.float64] | None = None
+    periodic: tuple[bool, bool] = (True, True)
 
     def __post_init__(self) -> None:
         if self.law is not None:
@@ -252,6 +256,7 @@ class Snapshot(Shown):
             "walls": of_walls,
             "cell": graph.cell,
             "shear_increment": None if self.law is None else self.law.shear_increment,
+            **({} if all(self.periodic) else {"periodic": "xy"[self.periodic.index(True)]}),
             **(self.law.table_words or {} if of_tables(self.law) else {}),
         }
 

@@ -8,7 +8,7 @@ import re
 import tokenize
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats, Integers, in_threads
+from loops.arrays import Flags, Floats, Integers, in_threads
 from loops.compiled import load_ahead
 from patterns.snapshots.files import (
     Text,
@@ -29,10 +29,12 @@ from patterns.snapshots.files import (
     require_file,
     require_line_end,
     require_room,
+    unpacked_name,
     whole_file,
 )
 
 FLOAT = pyarrow.float64()
+Wanted = Callable[[str], bool]  # whether a column of this name is read
 NAMES_SHOWN = 12  # number of names in a message
 
 
@@ -100,8 +102,13 @@ def _parse(
     )
 
 
-COMMENT_MARKS = (b"#", b"%", b"//", b"sep=")  # the last one is used by Excel
+COMMENT_MARKS = ("#", "%", "//", "sep=")  # the last one is used by Excel
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
+RULE = re.compile(r"[-=_+*|\s;,]*")  # lines that part or fill
+# First lines by which a layout is told, a header among them.
+FIRST_LINES = 200
+# Lines below the names that may hold units.
+UNIT_LINES = 2
 
 
 class Layout(NamedTuple):
@@ -113,55 +120,125 @@ class Layout(NamedTuple):
     start: int
 
 
-def layout_of(path: Path, text: Text) -> Layout:
+class Line(NamedTuple):
+    """A line of text, where it starts, and the comments before it."""
+
+    text: str
+    start: int
+    comments: list[str]
+
+
+def layout_of(path: Path, text: Text, known: Wanted | None = None) -> Layout:
     """Find the layout of a table from its first lines.
 
-    The header is the first line that is no comment; if that line holds numbers, the last comment
-    before it (`# id x y radius`). `InputError` for a table without a header, and if commas are both
-    delimiter and decimal mark.
+    The header is the first line of words above one of as many fields with numbers; lines before it
+    are left out, lines of units below it join its names. Without such a line the last comment of
+    `known` names is it (`# id x y radius`), else columns are numbered from 0. `InputError` if
+    commas are both delimiter and decimal mark.
     """
-    comment, start, line = b"", 0, b""
-    while start < len(text):
-        line, after = line_at(text, start)
-        line = line.removeprefix(b"\xef\xbb\xbf").strip()
-        if line and not line.startswith(COMMENT_MARKS):
-            break
-        comment, start = line or comment, after
-    header = _decoded(path, line)
-    delimiter = _delimiter(header)
-    words = split(header, delimiter)
-    if words and all(NUMBER.fullmatch(word) for word in words):
-        header, after = _decoded(path, comment.lstrip(b"#%/").strip()), start
-        names = split(header, _delimiter(header))
-        if len(names) != len(words):
-            received = f"numbers, {','.join(words)[:60]}"
-            remedy = "Write them above the numbers, such as id,x,y,radius."
-            raise InputError(f"first line of {path}", received, "the names of the columns", remedy)
-    else:
-        names = words
-    # The decimal mark is that of the first row of numbers.
-    first = _decoded(path, line_at(text, after)[0].strip())
-    fields = split(first, delimiter)
-    if delimiter != ",":
+    lines = list(_first_lines(text))
+    splits = {mark: [split(line.text, mark) for line in lines] for mark in (";", "\t", ",", " ")}
+    # Numbers on top have no header but a comment; below lines of words only if no names do.
+    for stop, numbers in ((1, True), (len(lines), False), (len(lines), True)):
+        for mark, fields in splits.items():
+            for k, row in enumerate(fields[:stop]):
+                alike = len(row) > 1 and len(row) == len(fields[min(k + 1, len(fields) - 1)])
+                if not alike or not any(NUMBER.fullmatch(word) for word in row):
+                    continue
+                if not numbers:
+                    names = _header(fields, k)
+                elif k == 0 or (known is not None and not _has_names(lines[:k], known)):
+                    names = _numbered(row, lines[k], known)
+                else:
+                    break
+                if names:
+                    return _layout(path, lines[k], names, row, mark)
+    header = lines[0].text if lines else ""
+    mark = _delimiter(header)
+    names, rows = split(header, mark), lines[1:]
+    return _layout(path, rows[0] if rows else Line("", len(text), []), names, [], mark)
+
+
+def _header(fields: Sequence[list[str]], first: int) -> list[str] | None:
+    """Names, with their units, of the columns of a row by the lines of words above it."""
+    row = fields[first]
+    for k in range(max(first - UNIT_LINES - 1, 0), first):
+        names, *units = fields[k:first]
+        if len(row) == len(names) + 1 and not row[-1]:
+            names = [*names, ""]
+        words = [word for line in (names, *units) for word in line]
+        sound = not any(NUMBER.fullmatch(word) for word in words) and names.count("") <= 1
+        if sound and len(words) == len(row) * (1 + len(units)):
+            for line in units:
+                named = zip(names, line, strict=True)
+                names = [f"{n} ({unit.strip('[]() ')})" if unit else n for n, unit in named]
+            return names
+    return None
+
+
+def _has_names(lines: Sequence[Line], known: Wanted) -> bool:
+    return any(known(word) for line in lines for word in re.split(r"[;,\s]+", line.text))
+
+
+def _numbered(row: list[str], line: Line, known: Wanted | None) -> list[str] | None:
+    """Names of a row of numbers by the last comment of as many, else places of the columns."""
+    if not all(NUMBER.fullmatch(word) for word in row):
+        return None
+    for comment in reversed(line.comments):
+        names = split(comment, _delimiter(comment))
+        if len(names) == len(row) and (known is None or any(map(known, names))):
+            return names
+    return [str(k) for k in range(len(row))]
+
+
+def _first_lines(text: Text) -> Iterator[Line]:
+    """First lines that are neither blank nor comments."""
+    comments: list[str] = []
+    after = 0
+    for _ in range(FIRST_LINES):
+        if after >= len(text):
+            return
+        start = after
+        raw, after = line_at(text, start)
+        raw = raw.removeprefix(b"\xef\xbb\xbf").strip()
+        try:
+            line = raw.decode()
+        except UnicodeDecodeError:
+            line = raw.decode("latin-1")
+        if line.startswith(COMMENT_MARKS):
+            comments.append(line.lstrip("#%/").strip())
+        elif not RULE.fullmatch(line):
+            yield Line(line, start, comments)
+
+
+def _layout(path: Path, first: Line, names: list[str], fields: list[str], mark: str) -> Layout:
+    """Layout with the decimal mark of the first row."""
+    fields = fields or split(first.text, mark)
+    if mark != ",":
         decimal = "," if any("," in word for word in fields) else "."
-        return Layout(names, delimiter, decimal, after)
-    if len(fields) > len(names) and "." not in first and '"' not in first:
+        return Layout(names, mark, decimal, first.start)
+    if len(fields) > len(names) and "." not in first.text and '"' not in first.text:
         raise InputError(
             str(path),
             f"rows of {len(fields)} numbers between commas under {len(names)} names",
             "as many numbers as names",
             "If these are decimal commas, part the columns by ';', or write decimal points.",
         )
-    return Layout(names, delimiter, ".", after)
+    return Layout(names, mark, ".", first.start)
+
+
+def _has_number(fields: Sequence[str]) -> bool:
+    return any(NUMBER.fullmatch(word) for word in fields)
 
 
 def split(line: str, delimiter: str) -> list[str]:
     """Fields of a line, without blanks around them."""
-    if delimiter == " ":
+    if delimiter == " " and '"' not in line:
         return line.split()
     if '"' in line:
         csv.field_size_limit(max(len(line), csv.field_size_limit()))
-        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+        with suppress(csv.Error):
+            return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return [word.strip(" \t") for word in line.split(delimiter)] if line else []
 
 
@@ -173,27 +250,19 @@ def _delimiter(header: str) -> str:
 def table_rows(text: Text, layout: Layout) -> bytes | memoryview:
     """The rows below the header, one delimiter between columns; comments are left out."""
     body: bytes | memoryview = memoryview(text)[layout.start :]
-    if any(text.find(b"\n" + mark, max(layout.start - 1, 0)) >= 0 for mark in COMMENT_MARKS):
+    marks = tuple(mark.encode() for mark in COMMENT_MARKS)
+    if any(text.find(b"\n" + mark, max(layout.start - 1, 0)) >= 0 for mark in marks):
         lines = bytes(body).splitlines(keepends=True)
-        body = b"".join(line for line in lines if not line.lstrip().startswith(COMMENT_MARKS))
+        body = b"".join(line for line in lines if not line.lstrip().startswith(marks))
     if layout.delimiter == " ":
         body = single_blanks(bytes(body))
     return body
 
 
-def _decoded(path: Path, line: bytes) -> str:
-    try:
-        return line.decode()
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"header of {path}", f"bytes that are no text ({error})", "column names", "Correct it."
-        ) from None
-
-
 Column = Any  # an array of numpy or of pyarrow
 Arrays = dict[str, NDArray[Any]]
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
-TEXTS = (".csv", ".csv.gz", ".tsv", ".txt", ".dat")
+TEXTS = (".csv", ".tsv", ".txt", ".dat")
 TABLE_ENDINGS = (*TEXTS, ".parquet", *ARRAY_FILES)
 SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 # Squares of larger numbers overflow.
@@ -205,7 +274,8 @@ LARGEST_WHOLE = 2.0**53
 class Table:
     """Columns taken by name as arrays of float64; `names` may be more than were read.
 
-    `exact` reads a column anew as int64, where text was read as floats.
+    `exact` reads a column anew as int64, where text was read as floats; `rows` are those of the
+    file, by which messages name them, if not all of them are here.
     """
 
     def __init__(
@@ -214,8 +284,9 @@ class Table:
         columns: pyarrow.Table | Mapping[str, Any],
         names: Sequence[str] | None = None,
         exact: Callable[[str], pyarrow.ChunkedArray] | None = None,
+        rows: Integers | None = None,
     ) -> None:
-        self.path, self._exact = str(path), exact
+        self.path, self._exact, self._rows = str(path), exact, rows
         if isinstance(columns, pyarrow.Table):
             require_once(self.path, columns.column_names)
             columns = {name: columns.column(name) for name in columns.column_names}
@@ -247,13 +318,38 @@ class Table:
         given = set(new.values())
         kept = [name for name in self.names if name in new or name not in given]
         found = {new.get(n, n): self._columns[n] for n in kept if n in self._columns}
-        return Table(self.path, found, [new.get(name, name) for name in kept])
+        return Table(self.path, found, [new.get(name, name) for name in kept], rows=self._rows)
+
+    def selected(self, columns: Mapping[str, str]) -> Table:
+        """Return the table with `{name: column}`, and the columns that are neither."""
+        gone = {*columns, *columns.values()}
+        kept = {new: old for new, old in columns.items() if old in self._known}
+        kept |= {name: name for name in self.names if name not in gone}
+        found = {new: self._columns[old] for new, old in kept.items() if old in self._columns}
+        return Table(self.path, found, list(kept), rows=self._rows)
 
     def replaced(self, name: str, new: str, values: Floats) -> Table:
         """Return the table with the column `new` in place of the column `name`."""
         stored = self._columns.items()
         found = {new if n == name else n: values if n == name else v for n, v in stored}
-        return Table(self.path, found, [new if n == name else n for n in self.names])
+        names = [new if n == name else n for n in self.names]
+        return Table(self.path, found, names, rows=self._rows)
+
+    def take(self, rows: Flags) -> Table:
+        """Return some of the rows."""
+        found: dict[str, Column] = {}
+        for name, values in self._columns.items():
+            if isinstance(values, pyarrow.ChunkedArray):
+                # Pyarrow's own filter would load pandas.
+                plain = pyarrow.types.is_integer(values.type) or values.type == FLOAT
+                whole = plain and not values.null_count and values.num_chunks
+                values = _joined(values) if whole else np.array(values.to_pylist())
+            found[name] = values[rows]
+        return Table(self.path, found, self.names, rows=self.number(np.flatnonzero(rows)))
+
+    def number(self, row: Any) -> Any:
+        """Number of a row in the file, from 0."""
+        return row if self._rows is None else self._rows[row]
 
     def column(self, name: str) -> Floats:
         """Numbers of a column; `InputError` if it is missing or holds anything else."""
@@ -272,12 +368,23 @@ class Table:
         if not (values.max() <= HUGE and values.min() >= -HUGE):
             row = int(np.argmin(np.abs(values) <= HUGE))
             received, expected = str(values[row]), f"a finite number, at most {HUGE:g}"
-            raise InputError(f"{where}, row {row}", received, expected, "Correct or drop the row.")
+            raise InputError(
+                f"{where}, row {self.number(row)}", received, expected, "Correct or drop the row."
+            )
         self._read[name] = values
         if getattr(self._columns[name], "type", None) == FLOAT:
             # Not held twice.
             self._columns[name] = values
         return values
+
+    def are(self, name: str, word: str) -> Flags | None:
+        """Whether each text of a column is a word; None if it holds numbers."""
+        values = self._columns.get(name)
+        if isinstance(values, pyarrow.ChunkedArray) and pyarrow.types.is_string(values.type):
+            values = np.array(values.to_pylist(), dtype=str)
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "U":
+            return None
+        return np.asarray(np.char.lower(np.char.strip(values)) == word)
 
     def read_ahead(self) -> None:
         """Read all columns but those of ids in threads; errors are raised when a column is used."""
@@ -317,7 +424,7 @@ class Table:
             with suppress(InputError):
                 return _joined(self._exact(name))
         row = int(np.argmax(fractions if fractions.any() else large))
-        where = f"column {name!r} of {self.path}, row {row}"
+        where = f"column {name!r} of {self.path}, row {self.number(row)}"
         if fractions.any():
             raise InputError(where, str(values[row]), "a whole number", "Correct the file.")
         expected = "a whole number below 2**63 (stored as a float: up to 2**53)"
@@ -358,12 +465,15 @@ def require_columns(*wanted: tuple[Table, tuple[str, ...]]) -> None:
     if len(every) > 1:
         word, them, holds = ("columns", "them", "those that hold them")
     quoted = [", ".join(map(repr, names)) for _, names in lacking]
+    bare = any(table.names[:1] == ["0"] for table, _ in lacking)
+    named = ",".join(f"{name}=COLUMN" for name in every)
+    named += ", or number those of a table without header from 0, such as radius=3" * bare
     places = zip(quoted, (table.path for table, _ in lacking), strict=True)
     raise InputError(
         f"{word} {' and '.join(f'{names} of {path}' for names, path in places)}",
         "; ".join(f"columns {listed(table.names)}" for table, _ in lacking),
         f"{'a ' * (len(every) == 1)}{word} {', '.join(map(repr, every))}",
-        f"Add {them}, or name {holds}: --columns {','.join(f'{n}=COLUMN' for n in every)}.",
+        f"Add {them}, or name {holds}: --columns {named}.",
     )
 
 
@@ -376,14 +486,14 @@ def require_once(path: str, names: Sequence[str]) -> None:
     raise InputError(where, received, "each column once", "Rename or drop one of them.")
 
 
-def read_table(path: Path, wanted: Collection[str] | None = None) -> Table:
-    """Columns of a file that holds one table, those `wanted` alone if not None.
+def read_table(path: Path, wanted: Wanted | None = None) -> Table:
+    """Columns of a file that holds one table, those that are `wanted` if not None.
 
     Files end in one of `TABLE_ENDINGS`. `InputError` if the file is missing, empty, truncated, of
     another kind, too large or no such table.
     """
     require_file(path)
-    name = path.name.lower()
+    name = unpacked_name(path.name.lower())
     if name.endswith(ARRAY_FILES):
         names, arrays = read_arrays(path, wanted)
         return table_of_arrays(str(path), names, arrays)
@@ -446,7 +556,7 @@ def table_of_arrays(label: str, names: Sequence[str], arrays: Arrays) -> Table:
     return Table(label, arrays, names)
 
 
-def read_arrays(path: Path, wanted: Collection[str] | None = None) -> tuple[list[str], Arrays]:
+def read_arrays(path: Path, wanted: Wanted | None = None) -> tuple[list[str], Arrays]:
     """Names of all arrays in an npz or HDF5 file, and those `wanted`, by the end of their names.
 
     Those of groups are called `group/name`.
@@ -454,15 +564,15 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> tuple[list
     require_file(path)
     read = _read_npz if path.suffix.lower() == ".npz" else _read_hdf5
     with whole_file(path):
-        return read(path, None if wanted is None else set(wanted))
+        return read(path, wanted)
     raise AssertionError
 
 
-def _is_wanted(name: str, wanted: set[str] | None) -> bool:
-    return wanted is None or name in wanted or name.rpartition("/")[2] in wanted
+def _is_wanted(name: str, wanted: Wanted | None) -> bool:
+    return wanted is None or wanted(name) or wanted(name.rpartition("/")[2])
 
 
-def _read_npz(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
+def _read_npz(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
     arrays: Arrays = {}
     form = np.lib.format
     header = {(1, 0): form.read_array_header_1_0, (2, 0): form.read_array_header_2_0}
@@ -488,7 +598,7 @@ def _read_npz(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
     return names, arrays
 
 
-def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
+def _read_hdf5(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
     try:
         import h5py
     except ImportError:
@@ -514,32 +624,31 @@ def _read_hdf5(path: Path, wanted: set[str] | None) -> tuple[list[str], Arrays]:
     return names, arrays
 
 
-def _read_parquet(path: Path, wanted: Collection[str] | None) -> Table:
+def _read_parquet(path: Path, wanted: Wanted | None) -> Table:
     # Opened here, since pyarrow takes no file names that are not UTF-8.
     with whole_file(path), open(path, "rb") as raw:
         file = pyarrow.parquet.ParquetFile(raw)
         names = file.schema_arrow.names
         require_once(str(path), names)
-        read = names if wanted is None else [name for name in names if name in set(wanted)]
+        read = [name for name in names if wanted is None or wanted(name)]
         require_room(path, 8 * len(read) * file.metadata.num_rows, path.stat().st_size)
         load_ahead(file.metadata.num_rows)
-        table = file.read(columns=read)
         # The table has rows but none of the wanted columns.
         none: dict[str, Any] = {} if file.metadata.num_rows else {"": np.zeros(0)}
-        return Table(path, table if read else none, names)
+        return Table(path, file.read(columns=read) if read else none, names)
     raise AssertionError
 
 
-def _read_text(path: Path, wanted: Collection[str] | None) -> Table:
+def _read_text(path: Path, wanted: Wanted | None) -> Table:
     text = open_text(path)
     require_line_end(str(path), text, len(text))
     with whole_file(path):
-        layout = layout_of(path, text)
+        layout = layout_of(path, text, wanted)
         require_once(str(path), layout.names)
         body = table_rows(text, layout)
         if not bytes(body[:1000]).strip():
             return Table(path, {})
-        read = None if wanted is None else [name for name in layout.names if name in set(wanted)]
+        read = [name for name in layout.names if wanted is None or wanted(name)]
         table = pyarrow.csv.read_csv(
             pyarrow.BufferReader(pyarrow.py_buffer(body)),
             read_options=pyarrow.csv.ReadOptions(column_names=layout.names),

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.files import require_file, whole_file
-from patterns.snapshots.frame import Frame, Frames, Source, with_plain_names
+from patterns.snapshots.files import opened, require_file, whole_file
+from patterns.snapshots.frame import Frame, Frames, Moment, Source, frame_of_tables
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 
@@ -153,14 +150,6 @@ class _MissingError(Exception):
     """An element that is missing; not a ValueError, which means a damaged file."""
 
 
-def opened(path: Path) -> BinaryIO:
-    """A file, unpacked if it is gzip or bzip2."""
-    with open(path, "rb") as file:
-        magic = file.read(2)
-    unpack: Any = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open}.get(magic, open)
-    return cast(BinaryIO, unpack(path, "rb"))
-
-
 def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
     return _value(None if parent is None else parent.find(name), name, where)
 
@@ -194,7 +183,7 @@ def yade_save_frames(source: Source) -> Frames:
     Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
     from the contact point to the centre.
     """
-    return [lambda: frame_of_save(source, read_save(source.path))]
+    return [Moment(lambda: frame_of_save(source, read_save(source.path)))]
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:
@@ -222,12 +211,14 @@ def frame_of_save(source: Source, save: Save) -> Frame:
     other = sorted({body[1] for body in save.bodies} - {"Sphere"})
     if other:
         notes.append(f"bodies taken as walls: {', '.join(other)}")
-    return Frame(
-        *with_plain_names(source, *tables),
-        cell=cell if source.cell is None else source.cell,
+    return frame_of_tables(
+        source,
+        dict(zip(("grains", "contacts"), tables, strict=True)),
+        cell=cell,
         step=float(save.iteration),
-        notes=tuple(notes),
+        notes=notes,
         shear_increment="radii" if save.radii else "branch",
+        has_types=True,
     )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Floats, Integers
 from patterns.snapshots.files import PACKING, open_text, require_line_end, whole_file
-from patterns.snapshots.frame import Frame, Frames, Source, contacts_path, with_plain_names
+from patterns.snapshots.frame import Frame, Frames, Moment, Source, contacts_path, frame_of_tables
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
 
@@ -245,7 +245,7 @@ def yade_vtk_frames(source: Source) -> Frames:
             )
         return recorder_frame(source, read_vtk(path), read_vtk(contacts))
 
-    return [read]
+    return [Moment(read)]
 
 
 def _contacts_path(source: Source, ending: str) -> Path:
@@ -339,15 +339,11 @@ def make_frame(
     notes: Sequence[str],
 ) -> Frame:
     """Frame of the columns of two files; its step is the last number in the name."""
-    tables = Table(pieces[0].path, grains), Table(pieces[1].path, contacts)
+    tables = {"grains": Table(pieces[0].path, grains), "contacts": Table(pieces[1].path, contacts)}
     numbers = re.findall(r"\d+", source.path.name)
-    return Frame(
-        *with_plain_names(source, *tables),
-        cell=source.cell,
-        step=float(numbers[-1]) if numbers else None,
-        notes=tuple(notes),
-        shear_increment="radii",
-    )
+    step = float(numbers[-1]) if numbers else None
+    told = {"notes": notes, "shear_increment": "radii", "has_types": True}
+    return frame_of_tables(source, tables, step=step, **told)
 
 
 # Names under which the forces are looked for; others come by the column map.

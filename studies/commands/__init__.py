@@ -88,6 +88,14 @@ Contacts = Annotated[
     Path | None,
     Parameter(group=FURTHER, help="File of the contacts. Default: the one beside PATH."),
 ]
+AsGiven = Annotated[
+    bool,
+    Parameter(
+        negative=(),
+        group=FURTHER,
+        help="Keep the order of the files. Default: by step, else by name.",
+    ),
+]
 Cells = Annotated[
     Path | None,
     Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
@@ -220,13 +228,16 @@ class Reading:
         Largest tensile force of a contact, for --law cohesive or bonded.
     cohesion
         Shear strength at N = 0, for --law cohesive or bonded. Default: mu times --adhesion.
+    periodic
+        Along which cell vectors the sample is periodic.
     columns
-        Columns with other names, such as radius=size.
+        Columns by name or number: radius=size, id=0.
     """
 
     cell: Annotated[
         str | None, Parameter(group=EVERYDAY, metavar="HXX,HXY,HYX,HYY", allow_leading_hyphen=True)
     ] = None
+    periodic: Annotated[str | None, Parameter(metavar="x|y|xy")] = None
     kn: float | None = None
     kt: float | None = None
     mu: float | None = None
@@ -256,7 +267,7 @@ class PlaneReading(Reading):
     Parameters
     ----------
     drop_crossings
-        Leave out one contact of each pair whose branches cross.
+        Leave out one of two contacts that cross.
     """
 
     drop_crossings: bool = False

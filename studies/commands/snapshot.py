@@ -16,6 +16,7 @@ from loops.errors import InputError
 from studies.commands import (
     FURTHER,
     Answer,
+    AsGiven,
     Candidates,
     Cells,
     Contacts,
@@ -63,7 +64,9 @@ def _snapshot_lines(summary: Summary) -> list[str]:
     ]
     if "sliding_fraction" in summary:
         lines.append(f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide")
-    if "unstable_by_order" in summary:
+    if "unstable_by_order" in summary and not summary["normal_force"]["mean"]:
+        lines.append("all contact forces are zero: no verdict on the loops")
+    elif "unstable_by_order" in summary:
         lines += _verdicts(summary)
     return lines + [f"note: {note}" for note in summary["notes"]]
 
@@ -178,6 +181,7 @@ def check_command(
     csv: Csv = False,
     json: Json = False,
     cells: Cells = None,
+    as_given: AsGiven = False,
     exit_zero: Annotated[bool, Parameter(group=FURTHER)] = False,
     contacts: Contacts = None,
     reading: Reading | None = None,
@@ -200,9 +204,13 @@ def check_command(
     from studies.output import as_json, provenance
     from studies.study import study
 
-    how = {"contacts": contacts, **(reading or Reading()).how()}
+    how, ordered = {"contacts": contacts, **(reading or Reading()).how()}, list(paths)
+    if not as_given:
+        from studies.reading import in_order
+
+        ordered, _ = in_order(paths, how)
     with clock("grainloops check"):
-        rows, unread = _rows(paths, cells, how)
+        rows, unread = _rows(ordered, cells, how)
         worst = max((SEVERITIES.index(row["severity"]) for row in rows), default=0)
         made = ("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
         summary: Summary = {
@@ -303,8 +311,8 @@ def _series_lines(summary: Summary) -> list[str]:
             f"{when} snapshot: {row['loops']} loops, mean order {shown(row['mean_order'])}, "
             f"mean contacts per grain {shown(row['coordination'])}"
         )
-    strains = {name: summary["last"][name] for name in ("H11", "H22")}
-    said = (f"{name} = {'-' if e is None else f'{e:.6f}'}" for name, e in strains.items())
+    strains = {name: summary["last"][name] for name in ("H11", "H12", "H21", "H22")}
+    said = (f"{name} = {'-' if e is None else f'{e:.6g}'}" for name, e in strains.items())
     lines.append(f"strain between them: {'  '.join(said)}")
     if "packing" in summary:
         packing = summary["packing"]
@@ -408,6 +416,7 @@ def series_command(
     writing: Writing | None = None,
     sharing: Sharing | None = None,
     cells: Cells = None,
+    as_given: AsGiven = False,
     in_packing: Annotated[str, Parameter(metavar="rates|events")] = "",
     candidates: Candidates = 0.7,
     yield_band: YieldBand = 0.99,
@@ -425,7 +434,7 @@ def series_command(
     Parameters
     ----------
     paths
-        Files of the snapshots in order of time; of a file with several snapshots, all.
+        Files of the snapshots; of a file with several snapshots, all.
     in_packing
         Predict each interval with the tangent of the whole packing (rates, also without a word), or
         also with its path by events and a replay (events).
@@ -453,6 +462,7 @@ def series_command(
             out,
             **asdict(sharing or Sharing()),
             cells=cells,
+            as_given=as_given,
             in_packing=in_packing,
             candidates=candidates,
             yield_band=yield_band,

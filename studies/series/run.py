@@ -25,7 +25,7 @@ from stability.packing.response import SOLVED
 from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import SERIES, UNITS, Row, Summary, definitions
-from studies.reading import plan_series, reading
+from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
 from studies.series.loading import WAYS, read_strains
 from studies.series.packing import STRESS_ERROR, Following
@@ -56,6 +56,7 @@ def run_series(
     out: Path,
     *,
     cells: Path | None = None,
+    as_given: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     skip_bad: bool = False,
@@ -79,7 +80,8 @@ def run_series(
 ) -> Summary:
     """Find the loops of every snapshot of a series and their fates; return the summary.
 
-    `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. With
+    `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. Snapshots are
+    taken by their steps, see `in_order`, unless they are to be taken `as_given`. With
     `in_packing` the packing's rate problem predicts each interval and `skill.parquet` compares the
     predictions with what happened; with 'events' the packing's path and its replay predict too, the
     path with the way `past` an instability, the replay at the inertial number of the sample: of the
@@ -92,7 +94,9 @@ def run_series(
     Finished parts in `out` are kept: the same call continues an interrupted run. A script calls
     this under `if __name__ == "__main__"`, because the processes import the script.
     """
-    how = reading(**how)
+    how, moved = reading(**how), list[str]()
+    if not as_given:
+        paths, moved = in_order(paths, how)
     planned = plan_series(paths, cells, how, times)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     in_packing = in_packing or indicators
@@ -133,6 +137,7 @@ def run_series(
         ) as results:
             about = finished_parts(series)
             tables, summary = series_tables(series, about)
+            summary["notes"] = [*moved, *summary["notes"]]
             summary["skipped"] = [
                 {"snapshot": one.number, "name": one.name, "reason": one.reason} for one in failures
             ]

@@ -59,7 +59,9 @@ class Stress(Shown):
     @property
     def wall_share(self) -> float:
         """Share of the mean stress that contacts with walls carry."""
-        return 0.0 if self.walls is None else float(np.trace(self.walls) / np.trace(self.tensor))
+        if self.walls is None or not self.walls.any():
+            return 0.0
+        return float(np.trace(self.walls) / np.trace(self.tensor))
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
@@ -129,7 +131,8 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
     left = (whole - parts) / (volume * (1.0 - BLOCKS**-2.0))
     mean, half = _invariants(left)
     # By the jackknife.
-    apart = [values - values.mean() for values in (mean, half, half / mean)]
+    with np.errstate(invalid="ignore", divide="ignore"):  # without forces
+        apart = [values - values.mean() for values in (mean, half, half / mean)]
     errors = [float(np.sqrt((len(mean) - 1) / len(mean) * np.sum(one**2))) for one in apart]
     p, q = _invariants(whole / volume)
     degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)

@@ -5,8 +5,8 @@ import tomllib
 
 import pytest
 
+from patterns.snapshots.columns import KINDS, PLAIN_NAMES, plain_name
 from patterns.snapshots.formats import FORMATS
-from patterns.snapshots.frame import ALIASES, PLAIN_NAMES
 from tests.docs.pages import DOCS, section, tables
 
 ROOT = DOCS.parent
@@ -66,12 +66,22 @@ def test_formats_and_names_of_columns_are_those_that_are_read():
     formats, *columns = tables(text)[:3]
     named = {name for row in formats for name in re.findall(r"`([\w-]+)`", row["format"])}
     assert named == set(FORMATS)
-    rows = [row for table in columns for row in table]
-    plain = {name for row in rows for name in re.findall(r"`(\w+)`", row["column"])}
-    assert plain == set(PLAIN_NAMES)
-    other = {row["column"].strip("`"): tuple(re.findall(r"`(\w+)`", row["also read as"]))
-             for row in rows if row["also read as"]}  # fmt: skip
-    assert other == ALIASES
+    documented, others = set(), {"grains": set(), "contacts": set()}
+    for kind, table in zip(others, columns, strict=True):
+        for row in table:
+            names = re.findall(r"`(\w+)`", row["column"])
+            documented.update(names)
+            for other in re.findall(r"`(\w+)`", row["also read as"]):
+                assert other in ("id", "identifier", "number") or plain_name(other, kind) in names
+                others[kind].add(other.replace("_", ""))
+    # Vectors of a plane may have other components; z of the grains stands in the table.
+    out = re.compile(r"(?!mz_on_2|omega_z|theta_z).*(z|z_on_2)|(theta|omega)_[xy]|m[xy]_on_2")
+    assert documented | {name for name in PLAIN_NAMES if out.fullmatch(name)} == set(PLAIN_NAMES)
+    for kind, known in others.items():
+        for name, column in KINDS[kind].items():
+            if name in documented and not name.removesuffix("_on_2").endswith(("y", "z")):
+                told = {one for one in column.others if not one.endswith(("y", "z", "1", "2"))}
+                assert told <= others["grains"] | known, name
 
 
 def test_the_citation_is_that_of_the_newest_release():

@@ -29,6 +29,12 @@ class Resting:
     foot: np.ndarray
     push: np.ndarray
 
+    def __post_init__(self):
+        # Shared by all tests.
+        for values in vars(self).values():
+            if isinstance(values, np.ndarray):
+                values.flags.writeable = False
+
     @property
     def cell(self):
         """The square, (2, 2)."""
@@ -64,7 +70,7 @@ class Resting:
         columns = zip(
             ("fx", "fy", "branch_x", "branch_y"), (*self.push.T, *self.foot.T), strict=True
         )
-        return {"id": self.grain, **dict(columns)}
+        return {"id": self.grain.copy(), **dict(columns)}
 
 
 @cache

@@ -105,10 +105,12 @@ def test_decimal_commas_between_commas_are_named(tmp_path):
         read_snapshot(tmp_path / "grains_1.csv")
 
 
-def test_table_without_a_header_is_refused(tmp_path):
+def test_table_without_a_header_has_its_columns_numbered(tmp_path, plain):
     path = deck(tmp_path, change=lambda written: written.partition("\n")[2])
-    with pytest.raises(InputError, match=r"first line of .*numbers, 10,0,0.0.*id,x,y,radius"):
+    with pytest.raises(InputError, match=r"got columns 0, 1, 2.*without header from 0, such as"):
         read_snapshot(path)
+    places = {name: k for table in (GRAINS, CONTACTS) for k, name in enumerate(table)}
+    same(read_snapshot(path, columns=places), plain)
 
 
 def test_a_folder_is_no_snapshot(tmp_path):

@@ -10,7 +10,7 @@ from loops.compiled import on_parts
 from loops.fabric import edge_tensors
 from loops.graph import branches_between
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
-from patterns.snapshots import build, checks, missing
+from patterns.snapshots import checks, laws, missing
 from patterns.snapshots.checked import Checked, touching_lengths
 from patterns.snapshots.geometry import some
 from tests.loops.test_faces_compared import renumbered
@@ -173,5 +173,5 @@ def test_hertz_is_told_as_by_numpy(both):
     overlap = touching_lengths(radii, graph.contacts) - length
     kn = np.sqrt(np.maximum(overlap, 0.0) * radii[graph.contacts].prod(axis=1))
     for normal in (2.0 / 3.0 * kn * overlap, kn * overlap):
-        told = both(lambda N=normal: build._of_hertz(kn, N, radii, graph.contacts, length, 0.0))
+        told = both(lambda N=normal: laws._of_hertz(kn, N, radii, graph.contacts, length, 0.0))
         assert told[0] == told[1]

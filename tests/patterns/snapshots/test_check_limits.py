@@ -93,6 +93,8 @@ def state(
 
 
 COUNT = 108
+# Share of an edge that stands out of this scatter, as it is found.
+EDGE = 3.5e-6
 
 
 def one(value, rest=1.0, count=1, of=COUNT):
@@ -338,7 +340,27 @@ def pulled(share):
     return dataclasses.replace(state(normal=one(-share)), law=law)
 
 
+def one_force(size, left=1.0):
+    """A state in which one contact carries a force, which its grains balance but for a share."""
+    normal = one(size)
+    pushed = (left - 1.0) * state(normal=normal).resultants[0]
+    return state(normal=normal, pushed=pushed)
+
+
+def long_cell(share, noise=0.0):
+    """Branches across the border along x as an edge gives them that is too long by a share."""
+    made = state()
+    across = made.graph.images[:, 0] * (made.d @ made.graph.cell[:, 0])
+    scatter = noise * np.random.default_rng(5).normal(size=COUNT)
+    return state(length=1 + share * across + scatter)
+
+
+cell = of(missing.cell)
 LIMITS = [
+    ("STANDS_OUT", of(checks.unbalanced), one_force(18.0), one_force(22.0)),
+    ("UNBALANCED", of(checks.unbalanced), one_force(80.0, 0.25), one_force(80.0, 0.36)),
+    ("EDGE_ERRORS", cell, *(long_cell(s, 1e-5) for s in (0.8 * EDGE, 1.25 * EDGE))),
+    ("EDGE_SHIFT", cell, *(long_cell(s * OVERLAP / 6) for s in (0.25, 0.36))),
     ("LOADED", weak, 0.08, 0.12),
     ("ALONG", of(checks.directions), *(state(shear=np.sqrt(s**-2 - 1)) for s in (0.48, 0.33))),
     ("PULLING", of(checks.pulling), state(normal=one(-1.74)), state(normal=one(-2.74))),
@@ -490,8 +512,12 @@ def test_every_limit_has_its_examples():
         for place in (range(len(value)) if isinstance(value, tuple) else (None,))
     }
     found.add("overlap_power")
-    # Numbers of the fit of rotations, which the next test holds, and laws that files are read with.
-    assert found - {"FITTED", "REWEIGHTED", "READ_LAWS"} == {limit[0] for limit in LIMITS}
+    # Numbers of the fit of rotations, which the next test holds, laws that files are read with, and
+    # numbers that stand for missing values.
+    found -= {("MISSING", k) for k in range(len(checks.MISSING))}
+    assert found - {"FITTED", "REWEIGHTED", "READ_LAWS", "FEW_FORCES"} == {
+        limit[0] for limit in LIMITS
+    }
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])

@@ -642,7 +642,7 @@ def test_rows_that_repeat_are_counted(same, turned, severity):
     assert found.number == (same + turned) / 40 and found.severity == severity
     assert found.says.startswith(f"{same + turned} of 40 contacts")
     other = checks.repeated(same, turned, 40, np.array([0.0, 1.1e-3, 2.0]))
-    assert ", 2 of them with another force" in other.says and other.severity == "doubt"
+    assert ", 2 of them with another force" in other.says and other.severity == "error"
 
 
 def test_directions_of_the_file_are_measured_as_angles():

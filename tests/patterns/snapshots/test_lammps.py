@@ -17,10 +17,11 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot, sample_path
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
+from patterns.snapshots.laws import Parameters
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
@@ -46,7 +47,7 @@ def read(path, **source):
 
 
 def notes(path, **source):
-    return " | ".join(lammps_frames(Source(path, **source))[0]().notes)
+    return " | ".join(read(path, **source)[0].notes)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.2, -0.15])

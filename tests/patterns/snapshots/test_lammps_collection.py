@@ -19,10 +19,11 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
+from patterns.snapshots.laws import Parameters
 from patterns.snapshots.liggghts import is_liggghts
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

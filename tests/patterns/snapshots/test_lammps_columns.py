@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from loops import InputError, branch_vectors
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
+from patterns.snapshots.laws import Parameters
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
 from tests.patterns.snapshots.test_lammps import LAW, notes, packing, read
 

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots.build import Parameters, build_snapshot
-from patterns.snapshots.dump_files import contact_names, dump_frames
+from patterns.snapshots.build import build_snapshot
+from patterns.snapshots.columns import names_beside
+from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.files import beside
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
+from patterns.snapshots.laws import Parameters
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
 
@@ -201,8 +203,9 @@ def test_contacts_are_found_beside(tmp_path):
         ("a.atom.7", "a.local.7.gz"),
     ):
         (tmp_path / contacts).write_text("x")
-        assert beside(tmp_path / atoms, *contact_names(tmp_path / atoms)) == tmp_path / contacts
-    assert contact_names(tmp_path / "dump.lammpstrj") == []
+        names = names_beside(tmp_path / atoms, "contacts")
+        assert beside(tmp_path / atoms, *names) == tmp_path / contacts
+    assert names_beside(tmp_path / "dump.lammpstrj", "contacts") == []
 
 
 def test_boxes(tmp_path):
@@ -223,9 +226,10 @@ def test_boxes(tmp_path):
     ):
         path.write_text(start + text + body)
         (frame,) = dump_frames(path)
-        assert frame.box.cell == pytest.approx(np.array(cell), abs=1e-12)
-        assert frame.box.origin == pytest.approx(low, abs=1e-12)
-        assert (frame.box.periodic, frame.box.digits, frame.step) == (periodic, digits, 7)
+        found, repeated = frame.box.plane([0, 1])
+        assert found == pytest.approx(np.array(cell), abs=1e-12)
+        assert frame.box.origin[:2] == pytest.approx(low, abs=1e-12)
+        assert (repeated, frame.box.digits, frame.step) == (periodic, digits, 7)
         assert frame.read(["y", "id"]).columns("id", "y").tolist() == [[1, 0.5]]
 
 

@@ -6,9 +6,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from loops import InputError
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
+from patterns.snapshots.laws import Parameters
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts, write_mercury
 

@@ -5,10 +5,11 @@ import pytest
 
 from loops import InputError, contact_forces, euler_check, find_faces, love_weber_stress
 from patterns import sample_path
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import is_lammps, lammps_frames
+from patterns.snapshots.laws import Parameters
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
@@ -60,7 +61,7 @@ def test_the_cell_from_overlaps(tmp_path):
     own = packing(200)
     path, _ = write_liggghts(tmp_path, own, LONG)
     snapshot = read(path)
-    coarse = np.diag(dump_frames(path)[0].box.cell)
+    coarse = np.diag(dump_frames(path)[0].box.cell)[:2]
     exact = np.diag(own.graph.cell)
     assert np.abs(coarse / exact - 1).max() > 1e-7
     assert np.abs(np.diag(snapshot.graph.cell) / exact - 1).max() < 1e-14

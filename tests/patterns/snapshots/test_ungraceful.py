@@ -216,7 +216,7 @@ def test_unused_columns_are_not_read(tmp_path):
     path = tmp_path / "grains_1.parquet"
     pyarrow.parquet.write_table(pyarrow.table(columns), path)
     before = pyarrow.total_allocated_bytes()
-    table = read_table(path, {"id", "x"})
+    table = read_table(path, {"id", "x"}.__contains__)
     assert pyarrow.total_allocated_bytes() - before < 8 * rows * 4
     assert table.names == list(columns) and len(table) == rows
 

@@ -270,13 +270,15 @@ def test_provenance_is_in_every_figure(tmp_path):
         assert b"grainloops snapshot" in (tmp_path / "out" / f"{name}.png").read_bytes()
 
 
+# The first contact again, with another force.
+TWICE = {k: [*v, v[0] + (k == "fn")] for k, v in CONTACTS.items()}
 BAD = [
     ({"grains": changed(GRAINS, radius=None)}, "column 'radius'"),
     ({"grains": at(GRAINS, "x", 1, float("nan"))}, "column 'x'"),
     ({"grains": at(at(GRAINS, "x", 1, 0.0), "y", 1, 0.0)}, "grains 10 and 11"),
     ({"contacts": at(CONTACTS, "id1", 0, 5)}, "grain 5"),
     ({"grains": at(GRAINS, "radius", 0, -1.0)}, "radius of grain 10"),
-    ({"contacts": {k: [*v, v[0]] for k, v in CONTACTS.items()}}, "the same contact as row 0"),
+    ({"contacts": TWICE}, "row 5 and row 0 (grains 10 and 11)"),
     ({"contacts": {k: v[4:] for k, v in CONTACTS.items()}}, "no contact between grains"),
 ]
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns.snapshots.build import Parameters, build_snapshot
+from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.formats import FORMATS
+from patterns.snapshots.laws import Parameters
 from patterns.snapshots.yade_vtk import is_yade_vtk, read_vtk
 from tests.patterns.snapshots.yade_samples import (
     BOX,

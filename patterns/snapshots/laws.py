@@ -1,0 +1,237 @@
+"""The law of a snapshot: as the user gives it, as columns tell it, and the regimes of contacts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loops import CohesiveFrictional, HertzMindlin, InputError, LinearFrictional, Regime
+from loops.arrays import Floats, Integers, median
+from loops.laws.frictional import ShearHistory, ShearIncrement
+from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND
+from patterns.snapshots.checked import goes_with_root, touching_lengths
+from patterns.snapshots.checks import SLIDING_SHARE
+from patterns.snapshots.findings import rounding
+from patterns.snapshots.geometry import Bodies, some
+from patterns.snapshots.tables import Table
+
+LawName = Literal["linear", "hertz", "cohesive", "bonded"]
+# Those of `CohesiveFrictional`: attraction, and bonds.
+COHESIVE = ("cohesive", "bonded")
+# Multiples of the rounding of centres above which an overlap tells a law.
+SURE_ROUNDINGS = 20.0
+TOLD = (
+    "Hertz's law, told by the columns: kn goes with the root of the overlap, and N is 2/3 of kn "
+    "times it; --law linear if it is another"
+)
+
+
+class Parameters(NamedTuple):
+    """The law as the user gives it, and its parameters for columns that a file lacks.
+
+    Under Hertz's law `kn` and `ks` of a file are tangents, which `young` and `poisson` replace.
+    """
+
+    kn: float | None = None
+    kt: float | None = None
+    mu: float | None = None
+    shear_increment: ShearIncrement | None = None
+    law: LawName | None = None
+    young: float | None = None
+    poisson: float | None = None
+    shear_history: ShearHistory | None = None
+    adhesion: float | None = None
+    cohesion: float | None = None
+
+
+def told_law(
+    table: Table,
+    rows: Integers,
+    bodies: Bodies,
+    pairs: Integers,
+    length: Floats,
+    normal: Floats,
+) -> tuple[LawName | None, list[str]]:
+    """Return the law that stiffnesses and forces tell, and a note; None where they tell none."""
+    # Springs that are all alike are not Hertz's.
+    if table.has("kn", "ks") and np.ptp(table.column("kn")):
+        kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
+        if _of_hertz(kn, normal, bodies.radii, pairs, length, coarse):
+            return "hertz", [TOLD]
+    if table.has("kn", "adhesion"):
+        kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
+        if pull.any():
+            overlap = bodies.radii[pairs].sum(axis=1) - length
+            # Most forces are those of the springs less the adhesion, or those of the springs.
+            pulls, spring = pull > 0, kn * overlap
+            less = np.abs(normal - spring + pull)[pulls]
+            attract = median(less) < median(np.abs(normal - spring)[pulls])
+            law: LawName = "cohesive" if attract else "bonded"
+            return law, [f"law {law!r}, told by the column 'adhesion' and the forces"]
+    return None, []
+
+
+def lacks_of(parameters: Parameters, table: Table) -> list[str]:
+    """List the options of the law that neither the call nor the table gives."""
+    wanted = [("kn", "kn", parameters.kn)]
+    if not frictionless(table, parameters.mu):
+        wanted.append(("kt", "ks", parameters.kt))
+    lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
+    if parameters.law == "hertz" and (lacks or parameters.young is not None):
+        lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
+    if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
+        lacks.append("adhesion")
+    return lacks
+
+
+def _of_hertz(
+    kn: Floats, normal: Floats, radii: Floats, pairs: Integers, length: Floats, coarse: float
+) -> bool:
+    """Whether stiffnesses and forces are Hertz's: `kn` with the root of the overlap, N 2/3 of both.
+
+    Overlaps that are not above `coarse` say nothing.
+    """
+    overlap = touching_lengths(radii, pairs) - length
+    told = np.flatnonzero((kn > 0) & (normal > 0) & (overlap > coarse))
+    kn, N, overlap = kn[told], normal[told], overlap[told]
+    with np.errstate(divide="ignore", over="ignore"):
+        share = N / (kn * overlap)
+    if len(kn) == 0 or not abs(median(share) / HERTZ - 1) <= HERTZ_BAND:
+        return False
+    return goes_with_root(kn, radii[pairs[told]], overlap)
+
+
+def frictionless(table: Table, mu: float | None) -> bool:
+    """Whether no contact has friction, by the column or as given."""
+    return not table.column("mu").any() if table.has("mu") else mu == 0
+
+
+def law_of(
+    table: Table,
+    rows: Integers,
+    grains: tuple[Floats, Integers],
+    forces: tuple[Floats, Floats],
+    parameters: Parameters,
+    of_source: ShearIncrement | None,
+    notes: list[str],
+) -> tuple[LinearFrictional | CohesiveFrictional | HertzMindlin, NDArray[np.int8]]:
+    """Law and regime of every contact; assumptions are added to the notes.
+
+    A contact is sliding where the table flags it, else from the forces. `grains` are all radii and
+    (C, 2) the grains of the contacts.
+    """
+    normal, shear = forces
+    mu: Floats | None = None
+    if table.has("mu") or parameters.mu is not None:
+        mu = _parameter(table, rows, "mu", parameters.mu, "--mu", notes)
+    adhesion = cohesion = np.zeros(len(rows))
+    cohesive = parameters.law in COHESIVE
+    if cohesive:
+        adhesion = _parameter(table, rows, "adhesion", parameters.adhesion, "--adhesion", notes)
+        cohesion = np.where(np.isfinite(mu), mu, 0.0) * adhesion if mu is not None else cohesion
+        if table.has("cohesion") or parameters.cohesion is not None:
+            given = parameters.cohesion
+            cohesion = _parameter(table, rows, "cohesion", given, "--cohesion", notes)
+        else:
+            notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
+    slides_at = "cohesion + mu N" if cohesive else "mu N"
+    strength = cohesion + (normal if mu is None else mu * normal)
+    carries = strength > 0
+    if table.has("sliding"):
+        sliding = (some(table.column("sliding"), rows) != 0) & carries
+    elif mu is not None:
+        sliding = (np.abs(shear) >= SLIDING_SHARE * strength) & carries
+        notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} {slides_at}")
+    else:
+        sliding = np.zeros(len(rows), dtype=bool)
+        notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
+    if mu is None:
+        # Only the sliding blocks need the friction: |T|/N where the file flags sliding.
+        loaded = np.where(normal > 0, normal, 1.0)
+        mu = np.where(sliding, np.abs(shear) / loaded, np.inf)
+        if sliding.any():
+            notes.append("no column 'mu': friction of sliding contacts taken as |T|/N")
+    # Nothing sticks without friction, and nothing slides: there is no shear force.
+    free = (mu == 0) & (cohesion == 0)
+    sliding &= ~free
+    chosen = parameters.shear_increment
+    increment = chosen or of_source or "branch"
+    if chosen is None and of_source == "radii":
+        notes.append(
+            "shear increment 'radii', Yade's default: --shear-increment branch if the simulation "
+            "had avoidGranularRatcheting=False"
+        )
+    elif chosen is not None and "radii" in (chosen, of_source):
+        other = "" if of_source in (None, chosen) else f", not {of_source!r}"
+        notes.append(f"shear increment {chosen!r} as given{other}")
+    regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
+    if parameters.law == "hertz":
+        radii, pairs = grains
+        young, poisson, ratio = _moduli(table, rows, radii[pairs], normal, parameters, notes)
+        history = parameters.shear_history or "force"
+        rule = "T stays" if history == "force" else "T goes with kt"
+        notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
+        law = HertzMindlin(young, poisson, mu, increment, history, ratio)
+        ratio = np.where(free, 0.0, law.stiffness_ratio) if free.any() else ratio
+        return replace(law, ratio=ratio), regime
+    kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
+    kt = 0.0 if free.all() else _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    if free.any():
+        kt = np.where(free, 0.0, kt)
+        notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
+    if cohesive:
+        bonded = parameters.law == "bonded"
+        notes.append(f"law {parameters.law!r}: see CohesiveFrictional")
+        return CohesiveFrictional(kn, kt, mu, adhesion, cohesion, bonded, increment), regime
+    return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
+
+
+def _moduli(
+    table: Table,
+    rows: Integers,
+    radii: Floats,
+    normal: Floats,
+    parameters: Parameters,
+    notes: list[str],
+) -> tuple[Floats | float, Floats | float, Floats | None]:
+    """Young's modulus, Poisson's ratio, and kt/kn where the file gives tangents.
+
+    A tangent `kn = (6 E*^2 R* N)^(1/3)` tells `E*` without the overlap, which a file may round.
+    """
+    if parameters.young is not None and parameters.poisson is not None:
+        if table.has("kn") or table.has("ks"):
+            notes.append("columns 'kn' and 'ks' not used: --young and --poisson are given")
+        return parameters.young, parameters.poisson, None
+    kn, ks = some(table.column("kn"), rows), some(table.column("ks"), rows)
+    told = (kn > 0) & (normal > 0)
+    if not told.any():
+        remedy = "Give --young and --poisson."
+        raise InputError(f"column 'kn' of {table.path}", "no tangent", "one at a force", remedy)
+    reduced = radii.prod(axis=1) / radii.sum(axis=1)
+    modulus, ratio = np.empty(len(rows)), np.empty(len(rows))
+    # At Poisson's ratio 0 Young's modulus is E/(1 - nu^2) = 2 E*.
+    modulus[told] = 2.0 * np.sqrt(kn[told] ** 3 / (6.0 * reduced[told] * normal[told]))
+    ratio[told] = ks[told] / kn[told]
+    for values in (modulus, ratio):
+        values[~told] = median(values[told])
+    notes.append(
+        f"E/(1 - nu^2) = {median(modulus):.4g} and kt/kn = {median(ratio):.4g} (medians), "
+        "from the columns 'kn' and 'ks' as tangents"
+    )
+    return modulus, 0.0, ratio
+
+
+def _parameter(
+    table: Table, rows: Integers, column: str, value: float | None, option: str, notes: list[str]
+) -> Floats:
+    if table.has(column):
+        if value is not None:
+            notes.append(f"{option} {value} not used: the table has the column {column!r}")
+        values = table.column(column)
+        return some(values, rows)
+    assert value is not None  # a law is made where nothing lacks
+    notes.append(f"{column} = {value} for every contact, from {option}")
+    return np.full(len(rows), float(value))

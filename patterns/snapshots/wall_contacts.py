@@ -1,0 +1,198 @@
+"""Contacts with walls from the tables of a snapshot: forces on the grains, feet on the walls."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import NamedTuple
+
+import numpy as np
+
+from loops import InputError
+from loops.arrays import Flags, Floats, Integers, median
+from patterns.snapshots.checks import SAME_FORCE
+from patterns.snapshots.findings import Finding
+from patterns.snapshots.forces import Forces
+from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Bodies, index_of
+from patterns.snapshots.tables import Table
+from patterns.snapshots.walls import WallContacts
+
+# Lengths of branches of walls over the radii: less by the overlap.
+WALL_REACH = (0.6, 1.05)
+# Weaker pulls of a wall, in mean forces, are those of damping.
+WEAK = 0.1
+# Share of the walls' force whose branches must fit.
+FITTING = 0.9
+
+
+class Walls(NamedTuple):
+    """Contacts with walls, None where force or branch is not known; their number, what is said."""
+
+    contacts: WallContacts | None
+    number: int
+    notes: list[str]
+    findings: list[Finding]
+
+
+def walls_of_rows(
+    table: Table,
+    bodies: Bodies,
+    named: Integers,
+    every: Integers,
+    forces: Forces,
+    resultant: Floats,
+    kn: float | None,
+) -> Walls:
+    """Contacts with walls among the rows of the contacts: one body of each is a grain.
+
+    The branch is that of the file, or from the contact point, or else along the normal.
+    """
+    single = np.flatnonzero((every[:, 0] >= 0) != (every[:, 1] >= 0))
+    count = int(np.count_nonzero((every < 0).any(axis=1)))
+    if forces.total is None or not len(single):
+        return Walls(None, count, [], [])
+    force = np.where(every[single, :1] < 0, 1.0, -1.0) * forces.total[single]
+    # A contact from both of its bodies counts once, as between grains.
+    again, near = np.zeros(len(single), dtype=bool), SAME_FORCE * float(np.abs(force).mean())
+    seen: dict[tuple[int, ...], list[int]] = defaultdict(list)
+    for k, pair in enumerate(np.sort(named[single], axis=1).tolist()):
+        again[k] = any(np.abs(force[k] - force[j]).max() <= near for j in seen[tuple(pair)])
+        seen[tuple(pair)].append(k)
+    single, force, count = single[~again], force[~again], count - int(np.count_nonzero(again))
+    wall_first = every[single, 0] < 0
+    grain = np.where(wall_first, every[single, 1], every[single, 0])
+    sign = np.where(wall_first, 1.0, -1.0)[:, None]
+    own = table.take(np.isin(np.arange(len(table)), single))
+    branch = own.optional("branch_x", "branch_y")
+    branch = None if branch is None else sign * branch
+    along = own.optional("fnx", "fny")
+    along = force if along is None and not forces.shear.any() else along
+    return _walls(own, bodies, grain, force, branch, sign, resultant, kn, along)
+
+
+def walls_of_table(
+    table: Table, bodies: Bodies, forces: Forces, resultant: Floats, kn: float | None, shift: int
+) -> Walls:
+    """Contacts with walls from a table of their own, `id` the grain of each, less the `shift`."""
+    named = table.integers("id") + shift
+    grain = index_of(bodies.ids, named)
+    if grain.min() < 0:
+        row = int(np.argmin(grain))
+        where = f"column 'id' of {table.path}, row {table.number(row)}"
+        expected = "an id of the table of grains"
+        raise InputError(where, f"grain {named[row]}", expected, "Correct or drop it.")
+    force, branch = table.columns("fx", "fy"), table.optional("branch_x", "branch_y")
+    along = None if forces.total is None or forces.shear.any() else force
+    return _walls(table, bodies, grain, force, branch, 1.0, resultant, kn, along)
+
+
+def _walls(
+    table: Table,
+    bodies: Bodies,
+    grain: Integers,
+    force: Floats,
+    branch: Floats | None,
+    sign: Floats | float,
+    resultant: Floats,
+    kn: float | None,
+    along: Floats | None,
+) -> Walls:
+    """Contacts of these grains with walls; signs and branches are those that fit the grains.
+
+    `sign` (W, 1) turns vectors of the table to those that act on the grains; `along` (W, 2) are
+    vectors along the normals, whatever their sign.
+    """
+    notes: list[str] = []
+    springs = {k: table.column(k) for k in ("kn", "ks", "mu", "sliding") if table.has(k)}
+    flags = springs["sliding"] != 0 if "sliding" in springs else None
+    stiff, kt, mu = (springs.get(name) for name in ("kn", "ks", "mu"))
+    if kt is not None and (mu is not None or flags is not None):
+        # Nothing sticks without friction; where the file has none, where it flags sliding.
+        kt = np.where(~(mu > 0) if mu is not None else flags, 0.0, kt)  # type: ignore[arg-type]
+    x, radii = bodies.x[grain], bodies.radii[grain]
+    if _acts_on_walls(bodies.x, grain, force, resultant):
+        force = -force
+        notes.append("forces of contacts with walls act on the walls: turned, as balance needs")
+    point, normal = table.optional("cx", "cy"), table.optional("nx", "ny")
+    if branch is not None and np.allclose(np.hypot(*branch.T), 1.0, rtol=1e-6) and np.ptp(radii):
+        normal, branch = sign * branch, None
+    if branch is None and point is None and normal is None and along is not None and along.any():
+        normal = sign * along * np.sign(np.einsum("wk,wk->w", along, force))[:, None]
+    if branch is None and point is None and normal is None:
+        names = "branch_x, branch_y, or the contact point cx, cy, or the normal nx, ny"
+        found = Finding("wall_branches", 0.0, f"{len(grain)} contacts with walls have no {names}")
+        return Walls(
+            None, len(grain), [], [found.doubt(": their forces are left out", "Add them.")]
+        )
+    given: list[tuple[str, Floats]] = []
+    if branch is not None:
+        given += [("", branch), ("turned: they point to the walls", -branch)]
+        given.append(("taken as contact points", x - sign * branch))
+        power = np.rint(np.log10(median(np.hypot(*branch.T) / radii) or 1.0))
+        scaled = branch * 10.0**-power
+        given += [(f"times 10^{-power:.0f}: they are of another unit", s * scaled) for s in (1, -1)]
+    if point is not None:
+        given.append(("", x - point))
+    if normal is not None:
+        length = np.hypot(*normal.T)[:, None]
+        unit = sign * normal / np.where(length > 0, length, 1.0)
+        # The overlap is left out where no stiffness tells it.
+        overlap = np.einsum("wk,wk->w", force, unit) / (
+            stiff if stiff is not None else kn or np.inf
+        )
+        given += [("from the radii along the normals", s * (radii - s * overlap)[:, None] * unit)
+                  for s in (1, -1)]  # fmt: skip
+    size = np.hypot(*force.T)
+    fits = [np.sum(_fits(one, force, radii) * size) >= FITTING * size.sum() for _, one in given]
+    words, one = given[fits.index(True) if True in fits else 0]
+    if words and any(fits):
+        notes.append(f"branches of contacts with walls {words}")
+    good = _fits(one, force, radii)
+    contacts = WallContacts(grain, force, one, stiff, kt, mu, flags)
+    return Walls(
+        contacts, len(grain), notes, [_branches(one, force, radii, good, bodies.ids[grain])]
+    )
+
+
+def _acts_on_walls(x: Floats, grain: Integers, force: Floats, resultant: Floats) -> bool:
+    """Whether the forces push outward, and would balance the grains if they were turned."""
+    if np.sum(force * (x[grain] - x.mean(axis=0))) <= 0:
+        return False
+    pushed = np.zeros_like(x)
+    np.add.at(pushed, grain, force)
+    own = np.unique(grain)
+    as_given, turned = (np.hypot(*(resultant + s * pushed)[own].T) for s in (1, -1))
+    return bool(median(turned) < median(as_given))
+
+
+def _fits(branch: Floats, force: Floats, radii: Floats) -> Flags:
+    """(W,) branches as long as the radii less an overlap, along which the walls push."""
+    ratio = np.hypot(*branch.T) / radii
+    size = np.hypot(*force.T)
+    pushes = np.einsum("wk,wk->w", branch, force) >= -WEAK * size.mean() * radii
+    return np.asarray((ratio > WALL_REACH[0]) & (ratio < WALL_REACH[1]) & pushes)
+
+
+def _branches(branch: Floats, force: Floats, radii: Floats, good: Flags, ids: Integers) -> Finding:
+    """Finding on branches of walls against the radii and the forces of their grains."""
+    ratio = median(np.hypot(*branch.T) / radii)
+    says = f"branches of contacts with walls are {ratio:.4g} times the radii (median)"
+    found = Finding("wall_branches", ratio, says)
+    remedy = "Give the vector from the foot on the wall to the centre, and the force on the grain."
+    if good.all():
+        return found
+    odd = ids[~good].tolist()
+    named = ", ".join(map(str, odd[:3])) + (", ..." if len(odd) > 3 else "")
+    cause = f", {len(odd)} of {len(good)} not as long, or against the force: grains {named}"
+    return found.doubt(cause, remedy) if good.mean() >= FITTING else found.error(cause, remedy)
+
+
+def height_between(x: Floats, walls: WallContacts | None, axis: int) -> float | None:
+    """Distance of the flat walls on both sides along an axis, by the feet; None without them."""
+    if walls is None:
+        return None
+    feet = (x[walls.grain] - walls.branch)[:, axis]
+    across = np.abs(walls.branch[:, 1 - axis]) < GEOMETRY_TOLERANCE * np.hypot(*walls.branch.T)
+    low, high = across & (walls.branch[:, axis] > 0), across & (walls.branch[:, axis] < 0)
+    if not (low.any() and high.any()):
+        return None
+    return float(feet[high].mean() - feet[low].mean())
