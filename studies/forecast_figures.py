@@ -18,7 +18,7 @@ from studies.beside_dem import DROP
 from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
 from studies.forecast import Forecast, spread_of
-from studies.packing_figures import mark_instabilities
+from studies.packing_figures import driven_change
 from studies.snapshot.figures import loop_drawer
 from studies.style import (
     BLUE,
@@ -26,10 +26,10 @@ from studies.style import (
     LIGHT_GREY,
     ORANGE,
     SEQUENTIAL,
-    TWO_COLUMNS,
     VERMILION,
+    edge_ticks,
     figure_of,
-    new_figure,
+    new_panels,
     styled,
 )
 
@@ -43,11 +43,10 @@ WAY_LOOKS = {"events": ("path by events", BLUE, "-"), "replay": ("replay", VERMI
 @styled()
 def forecast_figure(found: Forecast) -> Figure:
     """Sample with the loops by their probability to be lost; reliability; the next events."""
-    figure = new_figure(TWO_COLUMNS, 4.3, fixed=True)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
-    probability_map(found, figure.add_subplot(grid[:, 0]))
-    reliability(calibration(), figure.add_subplot(grid[0, 1]))
-    next_events(found, figure.add_subplot(grid[1, 1]))
+    figure, (axes,) = new_panels(1, 3, 3.2, width_ratios=(1.3, 1.0, 1.0))
+    probability_map(found, axes[0])
+    reliability(calibration(), axes[1])
+    next_events(found, axes[2])
     return figure
 
 
@@ -70,8 +69,12 @@ def probability_map(found: Forecast, ax: Axes) -> Axes:
 
 @styled()
 def reliability(known: Calibration, ax: Axes) -> Axes:
-    """Draw what was said of each series by all others against what happened in it."""
+    """Draw what was said of each series by all others against what happened in it.
+
+    The bin that is farthest from what happened has its numbers beside it.
+    """
     ax.plot([0, 1], [0, 1], color=LIGHT_GREY, linewidth=0.8, zorder=0)
+    worst = 0.0, 0.0
     for kind, (mark, colour) in KIND_LOOKS.items():
         said, true, loops = reliability_bins(known, kind)
         # Of the share with one loop more of either kind: none or all of a few have an error too.
@@ -79,7 +82,12 @@ def reliability(known: Calibration, ax: Axes) -> Axes:
         error = np.sqrt(share * (1 - share) / (loops + 3))
         ax.errorbar(said, true, error, fmt=mark, color=colour, markersize=3.5, linewidth=0.8,
                     label=KIND_WORDS[kind], clip_on=False)  # fmt: skip
-    ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability", ylabel="observed share")
+        worst = max(worst, *zip(said, true, strict=True), key=lambda one: abs(one[1] - one[0]))
+    look: Any = {"textcoords": "offset points", "fontsize": 6, "va": "bottom"}
+    ax.annotate(f"{worst[0]:.2f}: {worst[1]:.2f} came true", worst, (4, 4), **look)
+    intervals = sum(known.provenance["series"].values())
+    ax.set_title(f"{intervals} intervals of other samples")
+    ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability (–)", ylabel="observed share (–)")
     ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
     return ax
 
@@ -112,7 +120,7 @@ def next_events(found: Forecast, ax: Axes) -> Axes:
         ax.plot(rows["drop"], np.full(len(rows), 0.05), "v", color=ORANGE, label=label,
                 transform=ax.get_xaxis_transform())  # fmt: skip
     else:
-        ax.set_title(f"no drop by {DROP:g} of the driven stress")
+        ax.set_title(f"no drop by {DROP:g}\nof the driven stress")
     ax.legend()
     return ax
 
@@ -126,11 +134,9 @@ def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
         change = way.P[:, at] - way.P[0, at]
         ax.plot(found.sense * way.parameter, change, style, color=colour, label=label)
     lost = [found.sense * event.parameter for event in found.way.of_kind("instability")]
-    mark_instabilities(ax, lost)
-    name = f"{driven[0]}_{{{driven[1:]}}}"
+    edge_ticks(ax, lost, "instabilities")
     stress = f"change of $P_{{{driven[1:]}}}$\n(force/length)"
-    unit = "–" if driven[0] == "H" else "force/length"
-    ax.set(xlabel=rf"$\Delta {name}$ ({unit})", ylabel=stress)
+    ax.set(xlabel=driven_change(driven), ylabel=stress)
     ax.ticklabel_format(axis="x", scilimits=(-3, 3))
     ax.legend()
     return ax

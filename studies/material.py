@@ -21,7 +21,7 @@ from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
 from studies.study import files_of, study
-from studies.style import BLUE, GREY, VERMILION, new_panels, say_empty, styled
+from studies.style import BLUE, GREY, VERMILION, edge_ticks, new_panels, say_empty, styled
 
 UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
 # Steps of the isotropic compression before the programme.
@@ -291,6 +291,9 @@ def draw_material(table: pd.DataFrame) -> Figure:
         _draw_cone(axes[3], run, colour, label)
     for ax, (_, label) in zip(axes, quantities, strict=False):
         ax.set_ylabel(label)
+        lost = strain[run["failed"].diff() > 0]
+        for ax in axes[:3]:
+            edge_ticks(ax, lost, colour=colour)
     for ax in axes[1:3]:
         ax.axhline(0.0, color=GREY, linewidth=0.6)
     axes[3].set_ylabel("strain directions, $W_2 < 0$ (degrees)")

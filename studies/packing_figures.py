@@ -21,6 +21,7 @@ from studies.output import Summary
 from studies.snapshot.figures import draw_values, loop_drawer
 from studies.study import Drawings
 from studies.style import (
+    BLACK,
     BLUE,
     DIVERGING,
     GREEN,
@@ -32,6 +33,7 @@ from studies.style import (
     SKY,
     VERMILION,
     axes_or_new,
+    edge_ticks,
     figure_of,
     new_figure,
     new_panels,
@@ -54,8 +56,8 @@ LOAD_LOOKS = {
 }
 FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
     "dem": ("DEM", {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": "black"}),
-    "events": ("path by events", {"linestyle": "-", "marker": ".", "color": BLUE}),
-    "replay": ("replay", {"linestyle": "--", "marker": ".", "color": VERMILION}),
+    "events": ("path by events", {"linestyle": "none", "marker": "x", "color": BLUE}),
+    "replay": ("replay", {"linestyle": "none", "marker": "+", "color": VERMILION}),
     "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
 }
 STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
@@ -153,24 +155,25 @@ def polar_work(found: Probe) -> Figure:
 
 @styled()
 def order_shares(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
-    """Shares of the loops by order in area, in W2 and in its negative part."""
+    """Shares of the loops by order in area, in W2 (over the sum of sizes), in its negative part."""
     ax = axes_or_new(ax)
+    size = sum(abs(row["W2_share"]) for row in orders.values())
     # Contacts in no loop or in only one are drawn before the triangles.
     numbers = np.array([int(n) or 2 for n in orders])
     for k, (name, colour, label) in enumerate(
         (
             ("area_share", SKY, "of the area"),
-            ("W2_share", BLUE, r"of $W_2$"),
+            ("W2_share", BLUE, r"of $W_2$, over the sum of sizes"),
             ("negative_share", VERMILION, "of its negative part"),
         )
     ):
-        values = [row[name] for row in orders.values()]
+        values = [row[name] / (size if name == "W2_share" else 1.0) for row in orders.values()]
         ax.bar(numbers + 0.27 * (k - 1), values, 0.27, color=colour, label=label)
     ax.axhline(0.0, color=GREY, linewidth=0.7)
     ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops of an order")
     shown = numbers[:: len(numbers) // 13 + 1]
     ax.set_xticks(shown, labels=["none" if n == 2 else str(n) for n in shown])
-    ax.legend()
+    outer_legend(ax, "lower left", (0.0, 1.0), 0.3)
     return ax
 
 
@@ -213,8 +216,8 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
             change = other[quantity] - path[quantity].iloc[0]
             stress.plot(at, change, color=colour, label="_" * (number > 0) + label, **look)
         volume.plot(at, other["H11"] + other["H22"], color=BLUE, label=label, **look)
-    mark_instabilities(stress, events["driven"][events["kind"] == "instability"])
-    volume.set(xlabel=f"${_change(driven)}$", ylabel=r"$H_{11} + H_{22}$")
+    edge_ticks(stress, events["driven"][events["kind"] == "instability"], "instabilities")
+    volume.set(xlabel=driven_change(driven), ylabel=r"change of area $H_{11} + H_{22}$ (–)")
     volume.ticklabel_format(axis="x", scilimits=(-3, 3))
     reach = float(np.abs(path["driven"]).max())
     if np.ptp(path["H11"] + path["H22"]) < ROUNDED_VOLUME * reach:
@@ -235,22 +238,16 @@ def dem_comparison_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figur
             column = f"{quantity}_{name}"
             if column in table:
                 ax.plot(at, np.append(0.0, table[column] - first), label=label, **look)
-        ax.set_xlabel(f"${_change(driven)}$ from the start of the forecast")
+        ax.set_xlabel(f"{driven_change(driven)} from the start of the forecast")
         ax.ticklabel_format(axis="x", scilimits=(-3, 3))
     for number, k in enumerate(np.flatnonzero(table["drop"])):
         look = {"color": GREY, "alpha": 0.25, "linewidth": 0}
         stress.axvspan(at[k], at[k + 1], label="_" * (number > 0) + "drop in the DEM", **look)
     stress.set_ylabel(f"$P_{{{driven[1:]}}}$ - {start:.4g} (force/length)")
-    volume.set_ylabel(r"change of area $H_{11} + H_{22}$ (1)")
+    volume.set_ylabel(r"change of area $H_{11} + H_{22}$ (–)")
     for ax in (stress, volume):
         ax.legend()
     return figure
-
-
-def mark_instabilities(ax: Axes, at: Any) -> None:
-    """Mark instabilities on the lower edge of axes."""
-    ax.plot(at, np.zeros(len(at)), "|", color=GREY, markersize=8, label="_" * (not len(at)) +
-            "instabilities", transform=ax.get_xaxis_transform(), clip_on=False)  # fmt: skip
 
 
 def _stress_looks(driven: str) -> dict[str, tuple[str, str]]:
@@ -265,13 +262,14 @@ def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
         ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
-    ax.set(xlabel=f"${_change(driven)}$", ylabel="change of nominal stress\n(force/length)")
+    ax.set(xlabel=driven_change(driven), ylabel="change of nominal stress\n(force/length)")
     ax.ticklabel_format(axis="x", scilimits=(-3, 3))
 
 
-def _change(driven: str) -> str:
-    """Mathematical text for the change of the driven component."""
-    return f"\\Delta {driven[0]}_{{{driven[1:]}}}"
+def driven_change(driven: str) -> str:
+    """Change of the driven component, with its unit."""
+    unit = "–" if driven[0] == "H" else "force/length"
+    return f"$\\Delta {driven[0]}_{{{driven[1:]}}}$ ({unit})"
 
 
 @styled()
@@ -309,7 +307,7 @@ def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figu
     draw_values(draw, work, loops["W2"].to_numpy() / summary["mean_kn"], label, signed=True)
     driven = summary["driven"]
     begun = np.abs(loops["negative_from"].to_numpy())
-    label = f"$|{_change(driven)}|$ where $W_2$ is first negative"
+    label = f"size of {driven_change(driven)} where $W_2$ is first negative"
     draw_values(draw, first, begun, label)
     return figure
 
@@ -340,23 +338,19 @@ def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
     for begin, end in found.rates.cones:
         arc = np.linspace(begin, end, 181)
         ax.fill_between(arc, 0.0, 1.1, color=ORANGE, alpha=0.25, linewidth=0)
-    for name, colour, label in (
-        ("first_event", SKY, "first event"),
-        ("limit", ORANGE, "equilibrium lost"),
-    ):
-        radius = _radius(np.where(np.isnan(table[name]), largest, table[name]) / largest)
-        if found.subspace == "diagonal":
-            wide = 2.4 if name == "limit" else 1.0  # the first large motion often lies on it
-            ax.plot(*_closed(theta, radius), color=colour, linewidth=wide, label=label)
-    large = table["first_large_load"]
-    radius = _radius(np.where(np.isnan(large), largest, large) / largest)
-    if found.subspace == "diagonal":
-        ax.plot(*_closed(theta, radius), color=GREY, linewidth=1.0, label="first large motion")
+    radius = {
+        name: _radius(np.where(np.isnan(loads), largest, loads) / largest)
+        for name, loads in table.items()
+    }
+    looks = {"first_event": ("x", SKY, "first event"), "limit": ("D", BLACK, "equilibrium lost")}
+    for name, (marker, colour, label) in looks.items():
+        met, place = ~np.isnan(table[name]), radius[name]
+        ax.plot(theta[met], place[met], marker, color=colour, fillstyle="none", label=label)
     for status, (marker, colour, label) in LOAD_LOOKS.items():
         own = found.status == status
         if own.any():
             ax.plot(
-                theta[own], radius[own], marker, color=colour, markersize=5,
+                theta[own], radius["first_large_load"][own], marker, color=colour, markersize=5,
                 linestyle="none", label=label,
             )  # fmt: skip
     ax.set_ylim(0.0, 1.1)
@@ -376,12 +370,6 @@ def _radius(share: Any) -> Any:
     return 1.0 - np.log10(np.clip(share, LOWEST_LOAD, 1.0)) / np.log10(LOWEST_LOAD)
 
 
-def _closed(theta: Any, radius: Any) -> tuple[Any, Any]:
-    """The curve through all directions, in the order of their angles, closed."""
-    order = np.append(np.argsort(theta), np.argmin(theta))
-    return theta[order], radius[order]
-
-
 @styled()
 def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
     """Load over the size of the strain along every direction."""
@@ -398,7 +386,10 @@ def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
             label=None if status in shown else label,
         )  # fmt: skip
         shown.add(status)
-        ax.plot(size[own].iloc[-1], paths["load"][own].iloc[-1], marker, color=colour, markersize=4)
-    ax.set(xlabel=r"strain $|H|$ since the start", ylabel="load (force/length)", xscale="log")
+        end = size[own].iloc[-1], paths["load"][own].iloc[-1]
+        ax.plot(*end, marker, color=colour, markersize=4)
+        look: Any = {"textcoords": "offset points", "fontsize": 6, "rotation": 60}
+        ax.annotate(f"{angle:.0f}°", end, (1, 3), **look)
+    ax.set(xlabel=r"strain $|H|$ (–)", ylabel="load (force/length)", xscale="log")
     ax.legend()
     return figure

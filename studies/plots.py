@@ -46,7 +46,7 @@ from stability.packing import HeldPacking, Probe, Sustained
 from studies.evolve import Evolution
 from studies.forecast import Forecast
 from studies.forecast_figures import draw_driven_stress, probability_map
-from studies.packing_figures import limit_surface, mark_instabilities, response_envelope
+from studies.packing_figures import limit_surface, response_envelope
 from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.polygon import operator_diagram
@@ -65,6 +65,7 @@ from studies.style import (
     SKY,
     VERMILION,
     axes_or_new,
+    edge_ticks,
     new_figure,
     outer_legend,
     styled,
@@ -604,7 +605,7 @@ def plot_path(
             )
     elif isinstance(path, Path) and (lost := path.of_kind("instability")):
         at = np.interp([event.parameter for event in lost], path.parameter, table[x])
-        mark_instabilities(ax, at)
+        edge_ticks(ax, at, "instabilities")
     ax.set(xlabel=with_unit(x), ylabel=with_unit(names[0][0] if len(names) > 1 else names[0]))
     ax.legend()
     return ax

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
+import numpy as np
 from cycler import cycler
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
@@ -179,6 +180,13 @@ def outer_legend(ax: Axes, loc: Any, at: tuple[float, float], pad: float, **how:
 def key_columns(figure: Figure, wide: int) -> int:
     """Columns of a key below a figure: so many in two columns of a journal, two in one."""
     return wide if figure.get_figwidth() > 1.5 * ONE_COLUMN else min(wide, 2)
+
+
+def edge_ticks(ax: Axes, at: Any, label: str = "", colour: str = GREY) -> None:
+    """Mark places on the lower edge of axes; nothing, which would upset the layout, if none."""
+    if len(at):
+        look: Any = {"color": colour, "markersize": 8, "label": label or "_", "clip_on": False}
+        ax.plot(at, np.zeros(len(at)), "|", transform=ax.get_xaxis_transform(), **look)
 
 
 def say_empty(ax: Axes, why: str) -> None:

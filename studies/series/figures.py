@@ -22,6 +22,7 @@ from matplotlib.ticker import NullLocator
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, exchange_matrix
 from patterns import Snapshot
+from stability import COMPONENTS
 from studies.output import Columns
 from studies.series.evolution import PREDICTIONS
 from studies.series.skill import ALL, VERDICTS, part_columns, pooled
@@ -45,6 +46,7 @@ from studies.style import (
     GREEN,
     GREY,
     LIGHT_GREY,
+    ONE_COLUMN,
     ORANGE,
     ORDER_COLOURS,
     PURPLE,
@@ -62,9 +64,6 @@ from studies.style import (
     write_animation,
 )
 
-SHEAR_LABEL = "accumulated shear strain"
-# In narrow panels, where the power of ten of the axis stands beside it.
-SHORT_LABEL = "shear strain"
 ORDER_MARKERS = "os^DvP"
 FATE_COLOURS = {
     "split": BLUE,
@@ -91,7 +90,7 @@ PANEL_INCHES = 4.6
 def orders_over_strain(evolution: pd.DataFrame) -> Figure:
     """Shares of the loops by order along the series, in number and in area."""
     figure, (axes,) = new_panels(1, 2, 2.6, sharey=True)
-    strain = _column(evolution, "shear_strain")
+    strain, strain_label = largest_strain(evolution)
     for ax, kind, title in zip(
         axes,
         ("share", "area_share"),
@@ -103,7 +102,7 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
         ):
             values = _column(evolution, f"{kind}_{3 + n}")
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
-        ax.set(xlabel=SHEAR_LABEL, title=title)
+        ax.set(xlabel=strain_label, title=title)
     figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
     key = figure.axes[0].get_legend_handles_labels()
     figure.legend(*key, loc="outside upper center", ncols=3)
@@ -162,19 +161,19 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
 def stress_strain(evolution: pd.DataFrame) -> Figure:
     """Stress of the sample along the series, its ratio q/p, and unstable and sliding shares."""
     figure, ((left, middle, right),) = new_panels(1, 3, 3.0)
-    strain = _column(evolution, "shear_strain")
+    strain, strain_label = largest_strain(evolution)
     for name, colour, marker in (("11", BLUE, "o"), ("22", VERMILION, "s")):
         values = _column(evolution, f"S{name}")
         left.plot(strain, values, marker=marker, color=colour, label=rf"$\sigma_{{{name}}}$")
     shear = 0.5 * (_column(evolution, "S12") + _column(evolution, "S21"))
     left.plot(strain, shear, marker="^", color=GREY, label=r"$(\sigma_{12} + \sigma_{21})/2$")
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    left.set(xlabel=SHORT_LABEL, ylabel="stress (force/length)")
+    left.set(xlabel=strain_label, ylabel="stress (force/length)")
     left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     if "q_over_p" in evolution:
         ratio, error = _column(evolution, "q_over_p"), _column(evolution, "q_over_p_error")
         middle.errorbar(strain, ratio, error, fmt="o-", color=BLACK, capsize=2.0)
-    middle.set(xlabel=SHORT_LABEL, ylabel="$q/p$ of the whole sample (–)")
+    middle.set(xlabel=strain_label, ylabel="$q/p$ of the whole sample (–)")
     judged = (("packing", GREEN, "D"), ("traction", VERMILION, "s"), ("traction_free", ORANGE, "v"))
     for judge, colour, marker in judged:
         if f"{judge}_unstable" in evolution:
@@ -193,21 +192,20 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
             worked = _column(evolution, "negative_W2") / _column(evolution, "survived")
         label = r"survived with $W_2 < 0$"
         right.plot(strain, worked, "o-", color=BLUE, label=label)
-    right.set(xlabel=SHORT_LABEL, ylabel="share", ylim=(0, None))
+    right.set(xlabel=strain_label, ylabel="share (–)", ylim=(0, None))
     right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
 
 
 @styled()
 def probes_over_strain(evolution: pd.DataFrame) -> Figure:
-    """Smallest second-order work and the share of unstable directions over the shear strain.
+    """Smallest second-order work and the share of unstable directions over the strain.
 
     Hollow where directions are undetermined, with their number; a cross below where all are.
     """
     figure, ((left, right),) = new_panels(1, 2, 2.9)
-    strain, undetermined = (
-        _column(evolution, name) for name in ("shear_strain", "probe_undetermined")
-    )
+    strain, strain_label = largest_strain(evolution)
+    undetermined = _column(evolution, "probe_undetermined")
     for ax, name, scale, look, colour in (
         (left, "probe_w2", 1, "o", BLUE),
         (right, "probe_unstable_fraction", 100, "s", VERMILION),
@@ -234,7 +232,7 @@ def probes_over_strain(evolution: pd.DataFrame) -> Figure:
             )  # fmt: skip
         if some.any() or none.any():
             ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
-        ax.set(xlabel=SHEAR_LABEL)
+        ax.set(xlabel=strain_label)
         ax.margins(y=0.12)
     left.axhline(0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     left.set(ylabel=r"smallest $w_2$ of the sample")
@@ -242,6 +240,20 @@ def probes_over_strain(evolution: pd.DataFrame) -> Figure:
     highest = max(right.get_ylim()[1], 10.0)
     right.set(ylabel=r"directions with $W_2 < 0$ (%)", ylim=(0, highest))
     return figure
+
+
+def largest_strain(evolution: pd.DataFrame) -> tuple[Floats, str]:
+    """Strain of the sample since the start along the axis of compression, and its label.
+
+    Without compression to speak of, the component that is largest.
+    """
+    strains = {ij: np.nan_to_num(_column(evolution, f"H{ij}")) for ij in COMPONENTS}
+    pressed = {ij: strains[ij].max() for ij in ("11", "22")}
+    largest = {ij: np.abs(strain).max() for ij, strain in strains.items()}
+    axis = max(pressed, key=lambda ij: pressed[ij])
+    if pressed[axis] < 0.1 * max(largest.values()):
+        axis = max(largest, key=lambda ij: largest[ij])
+    return _column(evolution, f"H{axis}"), f"strain $H_{{{axis}}}$ (–)"
 
 
 def _column(evolution: pd.DataFrame, name: str) -> Floats:
@@ -300,22 +312,23 @@ def _draw_shares(
 
 @styled()
 def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
-    """Openings against closings of every pair of orders; steady state and observed orders."""
-    figure, ((left, right),) = new_panels(1, 2, 3.4)
+    """Openings against closings of every pair of orders; their steady state, if it is known."""
+    orders = tables["kinetics_orders"]
+    steady = np.isfinite(orders["steady_share"]).any()
+    figure, (axes,) = new_panels(1, 1 + steady, 3.4, TWO_COLUMNS if steady else ONE_COLUMN)
+    left, right = axes[0], axes[-1]
     _balance(left, tables["kinetics"])
     key, beside = left.get_legend_handles_labels(), key_columns(figure, 6)
     figure.legend(*key, title="merged loop", loc="outside lower center", ncols=beside)
-    orders = tables["kinetics_orders"]
+    if not steady:
+        return figure
     shown = orders["order"] <= LAST_DRAWN
     order, share = orders["order"][shown], orders["steady_share"][shown]
     right.plot(order, orders["observed_share"][shown], "o", color=BLUE, label="observed, mean")
-    if np.isfinite(share).any():
-        right.errorbar(
-            order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
-            markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
-        )  # fmt: skip
-    else:
-        right.set_title("too few events to tell the steady state of the rates", color=GREY)
+    right.errorbar(
+        order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
+        markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
+    )  # fmt: skip
     right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
     least = orders["observed_share"][shown]
     right.set_ylim(0.3 * least[least > 0].min(), 1.0)

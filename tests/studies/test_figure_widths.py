@@ -7,10 +7,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import grainloops as gl
-from studies.packing_figures import stress_and_volume
+from studies import style
+from studies.forecast_figures import forecast_figure
+from studies.packing_figures import order_shares, stress_and_volume
 from studies.series.figures import kinetics_figure
 from studies.series.skill import TARGETS
 from studies.series.skill_figures import skill_by_predictor
+from tests.packings import LAW, jammed
 
 
 @pytest.fixture(params=[None, "single", "double"], autouse=True)
@@ -28,14 +31,29 @@ def path():
     return stress_and_volume({name: pd.DataFrame(one) for name, one in tables.items()}, "H11")
 
 
+def forecast():
+    """Without a drop and without instabilities."""
+    scene = gl.Scene(jammed(16, 2), LAW)
+    return forecast_figure(gl.forecast(scene, "oedometric", to=1e-5, rows=2, spread=False))
+
+
 def kinetics():
+    return kinetics_figure(kinetics_tables())
+
+
+def kinetics_tables():
     pairs = {"order_1": [3, 3], "order_2": [3, 4], "order_merged": [4, 5]}
     counts = {"openings": [40, 2], "closings": [31, 5], "balance_p": [0.2, 0.3]}
     orders = {"order": [3, 4, 5], "observed_share": [0.5, 0.3, 0.2]}
     orders |= {"steady_share": [0.5, 0.3, 0.2], "steady_error": [0.1, 0.1, 0.1]}
     tables = {"kinetics": pairs | counts, "kinetics_orders": orders}
-    arrays = {n: {k: np.array(v) for k, v in one.items()} for n, one in tables.items()}
-    return kinetics_figure(arrays)
+    return {n: {k: np.array(v) for k, v in one.items()} for n, one in tables.items()}
+
+
+def test_without_a_steady_state_there_is_no_panel_for_it():
+    arrays = kinetics_tables()
+    arrays["kinetics_orders"]["steady_share"] = np.full(3, np.nan)
+    assert len(kinetics_figure(arrays).axes) == 1 and len(kinetics().axes) == 2
 
 
 def skill():
@@ -44,7 +62,7 @@ def skill():
     return skill_by_predictor(pd.DataFrame(rows, columns=names))
 
 
-@pytest.mark.parametrize("draw", [path, kinetics, skill])
+@pytest.mark.parametrize("draw", [path, forecast, kinetics, skill])
 def test_no_word_is_cut(draw):
     figure = draw()
     canvas = FigureCanvasAgg(figure)
@@ -66,3 +84,24 @@ def test_no_word_is_cut(draw):
         if box.x0 < -1 or box.y0 < -1 or box.x1 > right + 1 or box.y1 > top + 1
     }
     assert not cut
+    # A layout that fails leaves next to nothing of them.
+    assert all(ax.get_position().width > 0.15 for ax in figure.axes[:2])
+
+
+def test_nothing_marks_the_edge_where_nothing_is():
+    figure = style.new_figure()
+    ax = figure.add_subplot()
+    style.edge_ticks(ax, [])
+    style.edge_ticks(ax, [0.5], "lost")
+    (line,) = ax.lines
+    assert line.get_label() == "lost" and line.get_xydata().tolist() == [[0.5, 0.0]]
+
+
+def test_shares_of_work_are_of_the_sum_of_sizes():
+    """Where orders work against one another, no share exceeds 1."""
+    rows = {"3": (0.2, 2.0, 0.0), "4": (0.5, -3.0, 0.9), "5": (0.3, 2.0, 0.1)}
+    names = ("area_share", "W2_share", "negative_share")
+    ax = order_shares({n: dict(zip(names, row, strict=True)) for n, row in rows.items()})
+    heights = [[bar.get_height() for bar in bars] for bars in ax.containers]
+    np.testing.assert_allclose(heights[1], [2 / 7, -3 / 7, 2 / 7], rtol=1e-15)
+    np.testing.assert_allclose(heights[2], [0.0, 0.9, 0.1])

@@ -156,6 +156,8 @@ def test_figures_are_on_the_page_one_after_another(answers):
         figures[figure] = name
     for figure, name in figures.items():
         assert not off_the_page(figure), name
+        # A layout that fails leaves next to nothing of the axes.
+        assert figure.axes[0].get_position().width > 0.3, name
 
 
 @pytest.mark.parametrize("name", ["loop", "rose", "domain", "cone", "envelope", "map", "sustained"])

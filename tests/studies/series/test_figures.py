@@ -25,6 +25,7 @@ from studies.series.figures import (
     animate_series,
     exchange_heatmap,
     fates_over_strain,
+    largest_strain,
     orders_over_strain,
     picked_snapshots,
     series_figures,
@@ -149,10 +150,10 @@ def test_orders_and_stress_lines(series):
     for ax, kind in ((left, "share"), (right, "area_share")):
         assert len(ax.lines) == len(GROUPS)
         for order, line in enumerate(ax.lines, start=3):
-            np.testing.assert_array_equal(line.get_xdata(), series.evolution["shear_strain"])
+            np.testing.assert_array_equal(line.get_xdata(), series.evolution["H22"])
             np.testing.assert_array_equal(line.get_ydata(), series.evolution[f"{kind}_{order}"])
         low, high = ax.get_ylim()
-        assert low == 0
+        assert low == 0 and ax.get_xlabel() == "strain $H_{22}$ (–)"
         assert max(line.get_ydata().max() for line in ax.lines) < high
     stress, ratio, shares = stress_strain(series.evolution).axes
     np.testing.assert_array_equal(ratio.lines[0].get_ydata(), series.evolution["q_over_p"])
@@ -160,6 +161,24 @@ def test_orders_and_stress_lines(series):
     worked = shares.lines[-1].get_ydata()
     assert np.isnan(worked[0])
     assert worked[2] == np.mean(series.tables[1]["W2"] < 0)
+
+
+@pytest.mark.parametrize(
+    ("end", "axis"),
+    [
+        ({"11": -8e-5, "22": 6e-5}, "22"),
+        ({"11": 2e-5, "22": -1e-5}, "11"),
+        ({"11": -3e-4, "22": 1e-5}, "11"),
+        ({"11": 1e-6, "12": 2e-3}, "12"),
+        ({}, "11"),
+    ],
+)
+def test_strain_is_that_of_the_axis_of_compression(end, axis):
+    """Of an extension and of a shear the largest component."""
+    columns = {f"H{ij}": [0.0, np.nan, end.get(ij, 0.0)] for ij in ("11", "12", "21", "22")}
+    strain, label = largest_strain(pd.DataFrame(columns))
+    np.testing.assert_array_equal(strain, columns[f"H{axis}"])
+    assert f"H_{{{axis}}}" in label
 
 
 def test_fates_stack_up_to_one(series):

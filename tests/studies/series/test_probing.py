@@ -18,7 +18,8 @@ def test_undetermined_directions_are_marked():
     """Hollow with their number where there are some, a cross where no direction is determined."""
     evolution = pd.DataFrame(
         {
-            "shear_strain": [0.0, 1e-5, 2e-5],
+            **dict.fromkeys(("H11", "H12", "H21"), [0.0] * 3),
+            "H22": [0.0, 1e-5, 2e-5],
             "probe_w2": [0.2, -0.1, np.nan],
             "probe_unstable_fraction": [0.0, 0.05, np.nan],
             "probe_undetermined": [0, 3, 12],
