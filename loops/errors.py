@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import errno
 import math
-from numbers import Integral
+import os
+import reprlib
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Number, Real
+from pathlib import Path
+from typing import Any
 
 # What the system and libraries say where memory for a thread or a library is used up.
 NO_MEMORY = (
     *("can't start new thread", "failed to launch worker thread"),
     *("failed to map segment", "cannot allocate memory"),
 )
+SHORT = reprlib.Repr()
+SHORT.maxstring = SHORT.maxother = 80
 
 
 class InputError(ValueError):
@@ -54,28 +61,79 @@ def out_of_memory(error: BaseException) -> bool:
     return any(words in str(error).lower() for words in NO_MEMORY)
 
 
-def whole_number(name: str, value: object, least: int) -> None:
-    """Raise `InputError` unless the value is a whole number of at least so much."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not (whole and value >= least):  # type: ignore[operator]
-        raise InputError(name, repr(value), f"a whole number, {least} or more", "Correct it.")
+def whole_number(name: str, value: Any, least: int) -> int:
+    """Return a whole number of at least so much, or raise `InputError`."""
+    x = plain(value)
+    if not isinstance(x, Integral) or x < least:
+        raise InputError(name, short(value), f"a whole number, {least} or more", f"Correct {name}.")
+    return int(x)
 
 
-def number(name: str, value: object, low: float, *, open_low: bool = False) -> None:
-    """Raise `InputError` unless the value is a finite number of at least (or above) so much."""
-    try:
-        x = float(value)  # type: ignore[arg-type]
-        ok = math.isfinite(x) and (x > low if open_low else x >= low)
-    except (TypeError, ValueError):
-        ok = False
-    if not ok:
-        expected = f"a finite number {'above' if open_low else 'of at least'} {low:g}"
-        raise InputError(name, repr(value), expected, "Correct it.")
+def number(
+    name: str, value: Any, low: float = -math.inf, high: float = math.inf, *,
+    open_low: bool = False, open_high: bool = False,
+) -> float:  # fmt: skip
+    """Return a finite number between bounds that are out of the range or not, or `InputError`."""
+    x = plain(value)
+    x = float(x) if isinstance(x, Real) else math.nan
+    inside = math.isfinite(x) and low <= x <= high
+    if not inside or (open_low and x == low) or (open_high and x == high):
+        least = "" if low == -math.inf else f" {'above' if open_low else 'of at least'} {low:g}"
+        most = "" if high == math.inf else f", {'below' if open_high else 'at most'} {high:g}"
+        raise InputError(name, short(value), f"a finite number{least}{most}", f"Correct {name}.")
+    return x
 
 
-def check_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
+def plain(value: Any) -> Any:
+    """Return a value, or that of an array without axes; None for true and false."""
+    x = value.item() if getattr(value, "shape", None) == () else value
+    return None if isinstance(x, bool) else x
+
+
+def check_choice(name: str, value: Any, choices: Iterable[object]) -> None:
     """Raise `InputError` unless `value` is one of the choices."""
-    if value not in choices:
-        *others, last = map(str, choices)
-        expected = f"{', '.join(others)} or {last}"
-        raise InputError(name, repr(value), expected, "Pick one of these.")
+    known = tuple(choices)
+    kinds = tuple(map(type, known))
+    of_kind = isinstance(value, kinds) and (bool in kinds or not isinstance(value, bool))
+    if not (of_kind and value in known):
+        *others, last = map(str, known)
+        expected = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(name, short(value), expected, "Pick one of these.")
+
+
+def check_type(name: str, value: object, kind: Any, remedy: str) -> None:
+    """Raise `InputError` unless `value` is of this type, or one of these."""
+    if not isinstance(value, kind):
+        raise InputError(name, short(value), named(kind), remedy)
+
+
+def listed(name: str, values: Any, kind: Any, remedy: str) -> list[Any]:
+    """Return one or several of a type as a list; `InputError` for none, or others."""
+    found = [values] if isinstance(values, kind) else values
+    if not isinstance(found, Iterable) or isinstance(found, str | Mapping):
+        raise InputError(name, short(values), f"a list: {named(kind)}, one at least", remedy)
+    found = list(found)
+    for place, one in enumerate(found):
+        check_type(f"{name}[{place}]", one, kind, remedy)
+    if not found:
+        raise InputError(name, "none", f"{named(kind)}, one at least", remedy)
+    return found
+
+
+def named(kind: Any) -> str:
+    """Return the names of a type, or of several."""
+    return " or ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+
+
+def path_of(name: str, value: Any, remedy: str = "Name a file.") -> Path:
+    """Return a path, or raise `InputError`."""
+    check_type(name, value, (str, os.PathLike), remedy)
+    return Path(value)
+
+
+def short(value: object) -> str:
+    """Return a value as messages name it; an array by its shape, other things by their type."""
+    x, shape = value if isinstance(value, bool) else plain(value), getattr(value, "shape", ())
+    if x is None or isinstance(x, str | bytes | Number | list | tuple | Mapping):
+        return SHORT.repr(x)
+    return f"{type(value).__name__} of shape {shape}" if shape else type(value).__name__

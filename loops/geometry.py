@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import GrainGraph
+from loops.validation import positive
 
 
 def require_plane(vectors: Floats, what: str) -> None:
@@ -209,7 +210,7 @@ def reference_volume(graph: GrainGraph) -> Floats:
     else:
         require_loop(graph)
         volume = np.abs(polygon_area(graph.x0))
-    return checked_volume(volume)
+    return checked_volume(volume, graph)
 
 
 def volume_growth(graph: GrainGraph) -> Floats:
@@ -221,13 +222,14 @@ def volume_growth(graph: GrainGraph) -> Floats:
     return np.asarray(terms / np.abs(np.linalg.det(graph.cell0)))
 
 
-def checked_volume(volume: ArrayLike) -> Floats:
-    """The volume as an array, or `InputError` unless positive and finite."""
-    area = np.asarray(volume, dtype=float)
-    wrong = ~(np.isfinite(area) & (area > 0))
-    if wrong.any():
-        received = str(area[wrong].flat[0])
-        raise InputError("reference volume", received, "a positive area", "Correct `volume`.")
+def checked_volume(volume: ArrayLike, graph: GrainGraph) -> Floats:
+    """The volume as an array, or `InputError` unless positive and of the graph's states."""
+    area, batch = positive("volume", volume), graph.batch_shape
+    if area.ndim > len(batch) or not all(
+        n in (1, m) for n, m in zip(area.shape[::-1], batch[::-1], strict=False)
+    ):
+        expected = "a number, or one for each state of the graph"
+        raise InputError("volume", f"shape {area.shape}", expected, "Correct volume.")
     return area
 
 

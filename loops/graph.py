@@ -12,7 +12,7 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import given, on_parts, use_passes
 from loops.errors import InputError
 from loops.shown import Shown
-from loops.validation import check_branches, check_graph, checked_regimes
+from loops.validation import check_branches, check_graph, checked_regimes, integers, real
 
 if TYPE_CHECKING:
     import networkx
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 CONTACT_FIELDS = ("normal_force", "shear_force", "regime", "rolling_moment")
 
 
-def _frozen(values: ArrayLike, dtype: type) -> NDArray[Any]:
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     """A read-only array; copied only if the caller could still write to it."""
-    array: NDArray[Any] = np.asarray(values, dtype=dtype)
     if array.flags.writeable:
         array = array.copy()
         array.flags.writeable = False
@@ -122,23 +121,26 @@ class GrainGraph(Shown):
         pairs = _integers("contacts", contacts, columns=2)
         no_force = np.zeros(pairs.shape[:1])
         values: dict[str, Any] = {
-            "x": _frozen(x, float),
-            "radii": _frozen(radii, float),
-            "contacts": pairs,
-            "normal_force": _frozen(no_force if normal_force is None else normal_force, float),
-            "shear_force": _frozen(no_force if shear_force is None else shear_force, float),
-            "images": None if images is None else _integers("images", images, columns=2),
-            "cell": None if cell is None else _frozen(cell, float),
-            "cell0": None if cell0 is None else _frozen(cell0, float),
-            "regime": None,
-            "rolling_moment": None if rolling_moment is None else _frozen(rolling_moment, float),
+            "x": x,
+            "radii": radii,
+            "normal_force": no_force if normal_force is None else normal_force,
+            "shear_force": no_force if shear_force is None else shear_force,
+            "x0": x0,
+            "cell": cell,
+            "cell0": cell0,
+            "rolling_moment": rolling_moment,
         }
-        if regime is not None:
-            values["regime"] = _frozen(checked_regimes(regime, len(pairs)), np.int8)
-        values["x0"] = values["x"] if x0 is None else _frozen(x0, float)
+        for name, value in values.items():
+            optional = value is None and name not in ("x", "radii")
+            values[name] = None if optional else _frozen(real(name, value))
+        values["contacts"] = pairs
+        values["images"] = None if images is None else _integers("images", images, columns=2)
+        values["regime"] = None if regime is None else _frozen(checked_regimes(regime, len(pairs)))
+        if x0 is None:
+            values["x0"] = values["x"]
         if values["cell"] is not None:
             if values["images"] is None:
-                values["images"] = _frozen(np.zeros(pairs.shape, dtype=np.int64), np.int64)
+                values["images"] = _frozen(np.zeros(pairs.shape, dtype=np.int64))
             if values["cell0"] is None:
                 values["cell0"] = values["cell"]
         for name, value in values.items():
@@ -230,12 +232,8 @@ def require_one_state(graph: GrainGraph) -> None:
 
 
 def _integers(name: str, values: ArrayLike, columns: int) -> Integers:
-    array = np.asarray(values)
-    if array.size == 0:
-        array = np.empty((0, columns), dtype=np.int64)
-    if not np.issubdtype(array.dtype, np.integer):
-        raise InputError(name, f"dtype {array.dtype}", "integers", "Convert the array first.")
-    return _frozen(array, np.int64)
+    array = integers(name, values)
+    return _frozen(array if array.size else np.empty((0, columns), dtype=np.int64))
 
 
 def branch_vectors(graph: GrainGraph) -> Floats:

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError
+from loops.errors import InputError, listed
 from loops.faces import Faces
 from loops.shown import Shown
 from loops.tracking import Fate, LoopFates
+from loops.validation import positive
 
 # Least number of events of a pair of orders that enters chi squared.
 MIN_EVENTS = 10
@@ -381,14 +382,12 @@ def order_kinetics(
     >>> kinetics.pairs.tolist(), kinetics.closed.tolist()
     ([[3, 3]], [[1]])
     """
-    events = [one if isinstance(one, OrderEvents) else order_events(one) for one in intervals]
+    given = listed("intervals", intervals, (LoopFates, OrderEvents), "See loops.loop_fates.")
+    events = [one if isinstance(one, OrderEvents) else order_events(one) for one in given]
     if not any(len(one.pairs) for one in events):
         received = f"{len(events)} intervals without an elementary event"
         raise InputError("intervals", received, "loops that merge or split", "Give more of them.")
-    length = np.ones(len(events)) if time is None else np.asarray(time, dtype=float)
-    if length.shape != (len(events),) or not (np.isfinite(length) & (length > 0)).all():
-        remedy = "Leave it out to count intervals."
-        raise InputError("time", f"{time!r}", f"{len(events)} positive lengths", remedy)
+    length = positive("time", np.ones(len(events)) if time is None else time, len(events))
     pairs = np.unique(np.concatenate([one.pairs for one in events]), axis=0)
     K = max(
         int(pairs.sum(axis=1).max()) - 1, *(len(n) for e in events for n in (e.before, e.after))

@@ -23,7 +23,7 @@ from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
 from loops.closures.system import HasLaw, with_law
 from loops.closures.tangents import solved
 from loops.compiled import given, use_compiled
-from loops.errors import InputError
+from loops.errors import InputError, check_type
 from loops.faces import Faces, faces_by_order, find_faces
 from loops.geometry import polygon_area, polygon_centroid, polygon_perimeter, polygon_shape
 from loops.graph import GrainGraph, state_of
@@ -159,6 +159,7 @@ def loop_tangents(
     """
     graph, law = with_law(graph, law)
     faces = find_faces(graph) if faces is None else faces
+    check_type("faces", faces, Faces, "Leave them out, or give gl.find_faces(graph).")
     return tangents_of_loops(graph, law, faces, closure, spins)
 
 

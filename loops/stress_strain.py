@@ -7,7 +7,13 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
 from loops.errors import InputError
-from loops.geometry import boundary_vectors, polygon_area, reference_volume, require_loop
+from loops.geometry import (
+    boundary_vectors,
+    checked_volume,
+    polygon_area,
+    reference_volume,
+    require_loop,
+)
 from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of
 
 
@@ -78,7 +84,7 @@ def love_weber_stress(graph: GrainGraph | HasGraph, volume: ArrayLike | None = N
     length, n, t = contact_frame(graph)
     forces = _forces(graph, n, t)
     n *= length[..., None]
-    return _average(forces, n, volume)
+    return _average(forces, n, checked_volume(volume, graph))
 
 
 def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:
@@ -104,9 +110,8 @@ def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats
     InputError
         If the volume is left out and the graph is neither periodic nor a loop.
     """
-    if volume is None:
-        volume = reference_volume(graph)
-    return _average(contact_forces(graph), graph.reference_branches, volume)
+    area = reference_volume(graph) if volume is None else checked_volume(volume, graph)
+    return _average(contact_forces(graph), graph.reference_branches, area)
 
 
 def cauchy_rate(H: Floats, P: Floats, H_rate: Floats, P_rate: Floats) -> Floats:
@@ -117,9 +122,8 @@ def cauchy_rate(H: Floats, P: Floats, H_rate: Floats, P_rate: Floats) -> Floats:
     return np.asarray((P_rate @ F.T + P @ F_rate.T - growth * P @ F.T) / J)
 
 
-def _average(forces: Floats, branches: Floats, volume: ArrayLike) -> Floats:
-    total = np.swapaxes(forces, -1, -2) @ branches
-    return total / np.asarray(volume, dtype=float)[..., None, None]
+def _average(forces: Floats, branches: Floats, volume: Floats) -> Floats:
+    return np.asarray(np.swapaxes(forces, -1, -2) @ branches / volume[..., None, None])
 
 
 def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.errors import InputError
+from loops.errors import InputError, short
 from loops.graph import GrainGraph
 from loops.shown import Shown
+from loops.validation import finite, real
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,17 +51,17 @@ class Support(Shown):
     motion: Floats
 
     def __init__(self, held: ArrayLike, motion: ArrayLike | None = None) -> None:
-        flags = np.asarray(held, dtype=bool)
+        given = real("held", held, expected="true or false")
+        if not np.isin(given, (0.0, 1.0)).all():
+            raise InputError("held", short(held), "true or false", "Give a flag a freedom.")
+        flags = given.astype(bool)
         if flags.ndim == 1:
             flags = np.repeat(flags[:, None], 3, axis=1)
         if flags.ndim != 2 or flags.shape[1] != 3:
             expected = "(G, 3), or (G,) for all freedoms of a grain"
             raise InputError("held", f"shape {flags.shape}", expected, "Give a row per grain.")
-        rates = np.zeros(flags.shape) if motion is None else np.array(motion, dtype=float)
-        if rates.shape != flags.shape or not np.isfinite(rates).all():
-            received = f"shape {rates.shape}" if rates.shape != flags.shape else "not a number"
-            expected = f"{flags.shape} finite rates"
-            raise InputError("motion", received, expected, "Give a row per grain, as in held.")
+        imposed = np.zeros(flags.shape) if motion is None else motion
+        rates = finite("motion", imposed, *flags.shape).copy()
         wrong = np.argwhere((rates != 0.0) & ~flags)
         if len(wrong):
             g, k = wrong[0].tolist()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.errors import InputError
+from loops.errors import InputError, short
 
 
 def check_graph(graph: Any) -> None:
@@ -31,10 +31,10 @@ def check_graph(graph: Any) -> None:
         _shape("cell0", graph.cell0, f"(..., {d}, {d})", graph.cell0.shape[-2:] == (d, d))
         _check_cell("cell", graph.cell)
         _check_cell("cell0", graph.cell0)
-    elif graph.images is not None and np.any(graph.images):
-        raise InputError(
-            "images", "periodic images without a cell", "a cell", "Give the cell vectors."
-        )
+    elif graph.cell0 is not None or (graph.images is not None and np.any(graph.images)):
+        name = "images" if graph.cell0 is None else "cell0"
+        received = "periodic images without a cell" if graph.cell0 is None else "no cell with it"
+        raise InputError(name, received, "a cell", "Give the cell vectors.")
     try:
         _ = graph.batch_shape
     except ValueError as error:
@@ -62,7 +62,7 @@ def check_graph(graph: Any) -> None:
 
 def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     """Regimes as int8, or `InputError` unless each is open (0), elastic (1) or sliding (2)."""
-    array = np.asarray(regime)
+    array = real("regime", regime, expected="0 (open), 1 (elastic) or 2 (sliding)")
     if array.shape[-1:] != (contacts,):
         raise InputError(
             "regime", f"shape {array.shape}", f"shape (..., {contacts})", "Give one a contact."
@@ -71,7 +71,7 @@ def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     if not known.all():
         index = _first(~known)
         where, expected = f"regime of contact {index[-1]}", "0 (open), 1 (elastic) or 2 (sliding)"
-        raise InputError(where, str(array[index]), expected, "Use gl.Regime.")
+        raise InputError(where, f"{array[index]:g}", expected, "Use gl.Regime.")
     return array.astype(np.int8)
 
 
@@ -170,15 +170,53 @@ def _first(mask: Flags) -> tuple[int, ...]:
     return tuple(int(k) for k in np.unravel_index(np.argmax(mask), mask.shape))
 
 
-Check = Callable[[str, ArrayLike], Floats]
+Length = int | None
+
+
+def real(
+    name: str, value: ArrayLike, *shape: Length, expected: str = "real numbers", remedy: str = ""
+) -> Floats:
+    """Return real numbers as a float64 array; `InputError` for others, or another shape.
+
+    A length of None is any.
+    """
+    remedy = remedy or f"Correct {name}."
+    try:
+        array = np.asarray(value)
+        # Objects are numbers of other libraries; None and text would turn into numbers.
+        objects = array.dtype.kind == "O" and all(hasattr(x, "__float__") for x in array.flat)
+        if array.dtype.kind not in "biuf" and not objects:
+            raise TypeError
+        array = array.astype(np.float64, copy=False)
+    except (TypeError, ValueError):
+        raise InputError(name, short(value), expected, remedy) from None
+    if shape and not _is_of(shape, array.shape):
+        wanted = f"shape {shape}".replace("None", "n")
+        raise InputError(name, f"shape {array.shape}", wanted, remedy)
+    return array
+
+
+def integers(name: str, values: ArrayLike) -> Integers:
+    """Return whole numbers as an int64 array, or raise `InputError`."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        array = np.array(None)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(name, short(values), "integers", "Convert the numbers first.")
+    return array.astype(np.int64, copy=False)
+
+
+def _is_of(shape: tuple[Length, ...], own: tuple[int, ...]) -> bool:
+    return len(own) == len(shape) and all(n in (None, m) for n, m in zip(shape, own, strict=True))
+
+
+Check = Callable[..., Floats]
 
 
 def _checked(holds: Callable[[Floats], Flags], expected: str) -> Check:
-    def check(name: str, value: ArrayLike) -> Floats:
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError(name, repr(value), expected, f"Correct {name}.") from None
+    def check(name: str, value: ArrayLike, *shape: Length) -> Floats:
+        array = real(name, value, *shape, expected=expected)
         for within, wanted in ((np.isfinite, "a finite number"), (holds, expected)):
             wrong = np.argwhere(~np.atleast_1d(within(array)))
             if len(wrong):
@@ -191,7 +229,8 @@ def _checked(holds: Callable[[Floats], Flags], expected: str) -> Check:
     return check
 
 
-# Each takes the argument's name and value, and returns a float64 array or raises `InputError`.
+# Each takes the argument's name, its value and perhaps its shape, and returns a float64 array or
+# raises `InputError`.
 finite = _checked(np.isfinite, "a finite number")
 nonnegative = _checked(lambda a: a >= 0.0, "zero or more")
 positive = _checked(lambda a: a > 0.0, "a positive number")
@@ -209,15 +248,3 @@ drained_kappa = _checked(lambda a: (a >= 0.0) & (a <= 1000.0), "a stiffness rati
 strain = _checked(lambda a: a < 1.0, "a compressive strain below 1")
 confining_strain = _checked(lambda a: (a >= 0.0) & (a < 1.0), "a compressive strain in [0, 1)")
 sliding_sign = _checked(lambda a: np.abs(a) == 1.0, "+1 or -1, the sign of T")
-
-
-def whole(name: str, value: int, least: int) -> int:
-    """Return `value` as a whole number of at least `least`."""
-    expected = f"a whole number of {'at least ' + str(least) if least else 'zero or more'}"
-    try:
-        ok = int(value) == value and value >= least
-    except (TypeError, ValueError, OverflowError):
-        ok = False
-    if not ok:
-        raise InputError(name, repr(value), expected, f"Correct {name}.")
-    return int(value)

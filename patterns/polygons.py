@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError, polygon_centroid
 from loops.arrays import Flags, Floats, Integers
-from loops.errors import check_choice
-from loops.validation import acute_angle, finite, nonnegative, positive, whole
+from loops.errors import check_choice, number, whole_number
+from loops.validation import acute_angle, finite, positive
 from loops.validation import strain as compressive
 from patterns.diamond import overlap_ratio
 
@@ -21,7 +21,7 @@ def ring_contacts(order: int) -> Integers:
 
 
 def compressed_ring(
-    x0: Floats, radii: ArrayLike, strain: ArrayLike, kn: ArrayLike, mobilised: ArrayLike = 0.0
+    x0: Floats, radii: ArrayLike, strain: ArrayLike, kn: ArrayLike, mobilised: Floats | float = 0.0
 ) -> GrainGraph:
     """A barely touching ring under isotropic compression about the origin.
 
@@ -29,7 +29,7 @@ def compressed_ring(
     in extension; written so, `N` keeps its digits at stiff grains.
     """
     compression, kn = compressive("strain", strain), positive("kn", kn)
-    size = np.asarray(radii, dtype=float)
+    size = positive("radii", radii)
     touching = size + np.roll(size, -1, axis=-1)
     closed = np.maximum(compression * kn, 0.0)
     x = x0 * (1 - compression)[..., None, None]
@@ -127,11 +127,11 @@ def regular_polygon(
     >>> hexagon.x.round(12)[0].tolist(), hexagon.normal_force.round(12)[0].tolist()
     ([0.9, 0.0], 0.1)
     """
-    order = whole("order", order, 3)
+    order = whole_number("order", order, 3)
     check_choice("orientation", orientation, get_args(Orientation))
     half = np.pi / order
     angles = 2 * half * np.arange(order) + (half if orientation == "edge" else 0.0)
-    radius = float(positive("radius", radius))
+    number("radius", radius, 0.0, open_low=True)
     x0 = radius / np.sin(half) * np.column_stack([np.cos(angles), np.sin(angles)])
     return compressed_ring(x0, np.full(order, radius), strain, kn)
 
@@ -378,13 +378,13 @@ def random_loop(
     >>> loops.batch_shape, bool((opposite_gap(loops.replace(x=loops.x0)) >= 0).all())
     ((3,), True)
     """
-    order, seed = whole("order", order, 3), whole("seed", seed, 0)
+    order, seed = whole_number("order", order, 3), whole_number("seed", seed, 0)
     sizes = size if isinstance(size, tuple | list) else (size,)
-    batch = tuple(whole("size", count, 0) for count in sizes)
-    radius, mu = float(positive("radius", radius)), float(nonnegative("mu", mu))
-    if not 0.0 <= finite("polydispersity", polydispersity) < 1.0:
-        expected = "a number from 0, below 1"
-        raise InputError("polydispersity", str(polydispersity), expected, "Change the argument.")
+    batch = tuple(whole_number("size", count, 0) for count in sizes)
+    number("radius", radius, 0.0, open_low=True)
+    number("mu", mu, 0.0)
+    number("kn", kn, 0.0, open_low=True)
+    number("polydispersity", polydispersity, 0.0, 1.0, open_high=True)
     rng = np.random.default_rng(seed)
     # Radii of mean 1; walks are repeated until all loops are as wanted.
     count = int(np.prod(batch))

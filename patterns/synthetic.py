@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Integers
-from loops.errors import InputError
+from loops.errors import InputError, number, whole_number
 from loops.graph import GrainGraph
-from loops.validation import whole
+from loops.validation import finite
 
 ROW_HEIGHT = np.sqrt(3) / 2
 # Three discs of this radius around a unit triangle's corners are still missed by every line.
@@ -77,19 +77,15 @@ def synthetic_network(
     >>> graph.grain_count, graph.contact_count
     (100, 185)
     """
-    grains, seed = whole("grains", grains, 2), whole("seed", seed, 0)
-    for name, value, expected, ok in (
-        ("coordination", coordination, "a number from 0 to 6", 0 <= coordination <= 6),
-        ("jitter", jitter, "0 <= jitter < sqrt(3)/4", 0 <= jitter < LARGEST_JITTER),
-        ("friction", friction, "a finite number, at least 0", 0 <= friction < np.inf),
-    ):
-        if not ok:
-            raise InputError(name, str(value), expected, "Change the argument.")
+    grains, seed = whole_number("grains", grains, 2), whole_number("seed", seed, 0)
+    number("coordination", coordination, 0.0, 6.0)
+    number("jitter", jitter, 0.0, LARGEST_JITTER, open_high=True)
+    number("friction", friction, 0.0)
     rng = np.random.default_rng(seed)
     aspect = 1.0  # length of the first cell vector over the height of the cell above it
     if cell is not None:
-        box = np.asarray(cell, dtype=float)
-        if box.shape != (2, 2) or not np.isfinite(box).all() or np.linalg.det(box) == 0:
+        box = finite("cell", cell, 2, 2)
+        if np.linalg.det(box) == 0:
             expected = "two independent cell vectors as columns"
             raise InputError("cell", str(cell), expected, "Correct the cell.")
         aspect, periodic = float(box[:, 0] @ box[:, 0] / abs(np.linalg.det(box))), True

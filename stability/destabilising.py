@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import InputError, number
 from loops.shown import Shown
 from stability.programmes import Programme, combination
 from stability.spectra import RTOL, as_operator, operator_norm, subspace_basis, symmetric_modes
@@ -97,6 +97,7 @@ def destabilising_control(K: ArrayLike, rtol: float = RTOL) -> LinearControl:
     'definite'
     """
     operator = _one_operator(K)
+    number("rtol", rtol, 0.0)
     status = control_status(operator, rtol)
     if status != "found":
         return no_control(status, len(operator))

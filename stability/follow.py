@@ -14,7 +14,7 @@ from loops.scene import Scene, of_scene
 from stability.path import Path
 from stability.paths.loop_path import LoopPathOptions
 from stability.paths.of_graph import follow_loop
-from stability.programmes import Stage
+from stability.programmes import Stage, stages_of
 
 
 @of_scene
@@ -141,15 +141,7 @@ def follow(
     >>> round(float(path.H[path.events[0].index, 0]), 12), path.of_kind("yield")[0].contacts
     (0.166666666667, (0, 1, 2, 3))
     """
-    given: Any = stages
-    listed: list[Any] = [given] if isinstance(given, Stage | str) else list(given)
-    stages = listed
-    for other in (one for one in listed if not isinstance(one, Stage)):
-        remedy = "Write gl.Stage('drained_biaxial', 'H11', 1e-3), say."
-        raise InputError("stages", repr(other), "a Stage: programme and where it ends", remedy)
-    if not stages or stages[0].fallback:
-        received = "no stage" if not stages else "a fallback as the first stage"
-        raise InputError("stages", received, "at least one stage to start with", "Give a Stage.")
+    stages = stages_of(stages)
     closure = closure_of(scene, closure, ("cell", "walls"))
     whole_number("max_steps", max_steps, 1)
     whole_number("rows", rows, 0)

@@ -16,7 +16,7 @@ Five grains compressed along axis 1 at constant stress along axis 2:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.errors import InputError, number
+from loops.errors import InputError, check_choice, check_type, listed, number, short
 from loops.shown import Shown
+from loops.validation import finite
 from stability.spectra import COMPONENTS
 
 Axis = Literal[1, 2]
@@ -86,18 +87,14 @@ class Programme(Shown):
     fluid_bulk_modulus: float = 0.0
 
     def __post_init__(self) -> None:
+        check_type("name of a programme", self.name, str, "Give a text.")
+        where = f"programme {self.name!r}"
         for field, shape in (("stress", (4, 4)), ("strain", (4, 4)), ("rate", (4,))):
-            value = np.array(getattr(self, field), dtype=float)
-            if value.shape != shape or not np.isfinite(value).all():
-                where, received = f"{field} of the programme {self.name!r}", f"{value.tolist()}"
-                remedy = "Give four equations in the components 11, 12, 21, 22."
-                raise InputError(where, received, f"finite numbers of shape {shape}", remedy)
+            value = finite(f"{field} of the {where}", getattr(self, field), *shape).copy()
             value.setflags(write=False)
             object.__setattr__(self, field, value)
-        where = f"programme {self.name!r}"
-        if self.cauchy_row not in (None, 0, 3):
-            received, expected = f"cauchy_row {self.cauchy_row}", "0 (11) or 3 (22)"
-            raise InputError(where, received, expected, "Name the row of a direct stress.")
+        check_choice(f"isochoric_row of the {where}", self.isochoric_row, (None, 0, 1, 2, 3))
+        check_choice(f"cauchy_row of the {where}", self.cauchy_row, (None, 0, 3))
         number("fluid_bulk_modulus", self.fluid_bulk_modulus, 0.0)
         stress, strain, rate = self.equations(NOTHING, NOTHING)
         rank = int(np.linalg.matrix_rank(np.hstack([stress, strain])))
@@ -200,14 +197,8 @@ class Stage(Shown):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "programme", programme_of(self.programme))
-        if self.quantity not in (*QUANTITIES, "parameter"):
-            expected = f"parameter or one of {', '.join(QUANTITIES)}"
-            remedy = "Name the component that ends the stage."
-            raise InputError("quantity of a stage", repr(self.quantity), expected, remedy)
-        if not np.isfinite(self.target):
-            raise InputError(
-                "target of a stage", str(self.target), "a finite number", "Say where it ends."
-            )
+        check_choice("quantity of a stage", self.quantity, (*QUANTITIES, "parameter"))
+        number("target of a stage", self.target)
 
     def value(self, H: Floats, P: Floats, parameter: float) -> float:
         """Value of the quantity at `H` and `P`, (4,), `parameter` counted from the stage's start.
@@ -466,5 +457,14 @@ def programme_of(given: Programme | str) -> Programme:
     name = given.replace("-", "_") if isinstance(given, str) else given
     if not isinstance(name, str) or name not in BY_NAME:
         remedy = "Pick one, or give a Programme of stability.programmes."
-        raise InputError("programme", repr(given), ", ".join(BY_NAME), remedy)
+        raise InputError("programme", short(given), ", ".join(BY_NAME), remedy)
     return BY_NAME[name]()
+
+
+def stages_of(given: Sequence[Stage] | Stage) -> list[Stage]:
+    """Return stages as a list; `InputError` for none, others, or a fallback to begin with."""
+    stages = listed("stages", given, Stage, "Write gl.Stage('drained_biaxial', 'H11', 1e-3), say.")
+    if stages[0].fallback:
+        received, remedy = "a fallback as the first stage", "Give a Stage to start with."
+        raise InputError("stages", received, "a stage that is always entered", remedy)
+    return stages

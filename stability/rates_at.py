@@ -12,8 +12,9 @@ from loops import InputError, Support
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.closures.system import closure_of
-from loops.errors import check_choice
+from loops.errors import check_choice, whole_number
 from loops.scene import Scene, Subject, of_scene
+from loops.validation import real
 from stability.complementarity import STARTS
 from stability.packing.controls import HeldAndDriven, component_control
 from stability.packing.response import PackingResponse, packing_rates
@@ -172,12 +173,13 @@ def rates_at(
         if programme is not None:
             control = programme_of(programme)
         band = YIELD_BAND if yield_band is None else yield_band
+        starts = STARTS if starts is None else whole_number("starts", starts, 0)
         return packing_rates(
             scene,
             control,
             regime=regime,
             yield_band=band,
-            starts=STARTS if starts is None else starts,
+            starts=starts,
         )
     spins = spins or "blocked"
     check_choice("spins", spins, get_args(Spins))
@@ -199,12 +201,9 @@ def _refuse(options: Mapping[str, object], taken: tuple[str, ...], where: str) -
 
 def _components(H: ArrayLike | None, P: ArrayLike | None) -> tuple[Floats, Floats]:
     """Return rates of strain and stress, each with numbers where the other has none."""
-    given = [None if one is None else np.asarray(one, dtype=float) for one in (H, P)]
-    for name, one in zip("HP", given, strict=True):
-        if one is not None and one.shape != (2, 2):
-            received = f"shape {one.shape}"
-            raise InputError(name, received, "(2, 2) rates", "Give 11, 12 and 21, 22 in rows.")
-    strain, stress = given
+    strain, stress = (
+        None if one is None else real(name, one, 2, 2) for name, one in (("H", H), ("P", P))
+    )
     if strain is None:
         assert stress is not None
         strain = np.where(np.isnan(stress), 0.0, np.nan)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops.arrays import Floats, all_finite
 from loops.errors import InputError, number, whole_number
 from loops.shown import Shown
+from loops.validation import finite, real
 from stability.spectra import RTOL, as_operator, operator_norm
 
 # Positive eigenvalues over the negative one are kept above the first figure, the negative one over
@@ -184,7 +185,7 @@ def alpha_e(theta: ArrayLike) -> Floats:
 
 def _operator_and_direction(K: ArrayLike, direction: ArrayLike) -> tuple[Floats, Floats]:
     operator = as_operator(K)
-    strain = np.asarray(direction, dtype=np.float64)
+    strain = finite("direction", direction)
     m = operator.shape[-1]
     if strain.ndim == 0 or strain.shape[-1] != m:
         remedy = "Give one component for each row of K."
@@ -239,7 +240,7 @@ def unstable_fraction(eigenvalues: ArrayLike) -> Floats:
 
 
 def _eigenvalues(eigenvalues: ArrayLike) -> Floats:
-    values = np.asarray(eigenvalues, dtype=np.float64)
+    values = real("eigenvalues", eigenvalues)
     if values.ndim == 0 or values.shape[-1] == 0:
         remedy = "Put them in the last axis."
         raise InputError("eigenvalues", f"shape {values.shape}", "(..., m) with m > 0", remedy)
@@ -422,6 +423,7 @@ def plane_cone(K: ArrayLike, rtol: float = RTOL) -> PlaneCone:
     [0.5, 0.647584]
     """
     operator = as_operator(K, size=2)
+    number("rtol", rtol, 0.0)
     finite = all_finite(operator)
     known = np.where(finite[..., None, None], operator, 0.0)
     # Over the power of two next to the largest entry: exact, and squares cannot overflow.

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, all_finite, frobenius
-from loops.errors import InputError
+from loops.errors import InputError, check_choice
+from loops.validation import finite, real
 
 COMPONENTS = ("11", "12", "21", "22")
 _HALF = np.sqrt(0.5)
@@ -28,15 +29,14 @@ The weakest effect worth telling, the geometric stiffness of stiff grains, is ab
 
 def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
     """Read an operator or a batch of them: real, square in the last two axes."""
-    array = np.asarray(K)
+    remedy = "Pass the tangent or its restriction, batch axes first: gl.traction_tangent(loop)."
+    array = real("operator", K, remedy=remedy)
     square = array.ndim >= 2 and array.shape[-1] == array.shape[-2] > 0
-    if array.dtype.kind not in "fiu" or not square or size not in (None, array.shape[-1]):
+    if not square or size not in (None, array.shape[-1]):
         m = "m" if size is None else str(size)
-        thing = array.dtype == object and array.ndim == 0
-        received = type(K).__name__ if thing else f"shape {array.shape} of type {array.dtype}"
-        remedy = "Pass the tangent or its restriction, batch axes first: gl.traction_tangent(loop)."
-        raise InputError("operator", received, f"a real array of shape (..., {m}, {m})", remedy)
-    return array.astype(np.float64, copy=False)
+        expected = f"a real array of shape (..., {m}, {m})"
+        raise InputError("operator", f"shape {array.shape}", expected, remedy)
+    return array
 
 
 def subspace_basis(subspace: str) -> Floats:
@@ -65,9 +65,7 @@ def subspace_basis(subspace: str) -> Floats:
     >>> subspace_basis("diagonal").tolist()
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
     """
-    if subspace not in _BASES:
-        expected = f"one of {', '.join(_BASES)}"
-        raise InputError("subspace", repr(subspace), expected, "Name the subspace to judge on.")
+    check_choice("subspace", subspace, _BASES)
     return _BASES[subspace].copy()
 
 
@@ -138,7 +136,8 @@ def rotate_tangent(A: ArrayLike, angle: ArrayLike) -> Floats:
     [4.0, 3.0, 2.0, 1.0]
     """
     tangent = as_operator(A, size=4)
-    c, s = np.cos(angle), np.sin(angle)
+    turn = finite("angle", angle)
+    c, s = np.cos(turn), np.sin(turn)
     to_frame = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)
     M = np.einsum("...ik,...jl->...ijkl", to_frame, to_frame)
     M = M.reshape(*M.shape[:-4], 4, 4)

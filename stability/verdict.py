@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import MacroTangent
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import InputError, number
 from loops.shown import Shown
 from stability.second_order_work import plane_cone, unstable_fraction
 from stability.spectra import (
@@ -170,7 +170,10 @@ def judge(
     >>> [(one.subspace, one.status) for one in (judge(A), judge(A, "full"))]
     [('symmetric', 'stable'), ('full', 'unstable')]
     """
-    known = 0.0 if error is None else float(error)
+    number("rtol", rtol, 0.0)
+    known = 0.0 if error is None else number("error", error, 0.0)
+    if kn is not None:
+        number("kn", kn, 0.0, open_low=True)
     if isinstance(K, MacroTangent):
         # A batch is refused below, where its shape is known.
         known = float(np.max(K.error, initial=0.0)) if error is None else known

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from loops import Faces, InputError
 from loops.arrays import Floats, Integers
-from loops.errors import check_choice
+from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
 from loops.shown import Shown
 from patterns import planar
@@ -62,6 +62,10 @@ class Evolving:
 
     def __post_init__(self) -> None:
         check_choice("--by", self.by, get_args(By))
+        number("--to", self.to)
+        number("--interval", self.interval, 0.0, open_low=True)
+        number("--damping", self.damping, 0.0)
+        whole_number("--rows", self.rows, 0)
         for name in ("pathologies", "spread"):
             if getattr(self, name) and self.by == "replay":
                 remedy = "Follow by events, or both."
@@ -207,6 +211,7 @@ def evolve(
     asked = options_of(Evolving, {"programme": programme, "to": to, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
+    number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
     return followed(snapshot.scene, snapshot.ids, asked, rate, progress)
 
@@ -351,8 +356,7 @@ def require_reach(programme: str, to: float, interval: float) -> None:
     if to >= 1:
         expected = "less than 1: there the cell has no length left (compression is positive)"
         raise InputError("--to", f"a strain of {to:g}", expected, "Give 1e-3, for example.")
-    # An interval of zero is refused with the other options of the path.
-    if abs(to) > INTERVALS * interval > 0:
+    if abs(to) > INTERVALS * interval:
         expected = f"at most {INTERVALS * interval:g}: {INTERVALS} intervals of {interval:g}"
         remedy = "Give a smaller strain, or larger intervals by --interval."
         raise InputError("--to", f"a strain of {to:g}", expected, remedy)
@@ -373,11 +377,10 @@ def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> S
     `numbers` are those that the programme asks for (`programme_named`).
     """
     check_choice("--programme", programme, EVOLVED)
-    if not (np.isfinite(to) and to):
+    if not to:
         remedy = "Give the strain to reach, negative in extension."
         raise InputError("--to", f"{to:g}", "a finite number other than zero", remedy)
-    if axis not in (1, 2):
-        raise InputError("--axis", f"{axis}", "1 or 2", "Name the axis that is driven.")
+    check_choice("--axis", axis, (1, 2))
     sense = float(np.sign(to))
     loading = programme_named(programme, rate=sense, axis=axis, **numbers)
     return Stage(loading, "parameter", abs(to))

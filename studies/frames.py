@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from loops import InputError, force_chains
 from loops.arrays import Floats
+from loops.errors import check_type
 from loops.scene import Subject
 from patterns import Snapshot, planar
+from patterns.snapshots.snapshot import snapshot_of
 from stability import Path
 from stability.packing.pathologies import columns
 from studies.output import SIGNS, UNITS, components, described, provenance
@@ -121,6 +123,7 @@ def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> Ge
     snapshot = planar(snapshot)
     offsets, corners, _ = tables.loop_polygons(snapshot.graph, snapshot.faces)
     own = loop_table(snapshot) if table is None else table
+    check_type("table", own, pd.DataFrame, "Give gl.loop_table(snapshot), or leave it out.")
     if len(own) != len(offsets) - 1:
         received, expected = f"{len(own)} rows", f"one a loop, {len(offsets) - 1}"
         raise InputError("table", received, expected, "Give the table of this snapshot.")
@@ -132,7 +135,7 @@ def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> Ge
     return frame
 
 
-def chain_table(snapshot: Snapshot) -> pd.DataFrame:
+def chain_table(snapshot: Snapshot | Subject) -> pd.DataFrame:
     """One row per grain: its major principal stress and the force chain that it is in.
 
     Parameters
@@ -158,6 +161,7 @@ def chain_table(snapshot: Snapshot) -> pd.DataFrame:
     >>> int(table["length"].min()), len(table)
     (0, 600)
     """
+    snapshot = snapshot_of(snapshot)
     if not snapshot.has_forces:
         snapshot.mechanics()
     graph, chains = snapshot.graph, force_chains(snapshot.graph)
@@ -206,6 +210,7 @@ def path_table(path: Path) -> pd.DataFrame:
     >>> round(float(table["H11"].iloc[-1]), 12)
     0.2
     """
+    check_type("path", path, Path, "Give what gl.follow returns.")
     if len(path.direction):
         frame = load_table(path)
     elif len(path.states):

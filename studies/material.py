@@ -70,10 +70,7 @@ class MaterialOptions:
         check_choice("--closure", self.closure, get_args(MaterialClosure))
         check_choice("--programme", self.programme, get_args(ProgrammeName))
         self.loading_programme()
-        number("--phi", self.phi_deg, 0.0)
-        if not self.phi_deg <= 90.0:
-            expected = "degrees from 0 to 90 (nothing slides)"
-            raise InputError("--phi", f"{self.phi_deg:g}", expected, "Correct it.")
+        number("--phi", self.phi_deg, 0.0, 90.0)
         if self.alpha0_deg is not None and self.order != 6:
             received = f"given with --order {self.order}"
             raise InputError("--alpha0", received, "a hexagon", "Leave one of them out.")

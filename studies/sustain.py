@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from loops import InputError
 from loops.arrays import Floats
 from loops.contacts import contacts_at_start
+from loops.errors import check_choice
 from loops.laws.of_pairs import MovableLaw
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
@@ -200,6 +201,7 @@ def sustain(
     >>> found.status.tolist(), found.limit.round(6).tolist()
     (['large motion, no rest', 'held'], [0.001, nan])
     """
+    check_choice("hold", hold, get_args(HoldControl))
     _followable(scene_of(scene), subspace)
     return sustain_packing(
         scene_at_rest(scene, hold),

@@ -226,7 +226,7 @@ def affine_tangent(
     """
     graph, law = with_law(graph, law)
     check_choice("spins", spins, get_args(Spins))
-    v0 = reference_volume(graph) if volume is None else checked_volume(volume)
+    v0 = reference_volume(graph) if volume is None else checked_volume(volume, graph)
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
     growth = volume_growth(graph) if volume is None else 0.0
@@ -307,7 +307,7 @@ def traction_tangent(
         where = "reference polygon of the loop"
         remedy = "Uniform traction needs a polygon: the centres must not lie on a line."
         raise InputError(where, f"area {np.min(polygon)}", "a positive area", remedy)
-    v0 = polygon if volume is None else checked_volume(volume)
+    v0 = polygon if volume is None else checked_volume(volume, graph)
     applies = spins == "blocked" and graph.contact_count == graph.grain_count
     if method == "force" and not applies:
         raise InputError(

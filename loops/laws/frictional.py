@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.errors import InputError, check_choice
+from loops.errors import InputError, check_choice, short
 from loops.graph import ContactState
 from loops.shown import Shown
+from loops.validation import real
 
 ShearIncrement = Literal["branch", "radii"]
 ShearHistory = Literal["force", "displacement"]
@@ -50,6 +51,12 @@ class Regime(IntEnum):
     OPEN = 0
     ELASTIC = 1
     SLIDING = 2
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self:
+        raise InputError(
+            "regime", short(value), "0 (open), 1 (elastic) or 2 (sliding)", "Correct it."
+        )
 
     # Arrays ask for it at every comparison; an enum that lacks it takes 8 microseconds to say so.
     __array_ufunc__ = np.ndarray.__array_ufunc__
@@ -233,6 +240,10 @@ class FrictionalLaw(Shown):
     cohesion: Floats | float = 0.0
 
     def __init__(self, **parameters: ArrayLike) -> None:
+        for name in {"kn", "kt", "mu"} & {*parameters}:
+            expected = "a number, or one for each contact"
+            parameter(name, parameters[name], expected, 0.0, open_low=False, high=np.inf)
+        checked_increment(parameters.get("shear_increment", self.shear_increment))  # type: ignore[arg-type]
         vars(self).update(parameters)
 
     def closed_force(self, state: ContactState) -> Floats:
@@ -444,12 +455,7 @@ def parameter(
     name: str, value: ArrayLike, expected: str, low: float, *, open_low: bool, high: float = LARGEST
 ) -> Any:
     """Return parameters between two bounds as an array, or raise `InputError`."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{name} of the contact law", repr(value), expected, "Correct it."
-        ) from None
+    array = real(f"{name} of the contact law", value, expected=expected)
     ok = (array > low if open_low else array >= low) & (array <= high)
     if not ok.all():
         bad = str(array[~ok].flat[0])

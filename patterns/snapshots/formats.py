@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict, Unpack, get_args
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypedDict, Unpack, get_args
 from numpy.typing import ArrayLike
 
 from loops import HertzMindlin, InputError
-from loops.errors import check_choice, number
+from loops.errors import check_choice, check_type, number, path_of, whole_number
 from loops.laws.frictional import ShearHistory, checked_increment, friction_of
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.files import head_of, require_file
@@ -204,11 +204,11 @@ def read_snapshot(
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
         raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
-    number = frame or 0
-    if not -len(found) <= number < len(found):
+    place = 0 if frame is None else whole_number("--frame", frame, -len(found))
+    if place >= len(found):
         received, expected = f"{path} has {len(found)}", f"a number below {len(found)}"
-        raise InputError(f"--frame {number}", received, expected, "Count from 0.")
-    return build_snapshot(found[number](), parameters, strict=strict)
+        raise InputError(f"--frame {place}", received, expected, "Count from 0.")
+    return build_snapshot(found[place](), parameters, strict=strict)
 
 
 def snapshot_from_tables(
@@ -348,8 +348,7 @@ def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:
 def format_of(path: Path, name: str = "auto") -> Format:
     """The format of a file."""
     if name != "auto":
-        if name not in FORMATS:
-            raise InputError("--format", repr(name), f"auto, {', '.join(FORMATS)}", "Take one.")
+        check_choice("--format", name, ("auto", *FORMATS))
         return FORMATS[name]
     require_file(path)
     head = head_of(path)
@@ -375,8 +374,10 @@ def _parameters(**options: Unpack[LawOptions]) -> Parameters:
             received = f"{', '.join(given)} under {law or 'no named law'}"
             remedy = f"Give {named}, or leave them out."
             raise InputError("law", received, "options of that law", remedy)
-    for name in {"adhesion", "cohesion"} & {*asked}:
-        number(name, asked[name], 0.0)
+    for name in {"kn", "kt", "young", "poisson", "adhesion", "cohesion"} & {*asked}:
+        number(name, asked[name], 0.0, open_low=name == "kn")
+    if friction is not None and friction != math.inf:
+        number("mu", friction, 0.0)
     if law == "hertz" and {"kn", "kt"} & {*asked}:
         remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
         raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
@@ -398,11 +399,6 @@ def _frames(
     cell: ArrayLike | None = None,
     periodic: str | None = None,
 ) -> Frames:
-    files: dict[str, Any] = {"path": path, "contacts": contacts}
-    for name, given in files.items():
-        if not isinstance(given, str | os.PathLike | None):
-            remedy = "For tables in memory call snapshot_from_tables."
-            raise InputError(name, type(given).__name__, "the path of a file", remedy)
     source = _source(path, contacts, cell, columns, periodic)
     return format_of(source.path, format).frames(source)
 
@@ -414,6 +410,14 @@ def _source(
     columns: Mapping[str, str | int] | None,
     periodic: str | None,
 ) -> Source:
-    names = {name: str(column) for name, column in (columns or {}).items()}
-    beside = None if contacts is None else Path(contacts)
-    return Source(Path(path), beside, as_cell(cell), names, as_periodic(periodic))
+    given = {} if columns is None else columns
+    check_type("columns", given, Mapping, "Give {'radius': 'R'}, plain name to column.")
+    for name, column in given.items():
+        check_type(
+            f"columns[{name!r}]", column, (str, int), "Give the name of a column, or its number."
+        )
+    names = {name: str(column) for name, column in given.items()}
+    remedy = "Name a file; for tables in memory call snapshot_from_tables."
+    beside = None if contacts is None else path_of("contacts", contacts, remedy)
+    own = path_of("path", path, remedy)
+    return Source(own, beside, as_cell(cell), names, as_periodic(periodic))

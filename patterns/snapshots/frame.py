@@ -18,7 +18,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.errors import check_choice
+from loops.errors import check_choice, check_type, path_of
 from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
 from patterns.snapshots.columns import (
     LAYOUTS,
@@ -416,7 +416,8 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     ...     read_snapshot(f"{folder}/grains_1.parquet").graph.contact_count
     819
     """
-    path = Path(path)
+    path = path_of("path", path, "Name a file: 'grains_1.parquet'.")
+    check_type("snapshot", snapshot, Snapshot, "Give what gl.read_snapshot returns.")
     if "grains" not in path.name or path.suffix not in (".parquet", ".csv"):
         raise InputError(
             str(path), "this name", "grains... ending in .parquet or .csv", "Rename it."

@@ -12,6 +12,7 @@ from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
 from loops.compiled import given, on_parts, use_passes
 from loops.errors import check_choice
+from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
 from patterns.snapshots.findings import Finding
 from patterns.snapshots.tables import HUGE, Table, require_columns
@@ -347,11 +348,8 @@ def as_cell(cell: ArrayLike | None) -> Floats | None:
     """Return a periodic cell (2, 2), columns the cell vectors; `InputError` if it is no cell."""
     if cell is None:
         return None
-    try:
-        matrix = np.asarray(cell, dtype=float)
-    except (ValueError, TypeError):
-        matrix = np.full(0, np.nan)
-    sound = matrix.shape == (2, 2) and bool((np.abs(matrix) <= HUGE).all())
+    matrix = real("cell", cell, 2, 2, remedy="Give HXX, HXY, HYX, HYY: cell vectors as columns.")
+    sound = bool((np.abs(matrix) <= HUGE).all())
     if not sound or not np.abs(np.linalg.det(matrix)) > 0:
         received = str(matrix.tolist())[:200]
         expected = "two independent cell vectors as the columns of HXX, HXY, HYX, HYY"

@@ -27,6 +27,7 @@ from loops import (
 from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
+from loops.errors import path_of, short, whole_number
 from loops.graph import state_of
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
@@ -375,7 +376,7 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     """
     faces = snapshot.faces
     count = len(faces.loops)
-    if not (0 <= loop < count and int(loop) == loop):
+    if not 0 <= whole_number("loop", loop, 0) < count:
         raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
     law, regime = snapshot.mechanics()
     (batch,) = loop_batches(snapshot.graph, faces, loops=faces.loops[[loop]])
@@ -485,7 +486,11 @@ def sample_path(name: str = "grains_biaxial.csv.gz") -> Path:
     >>> sample_path().name
     'grains_biaxial.csv.gz'
     """
-    return SAMPLE / name
+    path = SAMPLE / path_of("name", name, "Leave it out.")
+    if not path.exists():
+        known = ", ".join(sorted(one.name for one in SAMPLE.iterdir()))
+        raise InputError("name", short(name), known, "Take one of the samples.")
+    return path
 
 
 def sample_cell() -> NDArray[np.float64]:

@@ -35,9 +35,10 @@ from loops.closures import Closure, Spins
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
 from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
-from loops.geometry import reference_volume
+from loops.geometry import checked_volume, reference_volume
 from loops.graph import require_one_state
 from loops.laws.frictional import edge_of, with_sides
+from loops.validation import checked_regimes
 from stability.regimes import OPEN, SOLUTION_RTOL, Choice, EdgeRates, agreement, edge_options
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis
@@ -98,7 +99,8 @@ def edge_contacts(
     are left out.
     """
     state = contact_state(graph)
-    read = law.regime(state) if regime is None else np.asarray(regime, dtype=np.int8)
+    count = graph.contact_count
+    read = law.regime(state) if regime is None else checked_regimes(regime, count)
     stick = law.local_stiffness(state, np.full(read.shape, Regime.ELASTIC, dtype=np.int8))
     shape = np.broadcast_shapes(stick.shape[:-2], state.normal_force.shape, read.shape)
     read = np.broadcast_to(read, shape)
@@ -326,7 +328,7 @@ def affine_branches(
     volume: ArrayLike | None,
 ) -> AffineBranches:
     """Gather the branches of the affine closure with spins blocked or affine."""
-    v0 = np.asarray(reference_volume(graph) if volume is None else volume, dtype=float)
+    v0 = reference_volume(graph) if volume is None else checked_volume(volume, graph)
     A = affine_tangent(graph, law, spins=spins, regime=edge.regime, volume=v0).matrix
     batch = np.broadcast_shapes(A.shape[:-2], edge.regime.shape[:-1])
     basis, which = subspace_basis(subspace), edge.anywhere

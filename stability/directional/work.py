@@ -14,6 +14,7 @@ from loops.closures import Closure, Spins
 from loops.closures.system import HasLaw, named_closure, with_law
 from loops.errors import check_choice, whole_number
 from loops.shown import Shown
+from loops.validation import finite
 from stability.directional.branches import (
     BranchSolutions,
     YieldingContacts,
@@ -152,7 +153,7 @@ def directional_work(
     """
     graph, law = with_law(graph, law)
     branches, edge = law_branches(graph, law, closure, spins, subspace, regime, volume)
-    e = np.asarray(directions, dtype=np.float64)
+    e = finite("directions", directions)
     m = len(subspace_basis(subspace))
     if e.ndim < 2 or e.shape[-1] != m or not (np.abs(e).max(axis=-1, initial=0.0) > 0.0).all():
         expected = f"shape (..., D, {m}), no direction zero"

@@ -15,6 +15,7 @@ from loops.errors import InputError, check_choice, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.shown import Shown
+from loops.validation import finite, nonnegative
 from stability.material.blocks import BLOCK_CONTACTS, CLOSURES, MaterialState, blocks_of
 from stability.material.kernels import A11, OPENED, P11, STUCK, SUMS, WEIGHT
 from stability.material.loop_set import LoopSet, loop_set
@@ -222,31 +223,19 @@ class LoopMaterial(Shown):
 
 def _shares(given: ArrayLike | None, own: Floats) -> Floats:
     """Return the weights over their sum, or raise `InputError`."""
-    weights = np.asarray(own if given is None else given, dtype=float)
-    if weights.shape != own.shape or not np.isfinite(weights).all():
-        received = f"shape {weights.shape}" if weights.shape != own.shape else "not finite"
-        raise InputError("weights", received, f"{len(own)} finite numbers", "One for each loop.")
-    if (weights < 0.0).any() or not weights.sum() > 0.0:
-        received = f"{weights.min():g} as the smallest, a sum of {weights.sum():g}"
-        expected = "none negative and a sum above zero"
-        raise InputError("weights", received, expected, "Correct them.")
+    weights = nonnegative("weights", own if given is None else given, len(own))
+    if not weights.sum() > 0.0:
+        raise InputError("weights", "zeros", "a sum above zero", "Correct them.")
     return weights / weights.sum()
 
 
 def _gradients(F: ArrayLike, state: MaterialState, loops: int) -> Floats:
     """Return deformation gradients (Q, 2, 2), or raise `InputError`."""
-    gradients = np.asarray(F, dtype=float)
     points, own = state.failed.shape
     if own != loops:
         received, remedy = f"one of {own} loops", "Take material.start(points)."
         raise InputError("state of the material", received, f"one of {loops} loops", remedy)
-    if gradients.shape != (points, 2, 2):
-        expected = f"({points}, 2, 2), one for each point of the state"
-        raise InputError(
-            "F", f"shape {gradients.shape}", expected, "Give F at the end of the step."
-        )
-    if not np.isfinite(gradients).all():
-        raise InputError("F", "numbers that are not finite", "finite numbers", "Correct them.")
+    gradients = finite("F", F, points, 2, 2)
     det = gradients[:, 0, 0] * gradients[:, 1, 1] - gradients[:, 0, 1] * gradients[:, 1, 0]
     if (det <= 0.0).any():
         point = int(np.argmax(det <= 0.0))

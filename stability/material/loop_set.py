@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError, whole_number
+from loops.errors import InputError, listed, whole_number
 from loops.geometry import boundary_vectors, polygon_area, require_loop
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.scene import Subject, scene_of
 from loops.shown import Shown
+from loops.validation import integers
 
 # Share of a contact's force that counts for a loop which shares it with the next.
 SHARED_HALF = 0.5
@@ -129,11 +130,7 @@ def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
     """Return a set of loops from graphs of single loops or of batches of one order."""
     if isinstance(loops, LoopSet):
         return loops
-    graphs = [loops] if isinstance(loops, GrainGraph) else list(loops)
-    if not graphs or not all(isinstance(graph, GrainGraph) for graph in graphs):
-        received = "none" if not graphs else type(graphs[0]).__name__
-        expected = "graphs of loops, or a set of them"
-        raise InputError("loops of the material", received, expected, "See gl.oriented.")
+    graphs = listed("loops of the material", loops, GrainGraph, "Give graphs, or gl.oriented.")
     parts = [_rows_of(graph) for graph in graphs]
     x, radii, normal, shear, contacts = (
         np.concatenate(column) for column in zip(*[part[1:] for part in parts], strict=True)
@@ -263,8 +260,8 @@ def loops_of(
     chosen = np.asarray(faces.loops)
     sides = np.diff(faces.offsets)[chosen]
     if orders is not None:
-        wanted = np.atleast_1d(np.asarray(orders))
-        if not np.issubdtype(wanted.dtype, np.integer) or (wanted < 3).any():
+        wanted = np.atleast_1d(integers("orders", orders))
+        if (wanted < 3).any():
             expected = "numbers of grains, 3 or more"
             raise InputError("orders", repr(orders), expected, "Give orders such as [4, 5, 6].")
         chosen = chosen[np.isin(sides, wanted)]

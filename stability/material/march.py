@@ -9,11 +9,11 @@ from typing import Any, Literal
 import numpy as np
 
 from loops.arrays import Floats
-from loops.errors import InputError, whole_number
+from loops.errors import InputError, check_type, whole_number
 from loops.shown import Shown
 from stability.material.blocks import MaterialState
 from stability.material.loop_material import LoopMaterial, MaterialResponse
-from stability.programmes import Programme, Stage
+from stability.programmes import Programme, Stage, stages_of
 
 MarchStatus = Literal["finished", "control limit", "loops lost"]
 # Newton steps after which a programme has no solution at the end of a step.
@@ -102,8 +102,9 @@ def march(
     >>> path.status, round(float(path.P[-1, 0] / path.P[-1, 3]), 3)
     ('finished', 13.236)
     """
+    check_type("material", material, LoopMaterial, "Give gl.LoopMaterial(loops, law=law).")
     whole_number("steps", steps, 1)
-    stages = [stages] if isinstance(stages, Stage) else list(stages)
+    stages = stages_of(stages)
     state, H = material.start(1), np.zeros(4)
     response = material.update(np.eye(2)[None], state)
     P, rows = response.stress.reshape(4), []

@@ -17,6 +17,7 @@ from loops.errors import InputError
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
 from loops.laws.of_pairs import SMALL_OVERLAP
+from loops.validation import finite, positive
 from stability.packing.controls import MixedControl
 
 if TYPE_CHECKING:
@@ -128,14 +129,21 @@ def masses_of(
     radii: Floats, mass: ArrayLike | None = None, inertia: ArrayLike | None = None
 ) -> tuple[Floats, Floats]:
     """Masses and moments of inertia, those of discs of unit density if left out."""
-    masses = np.pi * radii**2 if mass is None else np.asarray(mass, dtype=float)
-    inertias = 0.4 * masses * radii**2 if inertia is None else np.asarray(inertia, float)
-    for name, values in (("mass", masses), ("inertia", inertias)):
-        if values.shape != radii.shape or not (values > 0).all():
-            raise InputError(
-                name, f"shape {values.shape}", "a positive number a grain", "Give (G,) numbers."
-            )
+    count = len(radii)
+    masses = positive("mass", np.pi * radii**2 if mass is None else mass, count)
+    own = 0.4 * masses * radii**2
+    inertias = positive("inertia", own if inertia is None else inertia, count)
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
+
+
+def motion_of(
+    radii: Floats, velocity: ArrayLike | None, spin: ArrayLike | None
+) -> tuple[Floats, Floats]:
+    """Velocities and spins of grains, zero if left out."""
+    count = len(radii)
+    velocities = np.zeros((count, 2)) if velocity is None else velocity
+    spins = np.zeros(count) if spin is None else spin
+    return finite("velocity", velocities, count, 2), finite("spin", spins, count)
 
 
 def step_of(masses: Floats, inertias: Floats, state: Contacts, stride: float = 1.0) -> float:

@@ -12,16 +12,18 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.contacts import Contacts, PackingState, contacts_at_start, start_state
-from loops.errors import InputError, check_choice, number
+from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
 from loops.laws.of_pairs import MovableLaw, law_of
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
+from loops.validation import finite
 from stability.packing.equations_of_motion import (
     Moving,
     lasting,
     masses_of,
+    motion_of,
     servo_of,
     steered,
     step_of,
@@ -151,8 +153,8 @@ class _Run(NamedTuple):
 @of_scene
 def hold(
     scene: Scene,
-    *,
     control: HoldControl = "strain",
+    *,
     unbalanced: float = 1e-6,
     damping: tuple[float, float] = (0.2, 0.4),
     mass: ArrayLike | None = None,
@@ -213,8 +215,9 @@ def hold(
     """
     check_choice("control", control, get_args(HoldControl))
     number("unbalanced", unbalanced, 0.0, open_low=True)
-    if not all(0.0 < share < 1.0 for share in damping):
-        raise InputError("damping", f"{damping}", "two shares between 0 and 1", "Correct it.")
+    for share in finite("damping", damping, 2):
+        number("damping", share, 0.0, 1.0, open_low=True, open_high=True)
+    whole_number("most_steps", most_steps, 1)
     around = scene.boundary
     if around.kind == "walls" and (control == "stress" or around.volume is None):
         received = "control='stress'" if control == "stress" else "no volume"
@@ -222,11 +225,11 @@ def hold(
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     start = contacts_at_start(scene, still=True)
     masses, inertias = masses_of(scene.graph.radii, mass, inertia)
+    velocities, spins = motion_of(scene.graph.radii, velocity, spin)
     dt = step_of(masses, inertias, start)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)
-    speed = 0.0 if velocity is None else velocity, 0.0 if spin is None else spin
 
     def run(share: float, slower: float = 1.0) -> _Run:
         servo = servo_of(start, masses)
@@ -234,7 +237,7 @@ def hold(
             servo = servo._replace(lag=slower * servo.lag)
             servo = steered(servo, start, HELD_STRESS, NO_ROTATION, np.zeros(4))
             servo = lasting(servo, dt)
-        moving = Moving(start, masses, inertias, servo, velocity=speed[0], spin=speed[1])
+        moving = Moving(start, masses, inertias, servo, velocity=velocities, spin=spins)
         before = _unbalanced(moving, start)
         return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
 

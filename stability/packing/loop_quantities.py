@@ -19,6 +19,7 @@ from scipy.spatial import Delaunay
 from loops.arrays import Flags, Floats, available_cores
 from loops.assembly import contact_tangent
 from loops.contacts import PackingState
+from loops.errors import check_type
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
@@ -30,6 +31,7 @@ from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
 from loops.system import System, packing_system, stiffness_matrix
+from loops.validation import real
 from stability.packing.response import PackingResponse
 
 QUARTER_TURN: Floats = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -301,6 +303,7 @@ def indicators(
     """
     graph, law = scene.graph, scene.law
     faces = scene.faces if faces is None else faces
+    check_type("faces", faces, Faces, "Leave them out, or give gl.find_faces(graph).")
     # No stress is asked for.
     whole = replace(scene.boundary, volume=1.0)
     system = packing_system(Scene(graph, law, whole))
@@ -324,7 +327,7 @@ def indicators(
         "density": local_density(graph, faces),
     }
     if nonaffinity is not None:
-        by_grain["past_nonaffinity"] = np.asarray(nonaffinity, dtype=float)
+        by_grain["past_nonaffinity"] = real("nonaffinity", nonaffinity, graph.grain_count)
     by_contact = {"mobilisation": np.where(closed, mobilised, np.nan)}
     most = {
         "largest_mobilisation": by_contact["mobilisation"],

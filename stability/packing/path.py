@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from loops.arrays import one_blas_thread
-from loops.errors import InputError, check_choice, number, whole_number
+from loops.errors import InputError, check_choice, check_type, number, whole_number
 from loops.scene import Scene
 from stability.packing.past import OTHER_WAYS, PassBy, past_of
 from stability.packing.past import stop as end_there
@@ -45,8 +45,9 @@ class PackingPathOptions:
         whole_number("instabilities", self.instabilities, 1)
         if not callable(self.past):
             check_choice("past", self.past, get_args(Past))
-        number("load_kept", self.load_kept, 0.0)
-        number("1 - load_kept", 1.0 - self.load_kept, 0.0)
+        number("load_kept", self.load_kept, 0.0, 1.0)
+        if self.progress is not None:
+            check_type("progress", self.progress, Callable, "Give a function, or leave it out.")
         if self.spread and past_of(self.past) not in OTHER_WAYS:
             received = f"True with past={self.past!r}"
             remedy = "Leave it out: other paths have no second choice at instabilities."

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers, one_blas_thread
-from loops.errors import InputError, check_choice, whole_number
+from loops.errors import InputError, check_choice, short, whole_number
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.system import System
+from loops.validation import finite, real
 from stability.complementarity import STARTS
 from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
@@ -387,24 +388,20 @@ def _solutions(pieces: RegimeRegions, answers: list[DirectionAnswer]) -> Solutio
 
 def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:
     """Return unit directions (D, m), given or evenly spread."""
-    given, m = np.asarray(directions), len(subspace_basis(subspace))
+    given, m = real("directions", directions), len(subspace_basis(subspace))
     if given.ndim == 0:
-        whole_number("directions", given.item(), 1)
-        k, count = np.arange(int(given)), int(given)
+        count = whole_number("directions", directions, 1)
+        k = np.arange(count)
         if m == 2:
             return plane_directions(TURN * k / count)
         z = 1.0 - (2.0 * k + 1.0) / count
         ring, phi = np.sqrt(1.0 - z**2), GOLDEN * k
         return np.column_stack([ring * np.cos(phi), ring * np.sin(phi), z])
-    fits = given.ndim == 2 and given.shape[1] == m and len(given) > 0
-    if not (fits and np.isfinite(given).all() and np.abs(given).max(axis=1).all()):
-        raise InputError(
-            "directions",
-            f"shape {given.shape}",
-            f"(D, {m}) finite components, none all zero",
-            f"Use those of {subspace!r}, or give a number.",
-        )
-    return unit_directions(given.astype(float))
+    finite("directions", given, None, m)
+    if not (len(given) and np.abs(given).max(axis=1).all()):
+        expected = f"(D, {m}) components of {subspace!r}, none all zero"
+        raise InputError("directions", short(directions), expected, "Give them, or a number.")
+    return unit_directions(given)
 
 
 def additive_work(response: PackingResponse, faces: Faces) -> Floats:

@@ -10,13 +10,15 @@ from scipy.linalg import expm, logm
 
 from loops.arrays import Floats
 from loops.contacts import Contacts, contacts_at_start
-from loops.errors import InputError, number, whole_number
+from loops.errors import InputError, number, short, whole_number
 from loops.scene import Scene, of_scene
+from loops.validation import finite
 from stability.packing.equations_of_motion import (
     Moving,
     duration_of,
     lasting,
     masses_of,
+    motion_of,
     require_upright,
     servo_of,
     steered,
@@ -120,10 +122,15 @@ def replay(
     """
     start = contacts_at_start(scene)
     masses, inertias = masses_of(scene.graph.radii, mass, inertia)
+    velocities, spins = motion_of(scene.graph.radii, velocity, spin)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
+    number("inertial_number", inertial_number, 0.0, open_low=True)
     whole_number("rows", rows, 1)
-    dt = time_step or step_of(masses, inertias, start)
+    if time_step is None:
+        dt = step_of(masses, inertias, start)
+    else:
+        dt = number("time_step", time_step, 0.0, open_low=True)
     servo, ends = _steering(start, masses, strain)
     sizes = np.array([np.linalg.norm(part) for part in np.diff(ends, axis=0, prepend=0.0)])
     if steps is not None:
@@ -132,15 +139,15 @@ def replay(
         whole_number("steps", steps, 1)
         duration = steps * dt
     if duration is None:
-        number("inertial_number", inertial_number, 0.0, open_low=True)
         duration = duration_of(sizes.sum(), masses, start, inertial_number)
+    number("duration", duration, 0.0)
     steps = max(1, round(duration / dt))
     servo = lasting(servo, steps * dt)
     at = _shares(sizes, shares)
     gradients = {} if servo.on else _gradients(ends, at, steps, dt)
     moving = Moving(
-        start, masses, inertias, servo, velocity=0.0 if velocity is None else velocity,
-        spin=0.0 if spin is None else spin, gradient=gradients.get(0), steps=steps,
+        start, masses, inertias, servo, velocity=velocities, spin=spins,
+        gradient=gradients.get(0), steps=steps,
     )  # fmt: skip
     motion = moving.motion
     if balanced:
@@ -190,12 +197,12 @@ def _steering(start: Contacts, masses: Floats, strain: ArrayLike | Stage) -> tup
         fluid = programme.fluid_bulk_modulus
         servo = servo._replace(isochoric=isochoric, cauchy=cauchy, fluid=fluid)
         return servo, (servo.gain @ servo.rate).reshape(1, 2, 2)
-    ends = np.asarray(strain, dtype=float)
+    ends = finite("strain", strain)
     ends = ends[None] if ends.ndim == 2 else ends
     fits = ends.ndim == 3 and len(ends) > 0 and ends.shape[1:] == (2, 2)
-    if not (fits and np.isfinite(ends).all() and (np.linalg.det(np.eye(2) - ends) > 0).all()):
+    if not (fits and (np.linalg.det(np.eye(2) - ends) > 0).all()):
         expected = "(2, 2) finite numbers that leave a cell, or (K, 2, 2) of parts"
-        raise InputError("strain", f"{np.asarray(strain).tolist()}", expected, "Take less.")
+        raise InputError("strain", short(strain), expected, "Take less.")
     for H in ends:
         require_upright(start, np.zeros((4, 4)), np.eye(4), H.ravel())
     return servo, ends
@@ -207,9 +214,8 @@ def _shares(sizes: Floats, given: ArrayLike | None) -> Floats:
         whole = float(sizes.sum())
         steady = np.linspace(0.0, 1.0, len(sizes) + 1)[1:]
         return np.cumsum(sizes) / whole if whole > 0 else steady
-    shares = np.asarray(given, dtype=float)
-    rises = shares.shape == sizes.shape and shares[-1] == 1.0
-    if not (rises and shares[0] > 0 and (np.diff(shares) > 0).all()):
+    shares = finite("shares", given, len(sizes))
+    if not (shares[-1] == 1.0 and shares[0] > 0 and (np.diff(shares) > 0).all()):
         expected = f"{len(sizes)} numbers that rise to 1, the end of each part of the strain"
         raise InputError("shares", f"{shares.tolist()}", expected, "Leave them out, or correct.")
     return shares

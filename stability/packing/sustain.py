@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, one_blas_thread
 from loops.contacts import Contacts, contacts_at_start
-from loops.errors import InputError, check_choice, number, whole_number
+from loops.errors import check_choice, number, whole_number
 from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.scene import Scene, of_scene
@@ -274,8 +274,7 @@ def sustain(
     number("interval", interval, 0.0, open_low=True)
     number("large", large, 0.0, open_low=True)
     whole_number("most_snaps", most_snaps, 0)
-    if not 0.0 < damping < 1.0:
-        raise InputError("damping", f"{damping}", "a share between 0 and 1", "Correct it.")
+    number("damping", damping, 0.0, 1.0, open_low=True, open_high=True)
     unit = probe_directions(directions, subspace)
     if largest is None:
         largest = DEFAULT_LARGEST * start.pressure

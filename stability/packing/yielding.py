@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_regime, contact_tangent
 from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
-from loops.errors import InputError
+from loops.errors import number
 from loops.graph import ContactState
 from loops.laws.frictional import ContactLaw, Regime, edge_of
 from loops.scene import Scene
@@ -183,10 +183,7 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
 
 def checked_band(share: float, name: str = "yield_band", usual: float = YIELD_BAND) -> float:
     """Check the share of its strength from which a contact may slide."""
-    if not 0.0 < share <= 1.0:
-        remedy = f"Leave it out: {usual:g} is what was compared with simulations."
-        raise InputError(name, f"{share:g}", "a share in (0, 1]", remedy)
-    return float(share)
+    return number(name, share, 0.0, 1.0, open_low=True)
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:

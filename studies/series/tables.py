@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from loops import InputError
+from loops.errors import check_type, listed, path_of
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
@@ -130,8 +131,14 @@ def skill(
     {'W2_negative': 3, 'contact_lost': 3, 'nonaffine': 3, 'topology': 3}
     """
     rows: list[Row] = []
-    for place, (one, two) in enumerate(pairs):
-        before, after = planar(one), planar(two)
+    remedy = "Give pairs of snapshots, and a function of one."
+    check_type("indicator", indicator, Callable, remedy)
+    check_type("pairs", pairs, Iterable, remedy)
+    for place, pair in enumerate(pairs):
+        both = listed(f"pairs[{place}]", pair, Snapshot, remedy)
+        if len(both) != 2:
+            raise InputError(f"pairs[{place}]", f"{len(both)} snapshots", "two", remedy)
+        before, after = map(planar, both)
         before.mechanics()
         after.mechanics()
         found = evolution.track_loops(before, after)
@@ -200,7 +207,8 @@ def series(
         raise InputError("snapshots", f"one text, {os.fspath(snapshots)!r}", "a list", remedy)
     tables: list[pd.DataFrame] = []
     F, before = np.eye(2), None
-    for place, state in enumerate(_read(list(snapshots), cells, how)):
+    kinds, remedy = (str, os.PathLike, Snapshot), "Give files or snapshots in the order of time."
+    for place, state in enumerate(_read(listed("snapshots", snapshots, kinds, remedy), cells, how)):
         dH = np.full((2, 2), np.nan)
         if before is not None:
             dH = evolution.sample_strain(before, state)[0]
@@ -221,7 +229,10 @@ def _read(
     snapshots: Sequence[File | Snapshot], cells: File | None, how: dict[str, Any]
 ) -> Iterator[Snapshot]:
     files = [Path(one) for one in snapshots if not isinstance(one, Snapshot)]
-    table = None if cells is None else Path(cells)
+    table = None if cells is None else path_of("cells", cells)
+    if table is not None and not files:
+        remedy = "Leave it out: snapshots in memory have their cells."
+        raise InputError("cells", str(table), "files of snapshots", remedy)
     planned = plan_series(files, table, reading(**how)) if files or not snapshots else []
     for one in snapshots:
         if isinstance(one, Snapshot):

@@ -28,7 +28,7 @@ PAIR = {"x": [[0, 0], [0.9, 0]], "radii": [0.5, 0.5], "contacts": [[0, 1]]}
         ({"contacts": [[1, 1]]}, ["contact 0", "grain 1 with itself"]),
         ({"x": [[0, 0], [0, 0]]}, ["contact 0", "coincident centres of grains 0 and 1"]),
         ({"x0": [[1, 1], [1, 1]]}, ["coincident reference centres of grains 0 and 1"]),
-        ({"contacts": [[0.0, 1.0]]}, ["contacts", "float64", "integers"]),
+        ({"contacts": [[0.0, 1.0]]}, ["contacts", "[[0.0, 1.0]]", "integers"]),
         ({"contacts": [[0, 1, 2]]}, ["contacts", "(1, 3)", "(C, 2)"]),
         ({"normal_force": [0.1, 0.2]}, ["normal_force", "(2,)", "(..., 1)"]),
         ({"normal_force": [np.nan]}, ["normal force of contact 0", "nan"]),
@@ -145,7 +145,7 @@ def test_a_regime_on_some_edges_alone_is_refused():
     network = to_networkx(GrainGraph(**PAIR, regime=[2]))
     network.add_node(2, x=(0.0, 0.9), radius=0.5)
     network.add_edge(0, 2, normal_force=0.1)
-    with pytest.raises(InputError, match=r"regime of contact \d: got None"):
+    with pytest.raises(InputError, match=r"regime: got .*None.*0 \(open\)"):
         from_networkx(network)
 
 

@@ -90,7 +90,7 @@ def test_the_seed_decides(periodic):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"grains": 1}, "grains: got 1, expected a whole number of at least 2"),
+        ({"grains": 1}, "grains: got 1, expected a whole number, 2 or more"),
         ({"grains": 10, "jitter": 0.5}, "jitter: got 0.5"),
         ({"grains": 10, "jitter": -0.1}, "jitter: got -0.1"),
         ({"grains": 10, "coordination": 6.5}, "coordination: got 6.5"),
@@ -99,7 +99,7 @@ def test_the_seed_decides(periodic):
         ({"grains": 10, "friction": float("inf")}, "friction: got inf"),
         ({"grains": 10, "cell": [[1, 2], [2, 4]]}, "cell: got"),
         ({"grains": 10, "cell": [1, 2]}, "cell: got"),
-        ({"grains": 10, "cell": [[1, 0], [0, float("nan")]]}, "cell: got"),
+        ({"grains": 10, "cell": [[1, 0], [0, float("nan")]]}, "cell[1, 1]: got nan"),
     ],
 )
 def test_bad_arguments_are_named(arguments, message):

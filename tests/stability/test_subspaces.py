@@ -97,11 +97,13 @@ def test_an_isotropic_tangent_does_not_turn():
 
 
 def test_unknown_subspace():
-    with pytest.raises(InputError, match=r"subspace: got 'shear'.*diagonal, symmetric, full"):
+    with pytest.raises(InputError, match=r"subspace: got 'shear'.*diagonal, symmetric or full"):
         subspace_basis("shear")
 
 
 @pytest.mark.parametrize("A", [np.eye(3), np.ones(4), np.ones((4, 3)), 1j * np.eye(4)])
 def test_not_a_macroscopic_tangent(A):
-    with pytest.raises(InputError, match=r"operator: got shape .*\(\.\.\., 4, 4\)"):
+    with pytest.raises(
+        InputError, match=r"operator: got (shape .*\(\.\.\., 4, 4\)|.*real numbers)"
+    ):
         restrict(A, "diagonal")

@@ -261,7 +261,7 @@ def test_regimes_travel_and_are_dropped_with_their_forces():
 @pytest.mark.parametrize("volume", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("tangent", [affine_tangent, traction_tangent])
 def test_volumes_are_positive(tangent, volume):
-    with pytest.raises(InputError, match=r"reference volume: got .*a positive area"):
+    with pytest.raises(InputError, match=r"volume: got .*a (positive|finite) number"):
         tangent(random_rings(np.random.default_rng(6), 1, 4), LAW, volume=volume)
 
 

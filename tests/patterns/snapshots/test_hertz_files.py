@@ -156,7 +156,7 @@ def test_tables_and_files_keep_the_law(tmp_path, history):
         ({"young": 1.0, "poisson": 0.2}, "young, poisson under no named law"),
         ({"law": "linear", "shear_history": "force"}, "shear_history under linear"),
         ({"law": "hertz", "young": 1.0}, "young alone"),
-        ({"law": "hertz", "young": -1.0, "poisson": 0.2}, "young of the contact law"),
+        ({"law": "hertz", "young": -1.0, "poisson": 0.2}, "young: got -1.0"),
         ({"law": "hertz", "young": 1.0, "poisson": 0.7}, "poisson of the contact law"),
         ({"law": "hertz", "kn": 1.0}, "one kn or kt under Hertz's law"),
         ({"law": "hertz", "shear_history": "none"}, "force or displacement"),

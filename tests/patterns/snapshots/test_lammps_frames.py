@@ -119,7 +119,7 @@ def test_reading_in_turn_parses_each_once(dumps, parsed):
 
 def test_numbers_out_of_range(dumps, parsed):
     for frame in (COUNT, -COUNT - 1):
-        with pytest.raises(InputError, match=f"--frame {frame}: got .* has 4, expected .* below 4"):
+        with pytest.raises(InputError, match=f"--frame.*{frame}.*(below 4|-4 or more)"):
             read(dumps[0], frame)
     with pytest.raises(InputError, match=r"4 snapshots, expected one.*--frame 0"):
         read(dumps[0], None)

@@ -230,7 +230,7 @@ def test_an_increment_beyond_any_solution_says_so():
 
 
 def test_candidates_are_a_share():
-    with pytest.raises(InputError, match="share"):
+    with pytest.raises(InputError, match="expected a finite number above 0, at most 1"):
         packing_increment(Scene(jammed(16, 2), LAW), H, candidates=1.5)
 
 

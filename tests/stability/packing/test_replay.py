@@ -381,7 +381,10 @@ def test_pairs_are_those_of_brute_force(gap):
         ({"strain": [[1.5, 0], [0, 0]]}, "strain"),
         ({"strain": np.zeros((0, 2, 2))}, "strain"),
         ({"strain": np.zeros((2, 2, 2)), "shares": [0.5, 0.9]}, "2 numbers that rise to 1"),
-        ({"strain": np.zeros((2, 2, 2)), "shares": [1.0]}, "2 numbers that rise to 1"),
+        (
+            {"strain": np.zeros((2, 2, 2)), "shares": [1.0]},
+            r"shares: got shape \(1,\), expected shape \(2,\)",
+        ),
         ({"strain": np.zeros((2, 2, 2)), "shares": [0.0, 1.0]}, "2 numbers that rise to 1"),
         ({"mass": [1.0]}, "mass"),
         ({"damping": -1}, "damping"),

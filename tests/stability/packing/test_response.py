@@ -312,7 +312,7 @@ def test_what_floats_or_has_no_area_is_refused():
         rates_at(Scene(triangle, LAW, Boundary(held=held)), H=H)
     boundary = Boundary(held=held, volume=0.5)
     assert rates_at(Scene(triangle, LAW, boundary), H=H).status == "unique"
-    with pytest.raises(InputError, match=r"H: got shape \(2,\), expected \(2, 2\) rates"):
+    with pytest.raises(InputError, match=r"H: got shape \(2,\), expected shape \(2, 2\)"):
         rates_at(Scene(graph, LAW), H=[1.0, 2.0])
     with pytest.raises(InputError, match=r"stress_rate: got .* Give zero to hold the stress"):
         rates_at(Scene(graph, LAW), H=np.full((2, 2), np.nan), P=[[np.nan] * 2] * 2)

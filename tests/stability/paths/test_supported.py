@@ -176,7 +176,7 @@ def test_a_touching_disc_parts_or_presses_as_it_is_moved():
     [
         ([[True, True]], None, "held: got shape"),
         ([True, False], [[0, 0, 0]], "motion: got shape"),
-        ([True, False], [[0, 0, np.nan], [0, 0, 0]], "not a number"),
+        ([True, False], [[0, 0, np.nan], [0, 0, 0]], r"motion\[0, 2\]: got nan"),
         ([True, False], [[0, 0, 0], [0, 1, 0]], "freedom 1 of grain 1"),
     ],
 )
