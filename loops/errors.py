@@ -122,7 +122,8 @@ def listed(name: str, values: Any, kind: Any, remedy: str) -> list[Any]:
 
 def named(kind: Any) -> str:
     """Return the names of a type, or of several."""
-    return " or ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    return " or ".join(f"a {one.__name__}" for one in kinds)
 
 
 def path_of(name: str, value: Any, remedy: str = "Name a file.") -> Path:

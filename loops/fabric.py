@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, in_threads
 from loops.compiled import given, on_parts, use_passes
-from loops.errors import InputError, number, whole_number
+from loops.errors import number, whole_number
 from loops.faces import Faces
 from loops.geometry import require_plane
 from loops.graph import (
@@ -26,6 +26,7 @@ from loops.graph import (
     require_one_state,
 )
 from loops.shown import Shown
+from loops.validation import real
 
 TENSORS_AT_ONCE = 2**14  # tensors at a time
 
@@ -199,9 +200,7 @@ def principal(tensor: ArrayLike) -> tuple[Floats, Floats]:
     >>> [float(value) for value in principal([[0.25, 0.0], [0.0, 0.75]])]
     [0.5, 1.5707963267948966]
     """
-    s = np.asarray(tensor, dtype=float)
-    if s.shape[-2:] != (2, 2):
-        raise InputError("tensor", f"shape {s.shape}", "(..., 2, 2)", "Give tensors of the plane.")
+    s = real("tensor", tensor, ..., 2, 2)
     # + 0.0 turns -0.0 into 0.0, which would be -90 degrees.
     difference, shear = s[..., 0, 0] - s[..., 1, 1], s[..., 0, 1] + s[..., 1, 0] + 0.0
     return np.hypot(difference, shear), 0.5 * np.arctan2(shear, difference)

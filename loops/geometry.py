@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats
 from loops.errors import InputError
 from loops.graph import GrainGraph
-from loops.validation import positive
+from loops.validation import fits, positive
 
 
 def require_plane(vectors: Floats, what: str) -> None:
@@ -224,10 +224,8 @@ def volume_growth(graph: GrainGraph) -> Floats:
 
 def checked_volume(volume: ArrayLike, graph: GrainGraph) -> Floats:
     """The volume as an array, or `InputError` unless positive and of the graph's states."""
-    area, batch = positive("volume", volume), graph.batch_shape
-    if area.ndim > len(batch) or not all(
-        n in (1, m) for n, m in zip(area.shape[::-1], batch[::-1], strict=False)
-    ):
+    area = positive("volume", volume)
+    if not fits(area.shape, graph.batch_shape, 1):
         expected = "a number, or one for each state of the graph"
         raise InputError("volume", f"shape {area.shape}", expected, "Correct volume.")
     return area

@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 from loops.boundary import Boundary, boundary_of
-from loops.errors import InputError
+from loops.errors import InputError, check_type
 from loops.faces import Faces, find_faces
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw, require_law
@@ -44,15 +44,12 @@ class Scene(Shown):
     boundary: Boundary = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        graph, boundary = cast("tuple[object, object]", (self.graph, self.boundary))
-        if not isinstance(graph, GrainGraph):
-            remedy = "Give Scene(graph, law); a Snapshot has .scene."
-            raise InputError("graph of a scene", type(graph).__name__, "a GrainGraph", remedy)
-        if boundary is None:
+        remedy = "Give Scene(graph, law); a Snapshot has .scene."
+        check_type("graph of a scene", self.graph, GrainGraph, remedy)
+        if cast(object, self.boundary) is None:
             object.__setattr__(self, "boundary", boundary_of(self.graph))
-        elif not isinstance(boundary, Boundary):
-            received, remedy = type(boundary).__name__, "Give boundary_of(graph, walls=, held=)."
-            raise InputError("boundary of a scene", received, "a Boundary", remedy)
+        remedy = "Give boundary_of(graph, walls=, held=)."
+        check_type("boundary of a scene", self.boundary, Boundary, remedy)
         require_law(self.law, self.graph.contact_shape)
 
     @property
@@ -116,7 +113,7 @@ def of_scene(
     """Let a function of a scene take a snapshot too."""
 
     @wraps(question)
-    def of_subject(subject: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
-        return question(scene_of(subject), *args, **options)
+    def of_subject(scene: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
+        return question(scene_of(scene), *args, **options)
 
     return of_subject

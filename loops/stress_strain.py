@@ -15,6 +15,7 @@ from loops.geometry import (
     require_loop,
 )
 from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of
+from loops.validation import real
 
 
 def contact_forces(graph: GrainGraph) -> Floats:
@@ -159,11 +160,8 @@ def loop_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     >>> loop_strain(square, square * [0.75, 1.0]).tolist()
     [[0.25, 0.0], [0.0, 0.0]]
     """
-    start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
-    if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
-        where, expected = "corners of the loops", "two arrays of one shape (..., n, 2)"
-        received = f"shapes {start.shape} and {end.shape}"
-        raise InputError(where, received, expected, "Give the same grains in the same order.")
+    start = real("corners of the loops", x0, ..., None, 2)
+    end = real("corners of the loops", x, *start.shape)
     area = np.abs(polygon_area(start))
     if not np.all(area > 0):
         where, received = "reference polygon of a loop", f"area {np.min(area)}"
@@ -203,10 +201,8 @@ def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     >>> best_fit_strain(x0, x0 @ [[0.75, 0.5], [0.25, 1.25]] + 3.0).round(12).tolist()
     [[0.25, -0.25], [-0.5, -0.25]]
     """
-    start, end = np.asarray(x0, dtype=float), np.asarray(x, dtype=float)
-    if start.shape != end.shape or start.ndim < 2 or start.shape[-1] != 2:
-        received = f"shapes {start.shape} and {end.shape}"
-        raise InputError("centres", received, "one shape (..., G, 2)", "Pair them.")
+    start = real("centres", x0, ..., None, 2)
+    end = real("centres", x, *start.shape)
     if start.shape[-2] < 3:
         raise InputError("centres", f"{start.shape[-2]} grains", "at least 3", "Add grains.")
     r = start - start.mean(axis=-2, keepdims=True)

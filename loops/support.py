@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats
 from loops.errors import InputError, short
 from loops.graph import GrainGraph
 from loops.shown import Shown
-from loops.validation import finite, real
+from loops.validation import finite, real, require_shape
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,9 +57,7 @@ class Support(Shown):
         flags = given.astype(bool)
         if flags.ndim == 1:
             flags = np.repeat(flags[:, None], 3, axis=1)
-        if flags.ndim != 2 or flags.shape[1] != 3:
-            expected = "(G, 3), or (G,) for all freedoms of a grain"
-            raise InputError("held", f"shape {flags.shape}", expected, "Give a row per grain.")
+        require_shape("held", flags, None, 3)
         imposed = np.zeros(flags.shape) if motion is None else motion
         rates = finite("motion", imposed, *flags.shape).copy()
         wrong = np.argwhere((rates != 0.0) & ~flags)

@@ -22,6 +22,7 @@ from loops.errors import InputError
 from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.shown import Shown
+from loops.validation import integers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,10 +130,7 @@ def match_contacts(
 
 
 def _checked(graph: GrainGraph, ids: ArrayLike) -> Integers:
-    numbers = np.asarray(ids, dtype=np.int64)
-    if numbers.shape != (graph.grain_count,):
-        where, received = "ids of the grains", f"shape {numbers.shape}"
-        raise InputError(where, received, f"({graph.grain_count},)", "Give one id for each grain.")
+    numbers = integers("ids of the grains", ids, graph.grain_count)
     ordered = np.sort(numbers)
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):

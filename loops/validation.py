@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -11,24 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.errors import InputError, short
 
+Length = int | None | EllipsisType
+
 
 def check_graph(graph: Any) -> None:
     """Raise `InputError` at the first fault of a grain graph."""
-    _shape("x", graph.x, "(..., G, 2)", graph.x.ndim >= 2 and graph.x.shape[-1] in (2, 3))
-    grains, d = graph.x.shape[-2:]
-    contacts = graph.contacts
-    _shape("contacts", contacts, "(C, 2)", contacts.ndim == 2 and contacts.shape[1] == 2)
-    count = len(contacts)
-    _shape("radii", graph.radii, f"(..., {grains})", graph.radii.shape[-1:] == (grains,))
-    _shape("x0", graph.x0, f"(..., {grains}, {d})", graph.x0.shape[-2:] == (grains, d))
-    for name in ("normal_force", "shear_force", "rolling_moment"):
-        value = getattr(graph, name)
-        if value is not None:
-            _shape(name, value, f"(..., {count})", value.shape[-1:] == (count,))
-    if graph.cell is not None and graph.cell0 is not None and graph.images is not None:
-        _shape("images", graph.images, f"({count}, {d})", graph.images.shape == (count, d))
-        _shape("cell", graph.cell, f"(..., {d}, {d})", graph.cell.shape[-2:] == (d, d))
-        _shape("cell0", graph.cell0, f"(..., {d}, {d})", graph.cell0.shape[-2:] == (d, d))
+    d = 3 if graph.x.shape[-1:] == (3,) else 2
+    require_shape("x", graph.x, ..., None, d)
+    require_shape("contacts", graph.contacts, None, 2)
+    grains, count = graph.grain_count, len(graph.contacts)
+    shapes = {"radii": (..., grains), "x0": (..., grains, d), "images": (count, d)}
+    shapes |= dict.fromkeys(("cell", "cell0"), (..., d, d))
+    for name in (*shapes, "normal_force", "shear_force", "rolling_moment"):
+        if (value := getattr(graph, name)) is not None:
+            require_shape(name, value, *shapes.get(name, (..., count)))
+    if graph.cell is not None:
         _check_cell("cell", graph.cell)
         _check_cell("cell0", graph.cell0)
     elif graph.cell0 is not None or (graph.images is not None and np.any(graph.images)):
@@ -38,9 +36,8 @@ def check_graph(graph: Any) -> None:
     try:
         _ = graph.batch_shape
     except ValueError as error:
-        raise InputError(
-            "batch axes", str(error), "axes that broadcast", "Align the leading axes."
-        ) from None
+        expected = "axes that broadcast"
+        raise InputError("batch axes", str(error), expected, "Align them.") from None
     moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
     for name, value in (("position", graph.x), *moved):
         ok = np.logical_and.reduce([np.isfinite(value[..., k]) for k in range(d)])
@@ -48,12 +45,8 @@ def check_graph(graph: Any) -> None:
     _finite("radius", "grain", np.isfinite(graph.radii), graph.radii)
     if not (graph.radii > 0).all():
         index = _first(graph.radii <= 0)
-        raise InputError(
-            f"radius of grain {index[-1]}",
-            f"{graph.radii[index]}",
-            "a positive length",
-            "Correct it.",
-        )
+        where, received = f"radius of grain {index[-1]}", f"{graph.radii[index]}"
+        raise InputError(where, received, "a positive length", "Correct it.")
     _check_contacts(graph)
     if d == 3 and np.any(graph.shear_force):
         expected = "zero in three dimensions, where a shear force is a vector"
@@ -62,11 +55,7 @@ def check_graph(graph: Any) -> None:
 
 def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:
     """Regimes as int8, or `InputError` unless each is open (0), elastic (1) or sliding (2)."""
-    array = real("regime", regime, expected="0 (open), 1 (elastic) or 2 (sliding)")
-    if array.shape[-1:] != (contacts,):
-        raise InputError(
-            "regime", f"shape {array.shape}", f"shape (..., {contacts})", "Give one a contact."
-        )
+    array = real("regime", regime, ..., contacts, expected="0 (open), 1 (elastic) or 2 (sliding)")
     known = (array == 0) | (array == 1) | (array == 2)
     if not known.all():
         index = _first(~known)
@@ -82,11 +71,19 @@ def _check_cell(name: str, cell: Floats) -> None:
         )
 
 
-def _shape(name: str, value: NDArray[Any], expected: str, ok: bool) -> None:
-    if not ok:
-        raise InputError(
-            name, f"shape {value.shape}", f"shape {expected}", "Reshape or complete the array."
-        )
+def require_shape(name: str, value: NDArray[Any], *shape: Length) -> None:
+    """Raise `InputError` for another shape: None is any length, `...` any axes before."""
+    leading = shape[:1] == (...,)
+    own = value.shape[1 - len(shape) :] if leading and len(shape) > 1 else value.shape
+    if len(own) != len(shape[leading:]) or not fits(own, shape[leading:]):
+        expected = f"shape {shape}".replace("None", "n").replace("Ellipsis", "...")
+        raise InputError(name, f"shape {value.shape}", expected, "Reshape or complete the array.")
+
+
+def fits(own: tuple[int, ...], shape: tuple[Length, ...], *single: int) -> bool:
+    """Return whether the last lengths are those of a shape, or the `single` one."""
+    pairs = zip(own[::-1], shape[::-1], strict=False)
+    return len(own) <= len(shape) and all(m is None or n in (m, *single) for n, m in pairs)
 
 
 def _finite(what: str, item: str, ok: Flags, value: Floats) -> None:
@@ -170,17 +167,10 @@ def _first(mask: Flags) -> tuple[int, ...]:
     return tuple(int(k) for k in np.unravel_index(np.argmax(mask), mask.shape))
 
 
-Length = int | None
-
-
 def real(
     name: str, value: ArrayLike, *shape: Length, expected: str = "real numbers", remedy: str = ""
 ) -> Floats:
-    """Return real numbers as a float64 array; `InputError` for others, or another shape.
-
-    A length of None is any.
-    """
-    remedy = remedy or f"Correct {name}."
+    """Return real numbers as a float64 array; `InputError` for others, or another shape."""
     try:
         array = np.asarray(value)
         # Objects are numbers of other libraries; None and text would turn into numbers.
@@ -189,26 +179,23 @@ def real(
             raise TypeError
         array = array.astype(np.float64, copy=False)
     except (TypeError, ValueError):
-        raise InputError(name, short(value), expected, remedy) from None
-    if shape and not _is_of(shape, array.shape):
-        wanted = f"shape {shape}".replace("None", "n")
-        raise InputError(name, f"shape {array.shape}", wanted, remedy)
+        raise InputError(name, short(value), expected, remedy or f"Correct {name}.") from None
+    if shape:
+        require_shape(name, array, *shape)
     return array
 
 
-def integers(name: str, values: ArrayLike) -> Integers:
-    """Return whole numbers as an int64 array, or raise `InputError`."""
+def integers(name: str, values: ArrayLike, *shape: Length) -> Integers:
+    """Return whole numbers as an int64 array; `InputError` for others, or another shape."""
     try:
         array = np.asarray(values)
     except ValueError:
         array = np.array(None)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(name, short(values), "integers", "Convert the numbers first.")
+    if shape:
+        require_shape(name, array, *shape)
     return array.astype(np.int64, copy=False)
-
-
-def _is_of(shape: tuple[Length, ...], own: tuple[int, ...]) -> bool:
-    return len(own) == len(shape) and all(n in (None, m) for n, m in zip(shape, own, strict=True))
 
 
 Check = Callable[..., Floats]

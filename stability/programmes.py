@@ -403,7 +403,7 @@ def combination(
     >>> combination(stress, strain, [1, 0, 0, 0], "constant mean stress").name
     'constant mean stress'
     """
-    return Programme(name, np.asarray(stress), np.asarray(strain), np.asarray(rate))
+    return Programme(name, stress, strain, rate)  # type: ignore[arg-type]
 
 
 def area_ratio(H: Floats) -> float:
@@ -423,13 +423,12 @@ def _programme(name: str, controlled: dict[str, float]) -> Programme:
     for key, value in controlled.items():
         row = COMPONENTS.index(key[1:])
         (stress if key[0] == "P" else strain)[row, row] = 1.0
-        rate[row] = value
+        rate[row] = number(key, value)
     return Programme(name, stress, strain, rate)
 
 
 def _axes(axis: int) -> tuple[str, str]:
-    if axis not in get_args(Axis):
-        raise InputError("axis", repr(axis), "1 or 2", "Name the axis along which strain grows.")
+    check_choice("axis", axis, get_args(Axis))
     return ("11", "22") if axis == 1 else ("22", "11")
 
 

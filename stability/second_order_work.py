@@ -185,11 +185,7 @@ def alpha_e(theta: ArrayLike) -> Floats:
 
 def _operator_and_direction(K: ArrayLike, direction: ArrayLike) -> tuple[Floats, Floats]:
     operator = as_operator(K)
-    strain = finite("direction", direction)
-    m = operator.shape[-1]
-    if strain.ndim == 0 or strain.shape[-1] != m:
-        remedy = "Give one component for each row of K."
-        raise InputError("direction", f"shape {strain.shape}", f"(..., {m})", remedy)
+    strain = finite("direction", direction, ..., operator.shape[-1])
     zero = (strain == 0.0).all(axis=-1)
     if zero.any():
         where = f"direction {np.argwhere(zero)[0].tolist()}" if zero.ndim else "direction"

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Flags, Floats, all_finite, frobenius
-from loops.errors import InputError, check_choice
-from loops.validation import finite, real
+from loops.errors import check_choice
+from loops.validation import finite, real, require_shape
 
 COMPONENTS = ("11", "12", "21", "22")
 _HALF = np.sqrt(0.5)
@@ -31,11 +31,8 @@ def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
     """Read an operator or a batch of them: real, square in the last two axes."""
     remedy = "Pass the tangent or its restriction, batch axes first: gl.traction_tangent(loop)."
     array = real("operator", K, remedy=remedy)
-    square = array.ndim >= 2 and array.shape[-1] == array.shape[-2] > 0
-    if not square or size not in (None, array.shape[-1]):
-        m = "m" if size is None else str(size)
-        expected = f"a real array of shape (..., {m}, {m})"
-        raise InputError("operator", f"shape {array.shape}", expected, remedy)
+    size = max(array.shape[-1:], default=0) if size is None else size
+    require_shape("operator", array, ..., size or 1, size or 1)
     return array
 
 

@@ -15,7 +15,7 @@ several orders over one another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -50,6 +50,7 @@ from patterns.diamond.strain_lines import (
     yield_position,
 )
 from studies.output import UNITS, Summary, definitions
+from studies.paths.options import inside
 from studies.study import study
 from studies.style import (
     BLACK,
@@ -108,10 +109,9 @@ class DomainParameters:
     directions: int = 1441
 
     def __post_init__(self) -> None:
-        _each("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
-        _each("--kappa", self.kappa, lambda k: 0.0 < k < np.inf, "positive ratios")
-        phi = None if self.phi_deg is None else (self.phi_deg,)
-        _each("--phi", phi, lambda p: 0.0 < p <= 90.0, "degrees in (0, 90]")
+        inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
+        inside("--kappa", self.kappa, lambda k: k > 0.0, "positive ratios")
+        inside("--phi", self.phi_deg, lambda p: 0.0 < p <= 90.0, "degrees in (0, 90]")
         require_odd(self.directions)
 
     def cases(self) -> tuple[Case, ...]:
@@ -134,17 +134,6 @@ def require_odd(directions: int) -> None:
     if directions < 3 or directions % 2 == 0:
         received, expected = str(directions), "an odd number from 3 on"
         raise InputError("--directions", received, expected, "Correct it.")
-
-
-def _each(
-    name: str, values: tuple[float, ...] | None, holds: Callable[[float], bool], expected: str
-) -> None:
-    if values is None:
-        return
-    wrong = [f"{value:.17g}" for value in values if not holds(value)]
-    if wrong or not values:
-        received = ", ".join(wrong) or "an empty list"
-        raise InputError(name, received, expected, f"Correct {name}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from functools import wraps
 from itertools import cycle
 from typing import Any, TypeVar, cast
@@ -28,9 +27,12 @@ from loops import (
 )
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, MacroTangent, Spins
-from loops.errors import check_choice
+from loops.closures.system import with_law
+from loops.errors import check_choice, check_type, listed, path_of, short
 from loops.fabric import direction_tensors, mean_tensor, principal
+from loops.graph import graph_of
 from loops.scene import Subject
+from loops.validation import require_shape
 from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import SnapshotLoop
 from stability import (
@@ -171,12 +173,9 @@ def plot_map(
             expected = "one value a loop, or a column of gl.loop_table(snapshot)"
             raise InputError("values", repr(values), expected, "Look there.")
         values = table[values]
-    shown = np.asarray(values)
-    if shown.shape != order.shape:
-        raise InputError(
-            "values", f"shape {shown.shape}", f"one a loop, {order.shape}", "See gl.loop_table."
-        )
-    draw_values(draw, ax, shown, label)
+    # Words are shown too, a colour each.
+    require_shape("values", np.asarray(values, dtype=object), *order.shape)
+    draw_values(draw, ax, np.asarray(values), label)
     return ax
 
 
@@ -212,7 +211,7 @@ def plot_loop(graph: GrainGraph | SnapshotLoop | Scene, ax: Axes | None = None) 
     >>> len(ax.get_legend().get_texts())
     3
     """
-    graph = graph if isinstance(graph, GrainGraph) else graph.graph
+    graph = graph_of(graph)
     if graph.batch_shape or graph.cell is not None:
         received = f"batch axes {graph.batch_shape}" if graph.batch_shape else "a periodic graph"
         raise InputError("graph", received, "one state in the plane", "Cut a loop out of it.")
@@ -311,10 +310,7 @@ def plot_envelope(
     if isinstance(graph, Probe):
         mean_kn = float(np.mean(getattr(graph.system.law, "kn", graph.system.unit)))
         return response_envelope(graph, mean_kn, axes_or_new(ax))
-    if not isinstance(graph, GrainGraph):
-        law, graph = graph.law, graph.graph
-    if law is None:
-        raise InputError("law", "none", "the law of the contacts of the graph", "Give it.")
+    graph, law = with_law(graph, law)
     ax, theta = axes_or_new(ax), np.linspace(0.0, 2.0 * np.pi, 361)
     directions = np.stack([np.cos(theta), np.sin(theta)], axis=1)
     found = directional_work(graph, law, directions, closure=closure, spins=spins)
@@ -461,16 +457,13 @@ def plot_evolution(
     """
     table, ax = evolution, axes_or_new(ax)
     if not isinstance(table, pd.DataFrame):
-        path = pathlib.Path(table)
+        remedy = "Give the folder of grainloops series, or its table."
+        path = path_of("evolution", table, remedy)
         path = path / "evolution.parquet" if path.is_dir() else path
         if not path.is_file():
-            remedy = "Give the folder of grainloops series, or its table."
             raise InputError("evolution", str(path), "a file that is there", remedy)
         table = pd.read_parquet(path)
-    names = (y,) if isinstance(y, str) else tuple(y)
-    for name in (x, *names):
-        if name not in table:
-            raise InputError("column", repr(name), "one of the table evolution", "Look there.")
+    names = _columns(table, x, y, "one of the table evolution")
     for name, colour, marker in zip(names, cycle(LINE_COLOURS), cycle("osD^vP")):
         error = f"{name}_error"
         bars = None if error not in table else table[error].to_numpy(float, na_value=np.nan)
@@ -529,6 +522,15 @@ def plot_domain(
     return draw_loop_domain(found, axes_or_new(ax), plane)
 
 
+def _columns(table: Container[str], x: str, y: Any, expected: str) -> list[str]:
+    """The names of columns to draw over another one, checked."""
+    names = listed("y", y, str, "Name columns.")
+    for name in (x, *names):
+        if not (isinstance(name, str) and name in table):
+            raise InputError("column", short(name), expected, "Look there.")
+    return names
+
+
 def _shown(column: str) -> str:
     """A column of `evolution` in words, with its unit."""
     words = {"q_over_p": "$q/p$ (–)", "p": "$p$ (force/length)", "q": "$q$ (force/length)"}
@@ -579,13 +581,11 @@ def plot_path(
     >>> [line.get_label() for line in plot_path(path, ax=Figure().add_subplot()).lines][:2]
     ['$P_{11}$', '$P_{22}$']
     """
+    check_type("path", path, (Path, MaterialPath), "Give what gl.follow returns.")
     ax, table = axes_or_new(ax), table_of(path)
     loop = path if isinstance(path, Path) and len(path.A) else None
     x = x or ("H11" if loop else f"H{COMPONENTS[int(np.ptp(path.H, axis=0).argmax())]}")
-    names = (y,) if isinstance(y, str) else tuple(y)
-    for name in (x, *names):
-        if name not in table:
-            raise InputError("column", repr(name), "one of path.table()", "Look there.")
+    names = _columns(table, x, y, "one of path.table()")
     parts = [np.arange(len(table))]
     if loop:
         # Stretches of rows in which no regime and no stage changes.

@@ -14,7 +14,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.errors import InputError, check_choice, short
 from loops.graph import ContactState
 from loops.shown import Shown
-from loops.validation import real
+from loops.validation import fits, real
 
 ShearIncrement = Literal["branch", "radii"]
 ShearHistory = Literal["force", "displacement"]
@@ -160,10 +160,8 @@ def require_law(law: object, contacts: tuple[int, ...] | None = None) -> None:
 
 def _require_fit(name: str, shape: tuple[int, ...], contacts: tuple[int, ...]) -> None:
     """Raise `InputError` unless parameters are one for each state, or one for each contact."""
-    by_contact = shape[-1:] == contacts[-1:] or (len(shape) > 1 and shape[-1] == 1)
-    leading = zip(shape[-2::-1], contacts[-2::-1], strict=False)
-    fits = by_contact and len(shape) <= len(contacts) and all(n in (1, m) for n, m in leading)
-    if shape and not fits:
+    # A number for all contacts of each state has an axis of one contact.
+    if not fits(shape, contacts, 1) or (shape == (1,) and contacts[-1] != 1):
         received = f"{shape[-1]} values" if len(shape) == 1 else f"shape {shape}"
         expected = f"a number, or one for each of the {contacts[-1]} contacts of the graph"
         remedy = "Give law.take(kept), with the contacts that the graph has kept."

@@ -27,12 +27,13 @@ from loops import (
 from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
-from loops.errors import path_of, short, whole_number
+from loops.errors import check_type, path_of, short, whole_number
 from loops.graph import state_of
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
+from loops.validation import checked_regimes, integers
 from patterns.snapshots.findings import MOST_CROSSINGS, Finding
 from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
@@ -114,6 +115,10 @@ class Snapshot(Shown):
     periodic: tuple[bool, bool] = (True, True)
 
     def __post_init__(self) -> None:
+        check_type("graph", self.graph, GrainGraph, "Give what gl.read_snapshot returns.")
+        integers("ids", self.ids, self.graph.grain_count)
+        if self.regime is not None:
+            checked_regimes(self.regime, self.graph.contact_count)
         if self.law is not None:
             require_law(self.law, self.graph.contact_shape)
 

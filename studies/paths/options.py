@@ -5,7 +5,7 @@ Angles in degrees; grains of diameter 1, `kn = 1`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
@@ -230,11 +230,9 @@ class PolygonOptions:
     contact_on_touch: ClassVar[OnTouch] = "ignore"
 
     def __post_init__(self) -> None:
-        whole = np.isfinite(self.order) and int(self.order) == self.order
-        if not (whole and 3 <= self.order <= LARGEST_ORDER):
-            expected = f"a whole number from 3 to {LARGEST_ORDER}"
-            where = "--order" if self.radii is None else "number of --radii"
-            raise InputError(where, str(self.order), expected, "Correct it.")
+        expected = f"a whole number from 3 to {LARGEST_ORDER}"
+        where = "--order" if self.radii is None else "number of --radii"
+        inside(where, self.order, lambda n: n % 1 == 0 and 3 <= n <= LARGEST_ORDER, expected)
         check_choice("--orientation", self.orientation, get_args(Orientation))
         check_choice("--spins", self.spins, get_args(Spins))
         check_choice("--programme", self.programme, get_args(ProgrammeName))
@@ -251,8 +249,7 @@ class PolygonOptions:
             expected = "2 (1 - nu)/(2 - nu) of spheres, from 2/3 (nu = 0.5) to below 4/3"
             inside("--kappa", self.kappa, lambda k: 2 / 3 <= k < 4 / 3, expected)
         if self.radii is not None:
-            for radius in self.radii:
-                inside("--radii", radius, lambda r: r > 0.0, "positive numbers")
+            inside("--radii", self.radii, lambda r: r > 0.0, "positive numbers")
             if self.orientation != "vertex":
                 received, remedy = "edge with --radii", "Leave --orientation out."
                 raise InputError("--orientation", received, "grain 0 on axis 1", remedy)
@@ -459,7 +456,11 @@ def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
     inside("--confine", options.confine, lambda e: 0.0 <= e < 1.0, "a strain in [0, 1)")
 
 
-def inside(name: str, value: float | None, holds: Callable[[float], bool], expected: str) -> None:
-    """Raise `InputError` for a number out of its range or not finite; None is not given."""
-    if value is not None and not (np.isfinite(value) and holds(value)):
-        raise InputError(name, f"{value:.17g}", expected, "Correct it.")
+def inside(
+    name: str, values: float | Sequence[float] | None, holds: Callable[[float], bool], expected: str
+) -> None:
+    """Raise `InputError` for numbers out of their range or not finite; None is not given."""
+    given = [] if values is None else np.atleast_1d(values).tolist()
+    wrong = [f"{value:.17g}" for value in given if not (np.isfinite(value) and holds(value))]
+    if wrong or (not given and values is not None):
+        raise InputError(name, ", ".join(wrong) or "an empty list", expected, f"Correct {name}.")

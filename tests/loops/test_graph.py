@@ -29,7 +29,7 @@ PAIR = {"x": [[0, 0], [0.9, 0]], "radii": [0.5, 0.5], "contacts": [[0, 1]]}
         ({"x": [[0, 0], [0, 0]]}, ["contact 0", "coincident centres of grains 0 and 1"]),
         ({"x0": [[1, 1], [1, 1]]}, ["coincident reference centres of grains 0 and 1"]),
         ({"contacts": [[0.0, 1.0]]}, ["contacts", "[[0.0, 1.0]]", "integers"]),
-        ({"contacts": [[0, 1, 2]]}, ["contacts", "(1, 3)", "(C, 2)"]),
+        ({"contacts": [[0, 1, 2]]}, ["contacts", "(1, 3)", "(n, 2)"]),
         ({"normal_force": [0.1, 0.2]}, ["normal_force", "(2,)", "(..., 1)"]),
         ({"normal_force": [np.nan]}, ["normal force of contact 0", "nan"]),
         ({"shear_force": [np.inf]}, ["shear force of contact 0", "inf"]),

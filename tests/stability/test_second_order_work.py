@@ -129,7 +129,7 @@ def test_loading_direction_enters_the_cone_at_point_A():
     [
         ([0.0, 0.0], "direction: got a zero vector"),
         ([[1.0, 0.0], [0.0, 0.0]], r"direction \[1\]: got a zero vector"),
-        ([1.0, 0.0, 0.0], r"direction: got shape \(3,\), expected \(\.\.\., 2\)"),
+        ([1.0, 0.0, 0.0], r"direction: got shape \(3,\), expected shape \(\.\.\., 2\)"),
         (1.0, r"direction: got shape \(\)"),
     ],
 )

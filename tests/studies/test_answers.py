@@ -99,7 +99,7 @@ def test_one_loop_has_no_default_closure(question):
         "path": lambda: gl.follow(scene, gl.Stage("drained_biaxial", "H11", 0.2)),
         "rates": lambda: gl.rates_at(scene, "drained_biaxial"),
     }[question]
-    with pytest.raises(gl.InputError, match="closure: got none, expected affine or traction"):
+    with pytest.raises(gl.InputError, match="closure: got None, expected affine or traction"):
         ask()
 
 

@@ -74,7 +74,7 @@ def test_what_is_no_loop_or_has_no_closure_is_refused():
     snapshot = gl.read_snapshot(gl.sample_path())
     with pytest.raises(gl.InputError, match=r"one loop. Cut one out: gl\.loop"):
         gl.loop_domain(snapshot, "traction")
-    with pytest.raises(gl.InputError, match="closure: got none"):
+    with pytest.raises(gl.InputError, match="closure: got None"):
         gl.loop_domain(gl.loop(snapshot, 62))
 
 
