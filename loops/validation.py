@@ -71,13 +71,14 @@ def _check_cell(name: str, cell: Floats) -> None:
         )
 
 
-def require_shape(name: str, value: NDArray[Any], *shape: Length) -> None:
+def require_shape(name: str, value: NDArray[Any], *shape: Length, remedy: str = "") -> None:
     """Raise `InputError` for another shape: None is any length, `...` any axes before."""
     leading = shape[:1] == (...,)
     own = value.shape[1 - len(shape) :] if leading and len(shape) > 1 else value.shape
     if len(own) != len(shape[leading:]) or not fits(own, shape[leading:]):
         expected = f"shape {shape}".replace("None", "n").replace("Ellipsis", "...")
-        raise InputError(name, f"shape {value.shape}", expected, "Reshape or complete the array.")
+        remedy = remedy or "Reshape or complete the array."
+        raise InputError(name, f"shape {value.shape}", expected, remedy)
 
 
 def fits(own: tuple[int, ...], shape: tuple[Length, ...], *single: int) -> bool:
@@ -181,7 +182,7 @@ def real(
     except (TypeError, ValueError):
         raise InputError(name, short(value), expected, remedy or f"Correct {name}.") from None
     if shape:
-        require_shape(name, array, *shape)
+        require_shape(name, array, *shape, remedy=remedy)
     return array
 
 

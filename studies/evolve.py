@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from loops import Faces, InputError
 from loops.arrays import Floats, Integers
+from loops.contacts import contacts_at_start
 from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
 from loops.shown import Shown
@@ -38,6 +39,10 @@ Options = TypeVar("Options")
 EVOLVED = (*get_args(ProgrammeName), "simple-shear")
 # A path is given up after so many strain increments.
 INTERVALS = 20_000
+# Programmes that drive one of the axes.
+AXIAL = tuple(name for name in EVOLVED if not name.startswith(("isotropic", "simple")))
+# Stresses that differ by less of themselves are equal.
+EQUAL = 1e-9
 # Number of a wall in the table of events.
 NO_GRAIN = -1
 
@@ -48,7 +53,7 @@ class Evolving:
 
     to: float
     programme: str = "drained"
-    axis: int = 1
+    axis: int | None = None
     fluid_bulk_modulus: float | None = None
     strain_ratio: float | None = None
     by: By = "events"
@@ -77,12 +82,18 @@ class Evolving:
     def stage(self) -> Stage:
         """Return the stage from the present state to the end."""
         numbers = {"fluid_bulk_modulus": self.fluid_bulk_modulus, "strain_ratio": self.strain_ratio}
-        return stage_of(self.programme, self.axis, self.to, **numbers)
+        return stage_of(self.programme, self.axis or 1, self.to, **numbers)
 
     @property
     def driven(self) -> str:
         """Return the component that is driven."""
-        return driven_component(self.programme, self.axis)
+        return driven_component(self.programme, self.axis or 1)
+
+    def along(self, scene: Scene) -> Evolving:
+        """Return the options with their axis; left out it is that of the major stress."""
+        if self.axis is not None or self.programme not in AXIAL:
+            return replace(self, axis=self.axis or 1)
+        return replace(self, axis=major_axis(contacts_at_start(scene).stress))
 
     def described(self) -> dict[str, Any]:
         """Return the options for the summary; those that only some programmes ask for if given."""
@@ -177,7 +188,8 @@ def evolve(
     progress : callable, optional
         Called with the strain or stress that the path has reached.
     **options
-        `by` ('events', 'replay' or 'both'), `axis` (1 or 2), `rows`, `interval`, `instabilities`,
+        `by` ('events', 'replay' or 'both'), `axis` (1 or 2; by default that of the major stress,
+        for simple shear 1), `rows`, `interval`, `instabilities`,
         `past`, `spread` and `pathologies` of `follow`, `damping` of `replay`;
         `fluid_bulk_modulus` of 'undrained', `strain_ratio` of 'proportional-strain'.
 
@@ -213,7 +225,7 @@ def evolve(
     balance_notes(snapshot)
     number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
-    return followed(snapshot.scene, snapshot.ids, asked, rate, progress)
+    return followed(snapshot.scene, snapshot.ids, asked.along(snapshot.scene), rate, progress)
 
 
 def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:
@@ -284,6 +296,7 @@ def run_evolve(
     with study("evolve", out, configuration, UNITS["evolve"], **files) as results:
         planned = plan_series(paths, cells, reading(**how), times)
         snapshot, held = held_snapshot(planned[0].read(), held_control)
+        asked = asked.along(snapshot.scene)
         after = [one.read() for one in planned[1:]]
         notes, rate = [*snapshot.notes, *balance_notes(snapshot)], None
         if asked.by != "events":
@@ -338,6 +351,7 @@ def evolution_summary(
 ) -> Summary:
     """Return the summary of the first way, and of a replay its rate; its end beside a path."""
     told = path_summary(found.way, tables, found.driven)
+    told |= start_of(contacts_at_start(found.scene).stress)
     told |= {"driven": found.driven, "replay": None}
     if rate is not None:
         contacts = found.scene.graph.contact_count
@@ -347,6 +361,12 @@ def evolution_summary(
         rates = {"inertial_number": rate.inertial_number, "source": rate.source}
         told["replay"] = rates | beside
     return told
+
+
+def start_of(stress: Floats) -> Summary:
+    """Return the stress (2, 2) at the start, and its major axis."""
+    normal = {"P11": float(stress[0, 0]), "P22": float(stress[1, 1])}
+    return {"start": normal, "major_axis": major_axis(stress)}
 
 
 def require_reach(programme: str, to: float, interval: float) -> None:
@@ -360,6 +380,11 @@ def require_reach(programme: str, to: float, interval: float) -> None:
         expected = f"at most {INTERVALS * interval:g}: {INTERVALS} intervals of {interval:g}"
         remedy = "Give a smaller strain, or larger intervals by --interval."
         raise InputError("--to", f"a strain of {to:g}", expected, remedy)
+
+
+def major_axis(stress: Floats) -> int:
+    """Return the axis with the larger normal stress of (2, 2); 1 if they are equal."""
+    return 2 if stress[1, 1] > stress[0, 0] + EQUAL * abs(stress[0, 0]) else 1
 
 
 def driven_component(programme: str, axis: int) -> str:

@@ -332,7 +332,8 @@ def forecast(
     snapshot = planar(subject)
     balance_notes(snapshot)
     how: dict[str, Any] = {"spread": spread, "progress": progress}
-    return forecast_of(snapshot.scene, snapshot.ids, asked, inertial_number, **how)
+    scene = snapshot.scene
+    return forecast_of(scene, snapshot.ids, asked.along(scene), inertial_number, **how)
 
 
 def forecast_of(

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from loops.contacts import contacts_at_start
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
-from studies.evolve import Evolving
+from studies.evolve import Evolving, start_of
 from studies.forecast import DEFAULTS, NEXT, Forecast, forecast_of, spread_of
 from studies.output import UNITS, Summary, definitions, readable
 from studies.reading import read_planar, reading
@@ -42,6 +43,7 @@ def run_forecast(
     with study("forecast", out, configuration, UNITS["evolve"], **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         notes = [*snapshot.notes, *balance_notes(snapshot)]
+        asked = asked.along(snapshot.scene)
         given = snapshot.scene, snapshot.ids, asked, inertial_number
         found = forecast_of(*given, spread=spread, progress=progress)
         tables = {"loops": found.loops, "next": found.next}
@@ -91,6 +93,7 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
     return {
         "definitions": definitions("forecast"),
         "driven": found.evolution.driven,
+        **start_of(contacts_at_start(found.evolution.scene).stress),
         "reach": found.reach,
         "answered": found.answered,
         "loops": len(found.loops),

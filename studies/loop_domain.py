@@ -23,7 +23,7 @@ from stability.paths.fan import Control, Fan
 from stability.paths.fan_limits import LIMITS, FanLimits
 from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, Summary, definitions
-from studies.paths.options import LoopOptions, PolygonOptions, inside
+from studies.paths.options import LoopOptions, PolygonOptions, file_notes, inside
 from studies.present_domain import (
     LoopDomain,
     domain_of,
@@ -202,7 +202,7 @@ def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) 
     with study("domain", out, parameters.described(), UNITS["domain"], **files) as results:
         table, loops, alone = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
-        found["definitions"] = definitions("domain")
+        found |= {"notes": file_notes(parameters.loops[0]), "definitions": definitions("domain")}
         tables = {"domain": table}
         if PRESENT in alone:
             tables["boundary"] = alone[PRESENT].rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,6 +17,7 @@ from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, rest
 from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
+from studies.evolve import major_axis, start_of
 from studies.output import Summary, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
 from studies.reading import read_planar, reading
@@ -38,7 +39,8 @@ class MaterialOptions:
     ratio, friction angle, isotropic stress over kn before the programme. Of a snapshot: loops of
     some `orders`, at most `count`, from the stress that they have. `fluid_bulk_modulus` and
     `strain_ratio` as of `programme_named`, the modulus in the units of kn. `single`: Number of the
-    loop that is marched alone beside the mean; if left out see `_single`.
+    loop that is marched alone beside the mean; if left out see `_single`. `axis`: Driven, 1 or 2;
+    if left out that of the major stress of a snapshot's loops.
     """
 
     order: int = 6
@@ -56,6 +58,7 @@ class MaterialOptions:
     fluid_bulk_modulus: float | None = None
     strain_ratio: float | None = None
     single: int | None = None
+    axis: int | None = None
 
     def __post_init__(self) -> None:
         whole_number("--order", self.order, 3)
@@ -77,8 +80,9 @@ class MaterialOptions:
 
     def loading_programme(self) -> Programme:
         """Return the programme after the confinement."""
-        modulus, ratio = self.fluid_bulk_modulus, self.strain_ratio
-        return programme_named(self.programme, fluid_bulk_modulus=modulus, strain_ratio=ratio)
+        modulus, ratio, axis = self.fluid_bulk_modulus, self.strain_ratio, self.axis or 1
+        how: dict[str, Any] = {"fluid_bulk_modulus": modulus, "strain_ratio": ratio, "axis": axis}
+        return programme_named(self.programme, **how)
 
     @property
     def loop(self) -> GrainGraph:
@@ -110,16 +114,20 @@ def run_material(
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
     with study("material", out, source | asdict(options), UNITS, **files) as results:
         loops, law, notes = _loops(options, snapshot, how)
+        stress = np.average(loops.stress, axis=0, weights=loops.weights)
+        axis = options.axis or major_axis(stress)
+        options, along = replace(options, axis=axis), 3 * (axis - 1)
         number = _single(loops, options.single)
         paths = {
             name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
             for name, each in zip(SETS, (loops, loops.one(number)), strict=True)
         }
-        rows = {name: march_table(path) for name, path in paths.items()}
+        rows = {name: march_table(path, along) for name, path in paths.items()}
         table = pd.concat(rows, names=["set"]).reset_index("set")
         summary = results.write_results(
             {"path": table, "loops": averaged_loops(loops)},
-            material_summary(options, loops, table, paths) | {"loop": number, "notes": notes},
+            material_summary(options, loops, table, paths)
+            | {"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
         )
         if results.figures:
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
@@ -160,26 +168,28 @@ def _single(loops: LoopSet, number: int | None) -> int:
 
 def _march(options: MaterialOptions, material: LoopMaterial, snapshot: Path | None) -> MaterialPath:
     """Compress to the confining stress, unless the loops have their own, and go on from there."""
-    programme = options.loading_programme()
     if snapshot is not None:
-        return march(material, _stage(programme, 0.0, options.end), options.steps)
+        return march(material, _stage(options, 0.0), options.steps)
     confining = Stage(programmes.isotropic_stress(), "P11", options.confine)
     rest = march(material, confining, CONFINING_STEPS)
     if rest.status != "finished":
         return rest
-    start = float(rest.P[-1, 0] if programme.name == "isotropic stress" else rest.H[-1, 0])
-    stages = [confining, _stage(programme, start, options.end)]
+    driven = rest.P if options.programme == "isotropic-stress" else rest.H
+    stages = [confining, _stage(options, float(driven[-1, 3 * ((options.axis or 1) - 1)]))]
     return march(material, stages, options.steps)
 
 
-def _stage(programme: Programme, start: float, end: float) -> Stage:
-    """Return the stage that drives H11 (or P11 of an isotropic stress) by `end`."""
-    quantity = "P11" if programme.name == "isotropic stress" else "H11"
-    return Stage(programme, quantity, start + end)
+def _stage(options: MaterialOptions, start: float) -> Stage:
+    """Return the stage that drives the axis's strain (or stress, if isotropic) by `end`."""
+    tensor, axis = "P" if options.programme == "isotropic-stress" else "H", options.axis or 1
+    return Stage(options.loading_programme(), f"{tensor}{axis}{axis}", start + options.end)
 
 
-def march_table(path: MaterialPath) -> pd.DataFrame:
-    """Return the rows of a path: strain, stress, tangent, work, cone and regimes."""
+def march_table(path: MaterialPath, along: int = 0) -> pd.DataFrame:
+    """Return the rows of a path: strain, stress, tangent, work, cone and regimes.
+
+    `along` is the place of the driven component, 0 (11) or 3 (22).
+    """
     K = restrict(path.A, "diagonal")
     cone = plane_cone(K)
     H, P = path.H.reshape(-1, 2, 2), path.P
@@ -188,11 +198,11 @@ def march_table(path: MaterialPath) -> pd.DataFrame:
     begin = int(np.flatnonzero(last)[0])
     values = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, 1, 2)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(P[:, 3] != 0.0, P[:, 0] / P[:, 3], np.nan)
+        ratio = np.where(P[:, 3 - along] != 0.0, P[:, along] / P[:, 3 - along], np.nan)
     return pd.DataFrame(
         {
             "stage": np.where(last, "programme", "confinement"),
-            "strain": path.H[:, 0] - path.H[begin, 0],
+            "strain": path.H[:, along] - path.H[begin, along],
             **{f"H{c}": path.H[:, k] for k, c in enumerate(COMPONENTS)},
             **{f"P{c}": P[:, k] for k, c in enumerate(COMPONENTS)},
             "stress_ratio": ratio,
@@ -270,7 +280,7 @@ def draw_material(table: pd.DataFrame) -> Figure:
         ("single", "one loop alone", VERMILION, {"linestyle": "--", "linewidth": 1.0}),
     )
     quantities = (
-        ("stress_ratio", "stress ratio $P_{11}/P_{22}$ (–)"),
+        ("stress_ratio", "stress ratio, along over across (–)"),
         ("volume_change", "change of the area (%)"),
         ("w2", "normalised second-order work $w_2$ (–)"),
     )

@@ -34,17 +34,25 @@ FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$"
 def reading(**how: Any) -> dict[str, Any]:
     """All options of `read_planar` but the path: the given ones, defaults for the others."""
     asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
-    # Contradictory input is always refused here, and friction has one name in a configuration.
-    left = ("strict", "phi")
-    defaults = {one.name: one.default for one in asked if one.name not in left}
-    return {**defaults, "drop_crossings": False, **how}
+    # Friction has one name in a configuration.
+    defaults = {one.name: one.default for one in asked if one.name != "phi"}
+    return {**defaults, "strict": False, "drop_crossings": False, **how}
 
 
-def read_planar(path: Path, *, drop_crossings: bool = False, **how: Any) -> Snapshot:
-    """Read a snapshot, find its faces; `InputError` for crossing branches, unless dropped."""
+def read_planar(
+    path: Path, *, drop_crossings: bool = False, strict: bool = False, **how: Any
+) -> Snapshot:
+    """Read a snapshot, find its faces; `InputError` for crossing branches, unless dropped.
+
+    Contradictory input is always refused; if `strict` what leaves a doubt as well.
+    """
     if how.get("cell") is not None:
         how["cell"] = np.reshape(how["cell"], (2, 2))
     snapshot = read_snapshot(path, **how)
+    doubts = [str(one) for one in snapshot.findings if one.severity == "doubt"]
+    if strict and doubts:
+        remedy = "Mend the file, or leave --strict out."
+        raise InputError(str(path), " ".join(doubts), "no doubt under --strict", remedy)
     # Otherwise Arrow keeps memory, a quarter of the size of a large file, for later tables.
     pyarrow.default_memory_pool().release_unused()
     # Crossings and faces are found on two cores. If branches cross, the result and the errors of

@@ -223,4 +223,4 @@ def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: b
         given = " and ".join(f"--{name}" for name in stiffness)
         lone = f"forces without {' and '.join(stiffness)}: no stability of the loops"
         notes.append("; ".join([lone, *needed, f"give {given}"]))
-    return notes + [str(one) for one in findings if one.severity != "ok"]
+    return notes + [f"{one.severity}: {one}" for one in findings if one.severity != "ok"]

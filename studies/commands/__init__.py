@@ -34,6 +34,8 @@ CLOCK_PATIENCE = 2.0
 # Seconds between two changes of it.
 TICK = 0.5
 CLEAR = "\r\x1b[K"
+# How a note on a check of the file that is not as wanted begins.
+DOUBT = ("doubt: ", "error: ")
 # Everyday options come first in the help of a command, all others in this group.
 FURTHER, EVERYDAY = Group("Further options", sort_key=1), "Parameters"
 
@@ -232,6 +234,8 @@ class Reading:
         Along which cell vectors the sample is periodic.
     columns
         Columns by name or number: radius=size, id=0.
+    strict
+        Refuse a file whose checks leave a doubt (exit status 2).
     """
 
     cell: Annotated[
@@ -252,6 +256,7 @@ class Reading:
         str, Parameter(help=f"Format of the input: auto, {', '.join(FORMAT_NAMES)}.")
     ] = "auto"
     columns: Annotated[str | None, Parameter(metavar="NAME=COLUMN,...")] = None
+    strict: bool = False
 
     def how(self) -> dict[str, Any]:
         """The options as `read_planar` names them, cell and columns as numbers and names."""
@@ -312,13 +317,33 @@ class Answer:
     out: Path | None = None
 
 
-def answer(summary_json: bool, out: Path, lines: list[str]) -> Answer:
-    """Answer of a study whose results are in `out`: its summary as JSON, or these lines."""
+def answer(
+    summary_json: bool, out: Path, lines: Sequence[str], notes: Sequence[str] = (), most: int = 1000
+) -> Answer:
+    """Answer of a study whose results are in `out`: its summary as JSON, or these lines.
+
+    Doubts about the file come first, `most` other notes last.
+    """
     if summary_json:
         return Answer([], (out / "summary.json").read_text().rstrip(), out=out)
     page = out / "report.html"
     where = f"results in {out}" + (f"; open {page} first" if page.is_file() else "")
-    return Answer([*lines, where], out=out)
+    doubts = [note for note in notes if note.startswith(DOUBT)]
+    others = [f"note: {note}" for note in notes if note not in doubts]
+    more = [f"{len(others) - most} more notes are in summary.json"] if len(others) > most else []
+    return Answer([*doubts, *lines, *others[:most], *more, where], out=out)
+
+
+def driven_line(summary: dict[str, Any]) -> str:
+    """What is driven, and the axis of the major stress at the start."""
+    named, axis, major = (summary[name] for name in ("programme", "axis", "major_axis"))
+    stress = ", ".join(f"{name} = {value:.4g}" for name, value in summary["start"].items())
+    if named.startswith("isotropic"):
+        return f"{named} ({stress})"
+    other = f"; the major stress is along axis {major}"
+    return (
+        f"{named} along axis {axis}{', of the major stress' if axis == major else other} ({stress})"
+    )
 
 
 @contextmanager

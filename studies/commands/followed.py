@@ -23,6 +23,7 @@ from studies.commands import (
     Writing,
     answer,
     clock,
+    driven_line,
     out_or,
     spread_words,
 )
@@ -45,6 +46,7 @@ FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
 def _evolve_lines(summary: Summary) -> list[str]:
     counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
     lines = [
+        driven_line(summary),
         f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
         f"{summary['to']:g}: {summary['message']}",
         f"{summary['intervals']} intervals, events: {counts or 'none'}",
@@ -91,7 +93,7 @@ def _evolve_lines(summary: Summary) -> list[str]:
         lines.append(
             f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
         )
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def _values(row: dict[str, float]) -> str:
@@ -117,7 +119,8 @@ class Driving:
         stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
         simple-shear.
     axis
-        Driven axis, 1 or 2; for simple-shear the direction of sliding.
+        Driven axis, 1 or 2; for simple-shear the direction of sliding. Default: that of the major
+        stress; for simple-shear 1.
     interval
         Strain over which the geometry is kept constant; errors are proportional to it.
     """
@@ -126,7 +129,7 @@ class Driving:
     programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
     fluid_bulk_modulus: FluidBulkModulus = None
     strain_ratio: StrainRatio = None
-    axis: Whole = 1
+    axis: Whole | None = None
     interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
     past: PastOption = "viscous"
 
@@ -188,14 +191,15 @@ def evolve_command(
             **writing.files(),
             **reading.how(),
         )
-    return answer(writing.json, out, _evolve_lines(summary))
+    return answer(writing.json, out, _evolve_lines(summary), summary["notes"])
 
 
 COUNTED_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
 
 
 def _forecast_lines(summary: Summary) -> list[str]:
-    lines = [
+    lines = [driven_line(summary)]
+    lines += [
         f"{name}: {one['status']} at {summary['driven']} = {one['reached']:.4g} of "
         f"{summary['to']:g}, residual {one['residual']:.1g}: {one['message']}"
         for name, one in summary["ways"].items()
@@ -215,7 +219,7 @@ def _forecast_lines(summary: Summary) -> list[str]:
         if one["found"]:
             told += f", at {summary['driven']} = {one['low']:.4g} to {one['high']:.4g}"
         lines.append(told)
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def forecast_command(
@@ -268,6 +272,6 @@ def forecast_command(
             **writing.files(),
             **reading.how_of(path),
         )
-    said = answer(writing.json, out, _forecast_lines(summary))
+    said = answer(writing.json, out, _forecast_lines(summary), summary["notes"])
     # Neither way reached its end.
     return replace(said, status=int(not summary["answered"]))

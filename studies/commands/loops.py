@@ -111,8 +111,7 @@ def diamond_command(
         found = model_found["check"]["differences"].items()
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
         lines.append(f"differences from the full model: {apart or 'nothing to compare'}")
-    lines += [f"note: {note}" for note in summary["notes"]]
-    return answer(writing.json, out, lines)
+    return answer(writing.json, out, lines, summary["notes"])
 
 
 def polygon_command(
@@ -190,14 +189,14 @@ def polygon_command(
         if snapshot is not None:
             options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))
             summary = run_polygon(options, out, **writing.files())
-            return answer(writing.json, out, _polygon_lines(summary))
+            return answer(writing.json, out, _polygon_lines(summary), summary["notes"])
         law = _refuse_reading(loop, reading)
         asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
         asked["radii"] = sizes = numbers("--radii", radii)
         if compare is None:
             count = order if sizes is None else len(sizes)
             summary = run_polygon(PolygonOptions(count or 0, **asked), out, **writing.files())
-            return answer(writing.json, out, _polygon_lines(summary))
+            return answer(writing.json, out, _polygon_lines(summary), summary["notes"])
         listed = orders_of(compare)
         compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
         summary = run_comparison(compared, out, **writing.files())
@@ -211,8 +210,7 @@ def polygon_command(
         values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
         columns = "  ".join(f"{value:>9}" for value in values)
         lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
-    lines += [f"note: {note}" for note in summary["notes"]]
-    return answer(writing.json, out, lines)
+    return answer(writing.json, out, lines, summary["notes"])
 
 
 def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:
@@ -275,7 +273,7 @@ def _polygon_lines(summary: Summary) -> list[str]:
         f"model {model['choice']}: symmetry {model['symmetry']}, "
         f"degrees of freedom {model['freedoms']}, contacts {model['contact_orbits']}"
     )
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def domain_command(
@@ -383,7 +381,7 @@ def domain_command(
             directions = programmes_of(loops[0].spins, linear=linear)
         wanted = LoopDomainParameters(tuple(loops), control, directions)
         summary = run_loop_domains(wanted, out, **writing.files())
-    return answer(writing.json, out, _loop_domain_lines(summary))
+    return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])
 
 
 def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:

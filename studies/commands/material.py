@@ -19,6 +19,7 @@ from studies.commands import (
     Writing,
     answer,
     clock,
+    driven_line,
     numbers,
     out_or,
 )
@@ -39,6 +40,7 @@ def material_command(
     programme: str = "drained",
     fluid_bulk_modulus: FluidBulkModulus = None,
     strain_ratio: StrainRatio = None,
+    axis: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
     single: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
     end: float | None = None,
     steps: Annotated[Whole, Parameter(group=FURTHER)] = 200,
@@ -75,11 +77,13 @@ def material_command(
     programme
         Loading programme: drained, cauchy-drained, biaxial, isotropic, isotropic-stress,
         oedometric, undrained, proportional-strain.
+    axis
+        Driven axis, 1 or 2. Default: that of the major stress of a snapshot's loops, else 1.
     single
         Number in loops.parquet of the loop that is also followed alone. Default: of the median
         order, the one with the stress nearest to the mean at the start.
     end
-        Strain E1 at the end (isotropic-stress: stress). Default: 0.1; for a snapshot 1e-3.
+        Driven strain at the end (isotropic-stress: stress). Default: 0.1; for a snapshot 1e-3.
     steps
         Number of steps of the programme.
     """
@@ -103,7 +107,7 @@ def material_command(
         asked["orders"] = tuple(int(n) if n == int(n) else n for n in listed)
     words: Any = {"closure": closure, "programme": programme, "steps": steps, "count": count}
     words |= {"fluid_bulk_modulus": fluid_bulk_modulus, "strain_ratio": strain_ratio}
-    words |= {"single": single}
+    words |= {"single": single, "axis": axis}
     words["end"] = (1e-1 if snapshot is None else 1e-3) if end is None else end
     out = out_or(writing.out, "material", snapshot)
     with clock("grainloops material"):
@@ -113,7 +117,8 @@ def material_command(
         how = {} if snapshot is None else reading.how_of(snapshot)
         summary = run_material(options, out, snapshot=snapshot, **writing.files(), **how)
     many = ", ".join(f"{count} of order {n}" for n, count in summary["orders"].items())
-    lines = [f"{summary['loops']} loops ({many}), closure {closure}, {programme}, {steps} steps"]
+    lines = [] if snapshot is None else [driven_line(summary)]
+    lines += [f"{summary['loops']} loops ({many}), closure {closure}, {programme}, {steps} steps"]
     for name, said in (("mean", "mean of the loops"), ("single", f"loop {summary['loop']} alone")):
         told = summary[name]
         peak = "no peak"
@@ -124,7 +129,7 @@ def material_command(
             f"W2 < 0 from {_strain(told['w2_negative_strain'])}, "
             f"cone from {_strain(told['cone_strain'])}, loops lost {told['failed']:.0%}"
         )
-    return answer(writing.json, out, [*lines, *(f"note: {note}" for note in summary["notes"])])
+    return answer(writing.json, out, lines, summary["notes"])
 
 
 def _strain(value: float | None) -> str:

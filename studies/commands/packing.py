@@ -104,7 +104,7 @@ def _probe_lines(summary: Summary) -> list[str]:
             for order, row in summary["orders"].items()
             if row["loops"]
         ]
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def _unanswered(summary: Summary) -> str:
@@ -189,7 +189,7 @@ def probe_command(
             **writing.files(),
             **reading.how_of(path),
         )
-    said = answer(writing.json, out, _probe_lines(summary))
+    said = answer(writing.json, out, _probe_lines(summary), summary["notes"])
     # The question found no answer at all.
     return replace(said, status=int(summary["undetermined"] == summary["directions"]))
 
@@ -221,7 +221,7 @@ def _sustain_lines(summary: Summary) -> list[str]:
         )
     own, more = (summary[key] / summary["directions"] for key in ("seconds", "spread_seconds"))
     lines.append(f"processor time a direction: {own:.2g} s, {more:.2g} s more for its spreads")
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def sustain_command(
@@ -289,4 +289,4 @@ def sustain_command(
         except KeyboardInterrupt:
             kept = "finished directions are kept; the same command computes the others"
             raise KeyboardInterrupt(kept) from None
-    return answer(writing.json, out, _sustain_lines(summary))
+    return answer(writing.json, out, _sustain_lines(summary), summary["notes"])

@@ -68,7 +68,7 @@ def _snapshot_lines(summary: Summary) -> list[str]:
         lines.append("all contact forces are zero: no verdict on the loops")
     elif "unstable_by_order" in summary:
         lines += _verdicts(summary)
-    return lines + [f"note: {note}" for note in summary["notes"]]
+    return lines
 
 
 def _verdicts(summary: Summary) -> list[str]:
@@ -171,7 +171,7 @@ def snapshot_command(
             **writing.files(),
             **reading.how_of(path),
         )
-    return answer(writing.json, out, _snapshot_lines(summary))
+    return answer(writing.json, out, _snapshot_lines(summary), summary["notes"])
 
 
 def check_command(
@@ -189,7 +189,7 @@ def check_command(
     """Check each file for consistency: signs, units, columns, balance, jamming.
 
     Of several snapshots each is checked against the one before it: kt against the changes of T.
-    Exit status 1 if the verdict is error, 2 if a file can't be read.
+    Exit status 1 if the verdict is error, 2 if a file can't be read, or is refused by --strict.
 
     Parameters
     ----------
@@ -205,6 +205,7 @@ def check_command(
     from studies.study import study
 
     how, ordered = {"contacts": contacts, **(reading or Reading()).how()}, list(paths)
+    strict = how.pop("strict")
     if not as_given:
         from studies.reading import in_order
 
@@ -240,7 +241,7 @@ def check_command(
         lines,
         as_json(summary) if json else None,
         errors=tuple(map(str, unread)),
-        status=2 if unread else int(summary["verdict"] == "error" and not exit_zero),
+        status=2 if unread or (strict and worst) else int(worst == 2 and not exit_zero),
         out=out,
     )
 
@@ -332,9 +333,7 @@ def _series_lines(summary: Summary) -> list[str]:
         f"skipped: snapshot {one['snapshot']} ({one['name']}): {one['reason'][:LONGEST_REASON]}"
         for one in summary["skipped"]
     ]
-    lines += [f"note: {note}" for note in summary["notes"][:MOST_NOTES]]
-    more = len(summary["notes"]) - MOST_NOTES
-    return lines + ([f"{more} more notes are in summary.json"] if more > 0 else [])
+    return lines
 
 
 def _followed_lines(followed: dict[str, Any]) -> list[str]:
@@ -371,8 +370,6 @@ def _followed_lines(followed: dict[str, Any]) -> list[str]:
 
 def _skill_lines(skill: dict[str, Any]) -> list[str]:
     """Skill of each prediction beside the base rate and persistence."""
-    from studies.series.skill import PREDICTORS
-
     base = skill["traction"]["base"]
     if base is None:
         return []
@@ -386,9 +383,7 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
         values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
         values = f"{covered:>8}   {values}"
         spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
-        said = PREDICTORS[name].replace(r"$\lambda_{\min}$", "least eigenvalue")
-        said = said.replace(r"$D^2_{\min}$", "D2min")
-        lines.append(f"  {said:<33}  {values}{spread}")
+        lines.append(f"  {_predictor(name):<33}  {values}{spread}")
     return [
         *lines,
         "  (predicted: share of these loops, the numbers beside it are of them; precision: compare "
@@ -396,19 +391,27 @@ def _skill_lines(skill: dict[str, Any]) -> list[str]:
     ]
 
 
-def _target_lines(targets: dict[str, Any]) -> list[str]:
-    """AUC for what else is predicted, beside the base rate and persistence."""
-    from studies.series.skill import TARGETS
+def _predictor(name: str) -> str:
+    """The name of a predictor in plain text."""
+    from studies.series.skill import PREDICTORS
 
-    lines = [f"  {'AUC for':<18} base rate  packing  persistence  own motion"]
-    for target, skill in targets.items():
-        values = [skill["packing"]["base"]]
-        values += [skill[name]["auc"] for name in ("packing", "persistence")]
-        values.append(skill.get("own_motion", {}).get("auc"))
-        widths = zip(values, (9, 7, 11, 10), strict=True)
-        columns = "  ".join(f"{shown(value):>{width}}" for value, width in widths)
-        lines.append(f"  {TARGETS[target]:<18} {columns}")
-    return lines
+    said = PREDICTORS[name].replace(r"$\lambda_{\min}$", "least eigenvalue")
+    return said.replace(r"$D^2_{\min}$", "D2min")
+
+
+def _target_lines(targets: dict[str, Any]) -> list[str]:
+    """AUC of every predictor for what else becomes of loops, below the base rates."""
+    from studies.series.skill import PREDICTORS, TARGETS
+
+    skills = targets.values()
+    rows = {"base rate": [next(iter(skill.values()))["base"] for skill in skills]}
+    for name in (one for one in PREDICTORS if any(one in skill for skill in skills)):
+        rows[_predictor(name)] = [skill.get(name, {}).get("auc") for skill in skills]
+    head = "  ".join(f"{TARGETS[target]:>18}" for target in targets)
+    return [f"  {'AUC of all predictors for':<33}  {head}"] + [
+        f"  {name:<33}  " + "  ".join(f"{shown(value):>18}" for value in values)
+        for name, values in rows.items()
+    ]
 
 
 def series_command(
@@ -479,4 +482,4 @@ def series_command(
     except KeyboardInterrupt:
         kept = "finished snapshots are kept: the same command continues"
         raise KeyboardInterrupt(kept) from None
-    return answer(writing.json, out, _series_lines(summary))
+    return answer(writing.json, out, _series_lines(summary), summary["notes"], MOST_NOTES)

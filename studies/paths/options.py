@@ -447,6 +447,12 @@ def orders_of(text: str) -> tuple[int, ...]:
     return tuple(sorted(orders))
 
 
+def file_notes(options: object) -> list[str]:
+    """Return the notes on the file that a loop is from."""
+    snapshot = getattr(options, "snapshot", None)
+    return [] if snapshot is None else list(snapshot.notes)
+
+
 def _check_shared(options: DiamondOptions | PolygonOptions) -> None:
     """Check the options that a diamond and a polygon share."""
     check_choice("--closure", options.closure, ("affine", "traction"))

@@ -41,7 +41,7 @@ from stability import (
 from stability import Path as LoopPath
 from stability.path import describe
 from studies.output import Summary, definitions
-from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions
+from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions, file_notes
 
 SUBSPACES = ("diagonal", "symmetric", "full")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
@@ -428,7 +428,7 @@ def polygon_summary(found: Followed) -> Summary:
         "rows": len(path),
         "model": asdict(path.model),
         "verification": _verification(found, critical),
-        "notes": _notes(found, critical, peak),
+        "notes": [*file_notes(options), *_notes(found, critical, peak)],
         "definitions": definitions("polygon"),
     }
 

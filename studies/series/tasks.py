@@ -362,7 +362,8 @@ def do_task(task: PartTask) -> Failure | None:
         with one_blas_thread():
             (_write_snapshot if len(task.snapshots) == 1 else _write_pair)(task)
     except InputError as error:
-        return Failure(last.number, last.name, error)
+        # What is refused on purpose is not left out.
+        return Failure(last.number, last.name, error, skippable=not last.how["strict"])
     except OSError as error:
         # Errors of reading are InputErrors already.
         said = error.strerror or str(error)

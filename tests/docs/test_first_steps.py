@@ -250,7 +250,7 @@ def test_keys_of_a_path_are_symbols_and_words(session):
 
 def test_wrong_arguments_of_plots_are_named(session):
     names = session[0]
-    with pytest.raises(gl.InputError, match=r"values: got shape \(3,\), expected one a loop"):
+    with pytest.raises(gl.InputError, match=r"values: got shape \(3,\), expected shape"):
         gl.plot.map(names["snapshot"], [1.0, 2.0, 3.0])
     with pytest.raises(gl.InputError, match="column: got 'nothing'"):
         gl.plot.path(names["path"], y="nothing")

@@ -179,7 +179,7 @@ def test_doubts_are_notes(tmp_path):
     faults.other_units(deck)
     notes = read_snapshot(deck.write(tmp_path)).notes
     (note,) = [note for note in notes if "times kn times the overlap" in note]
-    assert note.startswith("N is 1e+04 times") and "units differ by 10^4" in note
+    assert note.startswith("doubt: N is 1e+04 times") and "units differ by 10^4" in note
 
 
 def test_tables_of_two_close_snapshots(tmp_path):

@@ -69,7 +69,7 @@ def test_plain_tables(tmp_path, ending):
     assert snapshot.regime.tolist() == [1, 1, 2, 1]
     assert snapshot.law.kn.tolist() == [100.0] * 4
     # Four grains made up for this test are in no balance; the wall's foot follows from its normal.
-    doubts = [str(one) for one in snapshot.findings if one.severity != "ok"]
+    doubts = [f"{one.severity}: {one}" for one in snapshot.findings if one.severity != "ok"]
     foot = "branches of contacts with walls from the radii along the normals"
     assert snapshot.notes == (foot, *doubts)
     assert graph.cell is None

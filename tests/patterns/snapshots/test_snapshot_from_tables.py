@@ -180,5 +180,5 @@ def test_a_spreadsheet_is_told_to_be_saved_as_csv(tmp_path):
 def test_tables_for_files_are_told_where_they_go():
     frames = pd.DataFrame(GRAINS), pd.DataFrame(CONTACTS)
     for path, contacts in (frames, ("grains_1.csv", frames[1])):
-        with pytest.raises(InputError, match=r"got DataFrame, .* call snapshot_from_tables"):
+        with pytest.raises(InputError, match=r"got DataFrame.*call snapshot_from_tables"):
             read_snapshot(path, contacts)

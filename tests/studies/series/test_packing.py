@@ -339,6 +339,20 @@ def test_skill_on_the_sample_series(result):
     assert min(by_order[f"order_{n}"] for n in (4, 5, 6, 7)) > 0.9
 
 
+def test_every_predictor_is_printed(result):
+    """The smallest force ranks lost contacts as well as the packing does, 0.992 of 1."""
+    summary = json.loads((result / "summary.json").read_text())
+    lines, targets = _series_lines(summary), summary["skill_of_targets"]
+    (head,) = (place for place, line in enumerate(lines) if "AUC of all predictors" in line)
+    printed = {line[:35].strip(): line[35:].split() for line in lines[head + 1 :]}
+    known = {name for skill in targets.values() for name in skill}
+    assert len(printed) == 1 + len(known) and "smallest_N" in known
+    for name, values in printed.items():
+        assert len(values) == len(targets), name
+    lost = printed["smallest force N"][[*targets].index("contact_lost")]
+    assert lost == f"{targets['contact_lost']['smallest_N']['auc']:.3f}" and float(lost) > 0.98
+
+
 def tracked(graph, rotation=None):
     count = graph.contact_count
     law = LAW.__class__(*(np.full(count, v) for v in (LAW.kn, LAW.kt, LAW.mu)), "radii")
