@@ -6,10 +6,15 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from functools import cache
+from threading import Lock
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -94,6 +99,26 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Re
         return list(pool.map(work, items))
 
 
+@cache
+def _blas() -> ThreadpoolController:
+    """The libraries of linear algebra: numpy has one, scipy another."""
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def _release() -> None:
+    """Let any thread set the number, as the last block may end in another one than the first."""
+    for library in _blas().lib_controllers:
+        if hasattr(library, "clear_controlling_thread"):
+            library.clear_controlling_thread(force=True)
+
+
+# Limits of the blocks that run in one thread now: the first knows what was before.
+_LOCK, _LIMITS = Lock(), list[Any]()
+
+
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Run the linear algebra of numpy and scipy in one thread: a context, or a decorator.
@@ -101,12 +126,21 @@ def one_blas_thread() -> Iterator[None]:
     The number of threads of OpenBLAS changes the last digit of a decomposition, from some 40
     unknowns on: one process, several, and a cluster of other machines must give the same bits.
     Threads that wait for each other cost more than they save in matrices of a few hundred rows: a
-    direction of `sustain` took 35 s in place of 4.8 s (2,000 grains, two cores).
+    direction of `sustain` took 35 s in place of 4.8 s (2,000 grains, two cores). Blocks may lie in
+    one another, and beside one another in threads of the caller: the last to end sets it back.
     """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1, user_api="blas"):
+    with _LOCK:
+        if not _LIMITS:
+            _release()
+        _LIMITS.append(None if _LIMITS else _blas().limit(limits=1, user_api="blas"))
+    try:
         yield
+    finally:
+        with _LOCK:
+            if (limit := _LIMITS.pop()) is not None:
+                _release()
+                limit.restore_original_limits()
+                _release()
 
 
 def available_cores() -> int:

@@ -429,8 +429,7 @@ def loops_in_place(
     block, buffer : float
         Side of a block and width of its buffer, in mean diameters.
     threads : int, optional
-        Threads of the inversion, all cores if left out; results are the same with any number. BLAS
-        should use one thread each (`OPENBLAS_NUM_THREADS=1`).
+        Threads of the inversion, all cores if left out; results are the same with any number.
 
     Returns
     -------

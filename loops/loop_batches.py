@@ -17,6 +17,7 @@ from loops.arrays import (
     Regimes,
     available_cores,
     frobenius,
+    one_blas_thread,
 )
 from loops.assembly import turning_block
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
@@ -163,6 +164,7 @@ def loop_tangents(
     return tangents_of_loops(graph, law, faces, closure, spins)
 
 
+@one_blas_thread()
 def tangents_of_loops(
     graph: GrainGraph, law: ContactLaw, faces: Faces, closure: Closure | None, spins: Spins
 ) -> MacroTangent:

@@ -8,6 +8,7 @@ from functools import cached_property, wraps
 from os import PathLike
 from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
+from loops.arrays import one_blas_thread
 from loops.boundary import Boundary, boundary_of
 from loops.errors import InputError, check_type
 from loops.faces import Faces, find_faces
@@ -110,10 +111,11 @@ def scene_of(subject: Subject) -> Scene:
 def of_scene(
     question: Callable[Concatenate[Scene, Asked], Answer],
 ) -> Callable[Concatenate[Subject, Asked], Answer]:
-    """Let a function of a scene take a snapshot too."""
+    """Let a function of a scene take a snapshot too; its linear algebra has one thread."""
 
     @wraps(question)
     def of_subject(scene: Subject, *args: Asked.args, **options: Asked.kwargs) -> Answer:
-        return question(scene_of(scene), *args, **options)
+        with one_blas_thread():
+            return question(scene_of(scene), *args, **options)
 
     return of_subject

@@ -152,6 +152,8 @@ def main() -> None:
     """Run the command; bad input gives one line on stderr and exit status 2."""
     # Arrays are short-lived: clearing huge pages for them takes longer than it saves.
     os.environ.setdefault("NUMPY_MADVISE_HUGEPAGE", "0")
+    # The cores have threads of their own; those of linear algebra would change last digits.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Arrow's own pool keeps tables that were read and dropped: a tenth of the peak.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     # Libraries make objects that stay: collections while they load find nothing, for .15 s.

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from loops import InputError, force_chains
-from loops.arrays import Floats
+from loops.arrays import Floats, one_blas_thread
 from loops.errors import check_type
 from loops.scene import Subject
 from patterns import Snapshot, planar
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 WORKS = ("work", "slip_work", "shear_work", "released")
 
 
+@one_blas_thread()
 def loop_table(
     snapshot: Snapshot | Subject, *, in_packing: bool = False, hold: bool = False
 ) -> pd.DataFrame:

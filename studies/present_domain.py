@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
-from loops.arrays import Floats, true_runs
+from loops.arrays import Floats, one_blas_thread, true_runs
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
@@ -141,6 +141,7 @@ def model_along_axes(
     return replace(model, symmetry=loop_symmetry(graph).along_axes())
 
 
+@one_blas_thread()
 def limits_along(fan: Fan, graph: GrainGraph, spins: Spins) -> FanLimits:
     """Return first limits along the programmes; `follow` takes what the fan cannot settle."""
     contacts = fan.model.contact_count

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.errors import check_choice, number
+from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
 from stability import Path as FollowedPath
 from stability import Stage, follow
@@ -74,7 +74,8 @@ def run_probe(
     amplitude are shared among this number of processes, by default one a core, or among the workers
     of a Dask scheduler.
     """
-    _require_followed(amplitude, by, shared=(workers, scheduler) != (None, None))
+    _require_followed(amplitude, by, scheduler)
+    whole_number("--workers", 1 if workers is None else workers, 1)
     asked: dict[str, Any] = {
         "directions": directions,
         "control": control,
@@ -137,18 +138,18 @@ def run_probe(
     return summary
 
 
-def _require_followed(amplitude: float | None, by: By, *, shared: bool) -> None:
-    """Raise `InputError` for a way without an amplitude, and for work that cannot be `shared`."""
+def _require_followed(amplitude: float | None, by: By, scheduler: str | None) -> None:
+    """Raise `InputError` for a way without an amplitude, and a scheduler without paths to share."""
     check_choice("--by", by, get_args(By))
     if amplitude is not None:
         number("amplitude", amplitude, 0.0, open_low=True)
     elif by == "increment":
         remedy = "Give --amplitude, or leave --by out."
         raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
-    if shared and (amplitude is None or by == "increment"):
-        which, remedy = "--workers, --scheduler", "Give --amplitude, or leave them out."
+    if scheduler is not None and (amplitude is None or by == "increment"):
         received = "rates alone" if amplitude is None else "one solve a direction"
-        raise InputError(which, received, "directions to follow", remedy)
+        remedy = "Give --amplitude, or leave it out."
+        raise InputError("--scheduler", received, "directions to follow", remedy)
 
 
 def probe(

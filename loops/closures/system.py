@@ -18,12 +18,13 @@ equations: the limit of spins with a vanishing resistance.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol, cast, get_args
 
 import numpy as np
 
-from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes, frobenius, one_blas_thread
 from loops.assembly import (
     assembled,
     balancing,
@@ -87,6 +88,8 @@ def closure_of(
     return named_closure(closure)
 
 
+# Unknowns up to which linear algebra gives the same bits with any number of threads.
+FEW_UNKNOWNS = 24
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 
@@ -309,9 +312,11 @@ def relaxed_loop(
 
     def by_arms(arms: Arms | None) -> Relaxed:
         gear = None
-        if spins == "free":
-            gear = gear_projector(graph.contacts, graph.radii, state, law, regime, arms)
-        return relax(form, contact_springs(state, law, regime, spins, arms), sizes, gear)
+        # Few unknowns are solved alike by any number of threads, and without loading scipy.
+        with one_blas_thread() if form.size > FEW_UNKNOWNS else nullcontext():
+            if spins == "free":
+                gear = gear_projector(graph.contacts, graph.radii, state, law, regime, arms)
+            return relax(form, contact_springs(state, law, regime, spins, arms), sizes, gear)
 
     own = by_arms(None)
     if spins != "free" or graph.contact_count != graph.grain_count or graph.grain_count % 2:

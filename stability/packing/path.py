@@ -9,7 +9,6 @@ from typing import get_args
 
 import numpy as np
 
-from loops.arrays import one_blas_thread
 from loops.errors import InputError, check_choice, check_type, number, whole_number
 from loops.scene import Scene
 from stability.packing.past import OTHER_WAYS, PassBy, past_of
@@ -54,7 +53,6 @@ class PackingPathOptions:
             raise InputError("spread", received, "past='viscous' or 'dynamic'", remedy)
 
 
-@one_blas_thread()
 def follow_packing(
     scene: Scene,
     stages: Sequence[Stage],

@@ -206,7 +206,6 @@ class Probe(Shown):
 
 
 @of_scene
-@one_blas_thread()
 def probe(
     scene: Scene,
     directions: ArrayLike = 72,
@@ -268,6 +267,7 @@ def probe(
     return probe_edge(yielding, directions, control, subspace, found, starts)
 
 
+@one_blas_thread()
 def probe_edge(
     yielding: YieldResponse,
     directions: ArrayLike,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
 from loops.assembly import contact_regime, contact_tangent
 from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
@@ -74,6 +74,7 @@ class LinearAnswer:
     stress: Floats
 
 
+@one_blas_thread()
 def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     """Find the contacts within the yield band, and those whose known regime is sliding."""
     graph, law, boundary = scene.graph, scene.law, scene.boundary

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -154,8 +153,6 @@ def snapshot_command(
     out = out_or(writing.out, "snapshot", path)
     # The study checks the words itself, and says what is expected.
     words: Any = {"in_packing": in_packing, "hold": hold, "yield_band": yield_band}
-    # The cores have threads of their own; numpy, loaded after this, would add as many.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(OSError, AttributeError, TypeError):
         for option in MALLOC.values():
             ctypes.CDLL(None).mallopt(*option)

@@ -265,11 +265,12 @@ AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}
         (["--directions", "0"], "directions: got 0, expected a whole number, 1 or more"),
         (["--subspace", "full"], "subspace: got 'full', expected diagonal or symmetric"),
         (["--control", "both"], "control: got 'both', expected strain or stress"),
-        (["--workers", "2"], "--workers, --scheduler: got rates alone"),
+        (["--workers", "0"], "--workers: got 0, expected a whole number, 1 or more"),
+        (["--scheduler", "tcp://here:1"], "--scheduler: got rates alone"),
         (["--amplitude", "0"], "amplitude: got 0"),
         (["--amplitude", "-1e-5"], "amplitude: got -1e-05"),
         (["--amplitude", "1e-5", "--subspace", "symmetric"], "control: got strains that turn"),
-        (["--yield-band", "1.5"], "yield_band: got 1.5, expected a share in (0, 1]"),
+        (["--yield-band", "1.5"], "yield_band: got 1.5, expected a finite number above 0"),
     ],
 )
 def test_bad_options_are_one_clear_line(monkeypatch, capsys, tmp_path, arguments, said):
@@ -299,14 +300,17 @@ def test_a_probe_by_increment_is_written_and_bad_options_are_refused(tmp_path):
     regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
     write_snapshot(path, Snapshot(graph, LAW, regime, np.arange(24), 0, ()))
     how = {"shear_increment": "radii", "directions": 3, "figures": False}
-    summary = run_probe(path, tmp_path / "out", amplitude=2e-5, by="increment", **how)
+    summary = run_probe(path, tmp_path / "out", amplitude=2e-5, by="increment", workers=1, **how)
     table = pd.read_parquet(tmp_path / "out" / "probe.parquet")
     assert (summary["by"], summary["candidates_from"]) == ("increment", 0.7)
     assert set(table.status) <= {"unique", "one found", "nearest"}
     assert sum(summary["statuses"].values()) == 3 and summary["undetermined"] == 0
+    # A number of workers is a limit: of rates alone, too.
+    rates = run_probe(path, tmp_path / "rates", hold=True, workers=1, **how)
+    assert rates["undetermined"] == 0 and rates["held"]["status"] == "at rest"
     for options, told in (
         ({"by": "increment"}, "--by"),
-        ({"by": "increment", "amplitude": 1e-5, "workers": 2}, "--workers"),
+        ({"by": "increment", "amplitude": 1e-5, "scheduler": "here"}, "--scheduler"),
         ({"by": "leaps", "amplitude": 1e-5}, "--by"),
         ({"by": "increment", "amplitude": 1e-5, "candidates": 0.0}, "candidates"),
     ):
