@@ -82,7 +82,7 @@ class Evolving:
     def stage(self) -> Stage:
         """Return the stage from the present state to the end."""
         numbers = {"fluid_bulk_modulus": self.fluid_bulk_modulus, "strain_ratio": self.strain_ratio}
-        return stage_of(self.programme, self.axis or 1, self.to, **numbers)
+        return stage_of(self.programme, 1 if self.axis is None else self.axis, self.to, **numbers)
 
     @property
     def driven(self) -> str:

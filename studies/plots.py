@@ -584,7 +584,8 @@ def plot_path(
     check_type("path", path, (Path, MaterialPath), "Give what gl.follow returns.")
     ax, table = axes_or_new(ax), table_of(path)
     loop = path if isinstance(path, Path) and len(path.A) else None
-    x = x or ("H11" if loop else f"H{COMPONENTS[int(np.ptp(path.H, axis=0).argmax())]}")
+    if x == "":
+        x = "H11" if loop else f"H{COMPONENTS[int(np.ptp(path.H, axis=0).argmax())]}"
     names = _columns(table, x, y, "one of path.table()")
     parts = [np.arange(len(table))]
     if loop:

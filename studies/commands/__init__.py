@@ -186,7 +186,7 @@ class Replaying:
     times
         Table of times, columns snap and time. Default: times of --cells, or the files.
     time_step
-        Duration of a time step, if snapshots are numbered by steps.
+        Time of a step, if files are numbered by steps.
     mean_mass
         Mean mass of a grain, if the files have none.
     damping
@@ -235,7 +235,7 @@ class Reading:
     columns
         Columns by name or number: radius=size, id=0.
     strict
-        Refuse a file whose checks leave a doubt (exit status 2).
+        Refuse files with a doubt (exit status 2).
     """
 
     cell: Annotated[

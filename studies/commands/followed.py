@@ -119,8 +119,7 @@ class Driving:
         stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
         simple-shear.
     axis
-        Driven axis, 1 or 2; for simple-shear the direction of sliding. Default: that of the major
-        stress; for simple-shear 1.
+        Driven axis, or that of simple-shear. Default: the major stress's; of simple-shear 1.
     interval
         Strain over which the geometry is kept constant; errors are proportional to it.
     """
@@ -158,8 +157,8 @@ def evolve_command(
     rows
         Rows of the path's table, evenly spaced.
     pathologies
-        Tell in every row whether the matrix of the contacts at yield is symmetric, definite, a
-        P-matrix; count the solutions.
+        Tell in every row the matrix of the contacts at yield (symmetric, definite, P-matrix) and
+        count the solutions.
     by
         Method: events (quasistatic, from event to event), replay (equations of motion), or both.
     spread

@@ -71,7 +71,8 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     """The word after it is an answer to it, or a file."""
     seen = {}
     monkeypatch.setattr(
-        "studies.series.run.run_series", lambda paths, out, **how: seen.update(how, paths=paths)
+        "studies.series.run.run_series",
+        lambda paths, out, **how: seen.update(how, paths=paths) or {"notes": []},
     )
     monkeypatch.setattr("studies.commands.snapshot.answer", lambda *_: None)
     monkeypatch.setattr("studies.commands.snapshot._series_lines", lambda _: [])

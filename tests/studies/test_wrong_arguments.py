@@ -160,7 +160,7 @@ CALLS = {
         {"loop": "loop", "closure": "affine", "directions": 4},
         "loop:sample closure:choice spins:choice control:choice directions:count",
     ),
-    "loop_table": ({"snapshot": "sample"}, "snapshot:sample in_packing:"),
+    "loop_table": ({"snapshot": "sample"}, "snapshot:sample in_packing: hold:"),
     "loop_tangents": (
         {"graph": "ring", "law": LAW, "closure": "affine"},
         "graph:graph law:law faces:result closure:choice spins:choice",
