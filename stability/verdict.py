@@ -177,7 +177,7 @@ def judge(
     if isinstance(K, MacroTangent):
         # A batch is refused below, where its shape is known.
         known = float(np.max(K.error, initial=0.0)) if error is None else known
-        K, subspace = K.matrix, subspace or "symmetric"
+        K, subspace = K.matrix, "symmetric" if subspace is None else subspace
     operator = as_operator(K) if subspace is None else restrict(K, subspace)
     if operator.ndim != 2:
         received = f"a batch of shape {operator.shape}"

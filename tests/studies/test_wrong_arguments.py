@@ -341,7 +341,7 @@ def test_every_name_of_the_front_door_is_called():
     drawn = {f"plot.{name}" for name in gl.plot.__all__}
     named = {name for name in CALLS if name.startswith("programmes.")}
     assert {*CALLS} - named == {*gl.__all__} - apart | drawn
-    assert {f"programmes.{name}" for name in gl.programmes.BY_NAME} <= named
+    assert {f"programmes.{make.__name__}" for make in gl.programmes.BY_NAME.values()} <= named
     for name, (_, kinds) in CALLS.items():
         listed = {pair.split(":")[0] for pair in kinds.split()}
         taken = {
