@@ -263,8 +263,8 @@ def snapshot_from_tables(
     radius is half the column 'diameter' of grains
     column 'i' of contacts read as 'id1'
     """
-    given = {"grains": grains, "contacts": contacts, "walls": walls}
-    tables = {kind: given_table(kind, one) for kind, one in given.items() if one is not None}
+    given = {"grains": grains, "contacts": contacts} | ({} if walls is None else {"walls": walls})
+    tables = {kind: given_table(kind, one) for kind, one in given.items()}
     source = _source("tables", None, cell, columns, periodic)
     return build_snapshot(frame_of_tables(source, tables), _parameters(**law), strict=strict)
 

@@ -35,7 +35,7 @@ WRONG = {
     "call": (3, "a", [1]),
     "table": (None, 3, "a", [1, 2]),
     "column": (None, 3, "nothing", [None], {}),
-    "columns": (3, "a", ["a"], {"x": 3}),
+    "columns": (3, "a", ["a"], {"x": [3]}),
 }
 
 
@@ -70,7 +70,9 @@ LAW_OF_FILE = (
     "kn:number kt:number mu:number phi:number shear_increment:choice law:choice young:number "
     "poisson:number shear_history:choice adhesion:number cohesion:number"
 )
-READ = f"contacts:path cell:shaped format:choice columns:columns strict: {LAW_OF_FILE}"
+READ = (
+    "contacts:path cell:shaped format:choice columns:columns periodic:choice strict: " + LAW_OF_FILE
+)
 MASSES = "mass:shaped inertia:shaped velocity:shaped spin:shaped"
 EVOLVED = (
     "subject:sample programme:choice to:number inertial_number:number progress:call axis:count "
@@ -217,7 +219,7 @@ CALLS = {
     "snapshot_from_tables": (
         {"grains": "grains", "contacts": "contacts"},
         "grains:table contacts:table walls:table cell:shaped columns:columns strict: "
-        + LAW_OF_FILE,
+        f"periodic:choice {LAW_OF_FILE}",
     ),
     "stress": ({"snapshot": "sample"}, "snapshot:sample"),
     "sustain": (
@@ -255,7 +257,7 @@ CALLS |= {
             "notes": (),
         },
         "graph:graph law:law regime:flags ids:ids wall_contacts: notes: walls: step: findings: "
-        "rotation: lacks: mass: time: velocity: spin:",
+        "rotation: lacks: mass: time: velocity: spin: periodic:",
     ),
     "programmes.isotropic_strain": ({}, "rate:number"),
     "programmes.isotropic_stress": ({}, "rate:number"),
