@@ -51,7 +51,7 @@ from studies.forecast_figures import draw_driven_stress, probability_map
 from studies.packing_figures import limit_surface, response_envelope
 from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
-from studies.paths.polygon import operator_diagram
+from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.results import table_of
 from studies.snapshot.fabric import Fabric, axes_rose, axis_errors, strong_contacts

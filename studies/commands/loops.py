@@ -80,6 +80,7 @@ def diamond_command(
     # The options check the words themselves, and say what is expected.
     words: Any = (closure, contact_on_touch, model)
     with clock("grainloops diamond"):
+        from studies.paths.followed import area_line, state_lines
         from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
         from studies.paths.run import run_diamond
@@ -91,17 +92,7 @@ def diamond_command(
         f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
         for event in summary["events"]
     ]
-    cones = {
-        "empty": "no unstable direction",
-        "ray": "second-order work vanishes in one direction",
-    }
-    for name, state in summary["states"].items():
-        if state is not None:
-            wide = f"cone of unstable directions {state['cone']['opening_deg']:.2f} degrees wide"
-            lines.append(
-                f"state {name:<16} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
-                f"{state['verdict']['status']}, {cones.get(state['cone']['status'], wide)}"
-            )
+    lines += [*state_lines(summary), area_line(summary)]
     model_found = summary["model"]
     lines.append(
         f"model {model_found['choice']}: symmetry {model_found['symmetry']}, "
@@ -258,6 +249,7 @@ def _of_snapshot(
 
 
 def _polygon_lines(summary: Summary) -> list[str]:
+    from studies.paths.followed import area_line, state_lines
     from studies.paths.polygon import event_lines
 
     critical = "  ".join(
@@ -268,6 +260,7 @@ def _polygon_lines(summary: Summary) -> list[str]:
     if summary["peak"] is not None:
         peak = summary["peak"]
         lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")
+    lines += [*state_lines(summary), area_line(summary)]
     model = summary["model"]
     lines.append(
         f"model {model['choice']}: symmetry {model['symmetry']}, "

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 
 from studies.output import Row, Summary, definitions
+from studies.paths.followed import Followed, first_yield
 from studies.paths.options import ComparisonOptions
-from studies.paths.polygon import YIELD_RTOL, Followed, event_values, follow_polygon, thresholds
+from studies.paths.polygon import event_values, follow_polygon, thresholds
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +64,11 @@ def compare_orders(options: ComparisonOptions) -> Compared:
     found, rows = [], []
     for order in options.orders:
         one = follow_polygon(options.of(order), ("diagonal",))
+        slipped = first_yield(one.path, np.asarray(one.options.law().mu))
         row = {
             "order": order,
             "critical_strain": thresholds(options.of(order)),
-            "first_yield": first_yield(one),
+            "first_yield": event_values(one, slipped) if slipped else None,
             "peak": one.peak,
             "status": one.path.status,
             "message": one.path.message,
@@ -75,17 +77,3 @@ def compare_orders(options: ComparisonOptions) -> Compared:
         found.append(one)
         rows.append(row)
     return Compared(options, tuple(found), tuple(rows))
-
-
-def first_yield(found: Followed) -> dict[str, Any] | None:
-    """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
-    path, mu = found.path, np.asarray(found.options.law().mu, dtype=float)
-    for event in path.events:
-        contacts = list(event.contacts)
-        reached = event.kind == "yield"
-        if event.kind == "control_limit" and contacts:
-            N, T = path.normal_force[event.index, contacts], path.shear_force[event.index, contacts]
-            reached = bool((np.abs(T) >= mu * N * (1.0 - YIELD_RTOL)).all())
-        if reached:
-            return event_values(found, event)
-    return None

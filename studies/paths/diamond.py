@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from loops import GrainGraph, Regime, macroscopic_tangent
-from loops.arrays import Flags, Floats
+from loops import Regime, contact_state
+from loops.arrays import Floats
 from loops.closures import Closure
 from patterns.diamond import (
     DiamondParameters,
@@ -40,25 +40,27 @@ from patterns.diamond.states import (
 )
 from stability import Path as LoopPath
 from stability import (
-    PolarDiagram,
-    Verdict,
     alpha_e,
     bromwich_margin,
-    directional_work,
     judge,
     normalised_second_order_work,
     operator_norm,
-    plane_cone,
     restrict,
-    statuses,
-    symmetric_part,
 )
 from studies.output import Summary, definitions
+from studies.paths.followed import (
+    NAMED,
+    YIELD_RTOL,
+    Followed,
+    follow_path,
+    operator_values,
+    part_columns,
+    verdict_values,
+)
 from studies.paths.options import DiamondOptions
-from studies.paths.polygon import YIELD_RTOL, Followed, follow_path, operator_diagram, plane_columns
 
 # Named states by the event at which each is reached.
-NAMED = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
+NAMED_BY = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
 DETERMINANTS = ("det_Ks_zero", "det_K_zero")
 # Kinds of events in the summary; the remaining events of a path follow from these.
 LISTED_KINDS = (
@@ -78,55 +80,8 @@ ADDED_COLUMNS = [
     "stage", "regime", "E1", "E2", "s1", "s2", "lambda_1", "lambda_2", "det_K", "det_Ks",
     "chord_1", "chord_2",
 ]  # fmt: skip
-NAMED_STATES = ("I", "A", "B")
 EVENT_VALUES = ("E1", "E2", "alpha_deg", "s1", "s2", "N", "T", "det_K", "det_Ks")
 STATE_VALUES = ("E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks")
-
-
-def state_columns(states: DiamondStates) -> pd.DataFrame:
-    """Columns of a diamond's table that follow from its states alone."""
-    cone = plane_cone(states.K)
-    ray = cone.status == "ray"
-    edges = np.where(ray[:, None], cone.axis[:, None], cone.edges)
-    plane = plane_columns(states.K, states.det_K, states.det_Ks)
-    parts = {"K": states.K, "Kmat": states.material, "Kgeo": states.geometric}
-    columns = {
-        "regime": states.regime,
-        "E1": states.E1,
-        "E2": states.E2,
-        "alpha_deg": np.degrees(states.alpha),
-        "l": states.length,
-        "N": states.N,
-        "T": states.T,
-        "s1": states.s1,
-        "s2": states.s2,
-        **{f"{name}{i + 1}{j + 1}": part[:, i, j]
-           for name, part in parts.items() for i in range(2) for j in range(2)},
-        **plane,
-        "status": statuses(plane["lambda_1"].to_numpy(), operator_norm(states.K)),
-        "cone_edge_1_deg": np.degrees(edges[:, 0]),
-        "cone_edge_2_deg": np.degrees(edges[:, 1]),
-        "unstable_fraction": plane["cone_opening_deg"] / 180.0,
-    }  # fmt: skip
-    return pd.DataFrame(columns)
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedForms:
-    """Closed forms of one diamond, and of the states of its path.
-
-    `touching` are the strains at which opposite grains meet on axis 1 and on axis 2; `definite_*`
-    the isotropic strains between which the diamond is stable, without and with contacts there;
-    `gaps` (R,) those between opposite grains on both axes, over l0. `isotropic` (R, 2, 2) is the
-    tangent (38) at E1, `drained_slope` is `ds1/dE1` at A (33).
-    """
-
-    touching: tuple[float, float]
-    definite_ignored: list[tuple[float, float]]
-    definite_added: list[tuple[float, float]]
-    gaps: tuple[Floats, Floats]
-    isotropic: Floats
-    drained_slope: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +92,28 @@ class FollowedDiamond(Followed):
     """
 
     options: DiamondOptions
-    loop: DiamondParameters
     states: DiamondStates
-    closed: ClosedForms
     listed: tuple[tuple[str, int], ...]
 
     @property
+    def loop(self) -> DiamondParameters:
+        """Shape, law and confinement."""
+        return self.options.parameters
+
+    @property
+    def closure(self) -> Closure:
+        """Affine: with the symmetry that the path keeps both closures are the same."""
+        return "affine"
+
+    @cached_property
     def gaps(self) -> tuple[Floats, Floats]:
         """Gaps (R,) between opposite grains on axis 1 and on axis 2, over l0."""
-        return self.closed.gaps
+        return opposite_gaps(self.states.E1, self.states.E2, self.loop.alpha0)
+
+    @property
+    def split(self) -> tuple[Floats, Floats]:
+        """Parts (R, 2, 2) of K, (27) and (28)."""
+        return self.states.material, self.states.geometric
 
     @cached_property
     def energies(self) -> dict[str, Floats]:
@@ -171,36 +139,7 @@ class FollowedDiamond(Followed):
 
     def tangents_of(self, states: DiamondStates, closure: Closure) -> Floats:
         """Tangents (n, 4, 4) of any loop applied to states, over `L10 L20`."""
-        graph = graph_of_states(self.loop, states)
-        law, volume = self.options.law(), self.options.volume
-        return macroscopic_tangent(graph, law, closure, volume=volume).matrix
-
-    @cached_property
-    def diagrams(self) -> dict[str, tuple[PolarDiagram, Flags]]:
-        """Polar diagrams of the named states, and whether the contacts slide in each direction.
-
-        At B the direction decides on the regime, elastic or sliding.
-        """
-        path, graph, diagrams = self.path, self.options.graph(), {}
-        for name, row in self.marks.items():
-            closed = path.regime[row] != Regime.OPEN
-            here = GrainGraph(
-                x=path.x[row],
-                x0=graph.x,
-                radii=graph.radii,
-                contacts=path.contacts[closed],
-                normal_force=path.normal_force[row, closed],
-                shear_force=path.shear_force[row, closed],
-            )
-            one = operator_diagram(self.K[row])
-            work = directional_work(
-                here, self.options.law(), one.direction, closure="affine", volume=path.volume
-            )
-            diagrams[name] = (
-                operator_diagram(self.K[row], work.normalised[:, 0]),
-                work.regime[:, 0] == Regime.SLIDING,
-            )
-        return diagrams
+        return self.tangents(graph_of_states(self.loop, states), closure)
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -213,19 +152,24 @@ class FollowedDiamond(Followed):
         contacts added there; energies.
         """
         direction, chords = self.direction, on_axes(self.path, self.path.normal_force)
-        moves = np.isfinite(direction[:, 0])
+        moves, states = np.isfinite(direction[:, 0]), self.states
         w2 = normalised_second_order_work(self.K, np.where(moves[:, None], direction, 1.0))
         alpha = alpha_e(np.arctan2(direction[:, 1], direction[:, 0]))
-        more: dict[str, Floats] = {
+        names = ("regime", "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2")
+        values = (states.regime, states.E1, states.E2, np.degrees(states.alpha), states.length,
+                  states.N, states.T, states.s1, states.s2)  # fmt: skip
+        columns: dict[str, Any] = {
+            "stage": self.stage,
+            **dict(zip(names, values, strict=True)),
+            **part_columns(K=states.K, Kmat=states.material, Kgeo=states.geometric),
+            **self.plane,
             "loading_alphaE_deg": np.degrees(alpha),
             "w2_loading": np.where(moves, w2, np.nan),
             **{f"gap_{axis}": gap for axis, gap in enumerate(self.gaps, start=1)},
             **{f"chord_{axis}": chords[:, axis - 1] for axis in (1, 2)},
             **self.energies,
         }
-        table = state_columns(self.states).assign(**more)
-        table.insert(0, "stage", self.stage)
-        return table
+        return pd.DataFrame(columns)
 
 
 def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
@@ -245,19 +189,11 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
         s1=path.P[:, 0],
         s2=path.P[:, 3],
     )
-    confined = diamond_states(loop, loop.confinement, loop.confinement)
-    closed = ClosedForms(
-        touching=touching_strains(loop),
-        definite_ignored=definite_intervals(loop, added=False),
-        definite_added=definite_intervals(loop, added=True),
-        gaps=opposite_gaps(states.E1, states.E2, loop.alpha0),
-        isotropic=isotropic_tangent(states.E1, loop.alpha0, loop.kappa),
-        drained_slope=float(drained_slope(confined.K[0])),
-    )
+    touching = touching_strains(loop)
     listed, marks = list[tuple[str, int]](), dict[str, int]()
     for event in path.events:
         row = event.index
-        if event.kind == "opposite_contact" and closed.touching[event.contacts[0]] < 0.0:
+        if event.kind == "opposite_contact" and touching[event.contacts[0]] < 0.0:
             continue
         if event.kind not in LISTED_KINDS or event.jump or (event.kind, row) in listed:
             continue
@@ -275,13 +211,11 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
             at_A = next(k for k, (kind, _) in enumerate(listed) if kind == "programme_change")
             listed.insert(at_A + 1, ("yield", listed[at_A][1]))
     for kind, row in listed:
-        name = NAMED.get(kind)
+        name = NAMED_BY.get(kind)
         if name and name not in marks and (name != "I" or path.stage[row] == 0):
             marks[name] = row
     operators = states.K, states.det_K, states.det_Ks
-    return FollowedDiamond(
-        options, path, stages, marks, *operators, loop, states, closed, tuple(listed)
-    )
+    return FollowedDiamond(options, path, stages, marks, *operators, states, tuple(listed))
 
 
 def on_axes(path: LoopPath, values: NDArray[np.generic]) -> Floats:
@@ -299,7 +233,7 @@ def diamond_tables(
     """Every table by its name; `ignored` is the path without added contacts, if they are added."""
     tables = {
         "path": found.table,
-        "polar": polar_table(found),
+        "polar": found.polar_table(),
         "path_dependence": path_dependence_table(found.loop),
     }
     if "A" in found.marks:
@@ -314,20 +248,17 @@ def diamond_tables(
 
 def snapshot_tables(found: FollowedDiamond, row: int) -> dict[str, pd.DataFrame]:
     """The loop at a row as the two tables of a plain snapshot, `grains` and `contacts`."""
-    path = found.path
-    closed = np.flatnonzero(path.regime[row] != Regime.OPEN)
-    x, (i, j) = path.x[row], path.contacts[closed].T
-    branch = x[j] - x[i]
-    normal = branch / np.linalg.norm(branch, axis=1, keepdims=True)
-    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    shear = path.shear_force[row, closed][:, None] * tangent
+    graph = found.graph_at(row)
+    closed, state, x = graph.regime != Regime.OPEN, contact_state(graph), graph.x
+    branch, (i, j) = graph.branches[closed], graph.contacts[closed].T
+    shear = (state.shear_force[:, None] * state.t)[closed]
     grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
     contacts = {
         "id1": i,
         "id2": j,
         "branch_x": branch[:, 0],
         "branch_y": branch[:, 1],
-        "fn": path.normal_force[row, closed],
+        "fn": state.normal_force[closed],
         "fsx": shear[:, 0],
         "fsy": shear[:, 1],
         "kn": 1.0,
@@ -335,26 +266,6 @@ def snapshot_tables(found: FollowedDiamond, row: int) -> dict[str, pd.DataFrame]
         "mu": found.loop.mu,
     }
     return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
-
-
-# ---- polar diagrams
-
-
-def polar_table(found: FollowedDiamond) -> pd.DataFrame:
-    """Normalised second-order work in every direction at the named states (45).
-
-    `alphaE_deg`, `tan(alphaE) = E1'/E2'`; `w2`; `x, y`, the points of the polar diagram,
-    `(2 + w2) (cos alphaE, sin alphaE)`; `regime` that the direction activates.
-    """
-    none = {"state": np.array([], dtype=str), "alphaE_deg": np.zeros(0), "w2": np.zeros(0)}
-    none |= {"x": np.zeros(0), "y": np.zeros(0), "regime": np.array([], dtype=str)}
-    tables = []
-    for name, (diagram, slides) in found.diagrams.items():
-        columns: dict[str, Any] = {"state": name, "alphaE_deg": np.degrees(diagram.angle)}
-        columns |= {"w2": diagram.work, "x": diagram.points[:, 0], "y": diagram.points[:, 1]}
-        columns["regime"] = np.where(slides, "sliding", "elastic")
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(none)
 
 
 # ---- Fig. 4
@@ -400,13 +311,14 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
     `states` are null where not reached, B has the operators of sliding contacts too, as `beyond`;
     `added_contact` is null where none is added.
     """
-    options, table, closed = found.options, found.table, found.closed
-    states: dict[str, Any] = dict.fromkeys(NAMED_STATES)
+    options, table, loop = found.options, found.table, found.loop
+    states: dict[str, Any] = dict.fromkeys(NAMED)
     for name, row in found.marks.items():
         states[name] = {
             **{key: float(table[key][row]) for key in (*STATE_VALUES, *found.energies)},
             **_operators(found, found.states.take([row])),
-            "gaps": [float(gap[row]) for gap in closed.gaps],
+            "gaps": [float(gap[row]) for gap in found.gaps],
+            "directions": found.degrees(name),
         }
     if found.beyond is not None:
         states["B"]["beyond"] = _operators(found, found.beyond)
@@ -415,12 +327,13 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
     figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
     figures |= {"10": "eigenvalues", **({"11": "polar"} if found.marks else {}), "12": "cone"}
     added = {
-        "touching_strains": list(closed.touching),
-        "definite_ignored": closed.definite_ignored,
-        "definite_added": closed.definite_added,
+        "touching_strains": list(touching_strains(loop)),
+        "definite_ignored": definite_intervals(loop, added=False),
+        "definite_added": definite_intervals(loop, added=True),
     }
     return {
         "parameters": options.described(),
+        "reference_area": {"value": options.volume, "of": "L10 L20, twice the rhombus"},
         "states": states,
         "events": [
             {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
@@ -438,33 +351,17 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
 
 def _operators(found: FollowedDiamond, state: DiamondStates) -> dict[str, Any]:
     """Operators of one state with their spectra, cone and verdicts, and that of any loop."""
-    K, columns, closure = state.K[0], state_columns(state).iloc[0], found.options.closure
-    verdict, A = judge(K), found.tangents_of(state, closure)[0]
+    closure, parts = found.options.closure, (state.material[0], state.geometric[0])
+    A = found.tangents_of(state, closure)[0]
     return {
-        "regime": columns["regime"],
-        "det_K": float(state.det_K[0]),
-        "det_Ks": float(state.det_Ks[0]),
-        "K": K,
-        "Kmat": state.material[0],
-        "Kgeo": state.geometric[0],
-        "Ks": symmetric_part(K),
-        "eigenvalues_K": [[float(one.real), float(one.imag)] for one in verdict.eigenvalues],
-        "eigenvalues_Ks": verdict.symmetric_eigenvalues,
-        "cone": {
-            "status": columns["cone_status"],
-            "edges_deg": [float(columns[f"cone_edge_{k}_deg"]) for k in (1, 2)],
-            "opening_deg": float(columns["cone_opening_deg"]),
-            "axis_deg": float(columns["cone_axis_deg"]),
-            "unstable_fraction": float(columns["unstable_fraction"]),
+        "regime": state.regime[0],
+        **operator_values(state.K[0], parts, np.stack([state.det_K, state.det_Ks])),
+        "generic": {
+            "closure": closure,
+            "tangent": A,
+            "verdict": verdict_values(judge(A, "symmetric")),
         },
-        "verdict": _verdict(verdict),
-        "generic": {"closure": closure, "tangent": A, "verdict": _verdict(judge(A, "symmetric"))},
     }
-
-
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    names = ("status", "mode", "margin", "tolerance", "witness")
-    return {name: getattr(verdict, name) for name in names}
 
 
 # ---- verification
@@ -486,7 +383,8 @@ def verification(found: FollowedDiamond) -> dict[str, Any]:
         errors.append(float(np.nanmax(error)))
         untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
     rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
-    isotropic = operator_norm(found.closed.isotropic[rows] - K[rows]) / norm[rows]
+    closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
+    isotropic = operator_norm(closed - K[rows]) / norm[rows]
     root, at_I = None, found.marks.get("I")
     if at_I is not None and loop.kappa > 0.0 and not states.added[at_I].any():
         strain = float(found.E1[at_I])
@@ -534,7 +432,8 @@ def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
     s1, E1 = (
         np.polynomial.Polynomial.fit(turn, y, 14).deriv()(0.0) for y in (states.s1, states.E1)
     )
-    closed = found.closed.drained_slope
+    at_A = diamond_states(found.loop, found.loop.confinement, found.loop.confinement)
+    closed = float(drained_slope(at_A.K[0]))
     difference = float(abs(s1 / E1 - closed))
     return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
 
@@ -546,7 +445,7 @@ def model_summary(found: FollowedDiamond) -> Summary:
         return {**model, "check": None}
     small = follow_diamond(replace(found.options, model="auto"))
     differences = {}
-    for name in (name for name in NAMED_STATES if name in found.marks and name in small.marks):
+    for name in (name for name in NAMED if name in found.marks and name in small.marks):
         ours, theirs = (
             np.array([values[path.marks[name]] for values in (path.E1, path.E2, path.s1, path.s2)])
             for path in (found, small)
@@ -558,7 +457,7 @@ def model_summary(found: FollowedDiamond) -> Summary:
 
 def _notes(found: FollowedDiamond) -> list[str]:
     loop, notes = found.loop, []
-    if min(found.closed.touching) < 0.0:
+    if min(touching_strains(loop)) < 0.0:
         notes.append("opposite grains overlap from the start: below 30 or above 60 degrees")
     if abs(np.sin(loop.alpha0) - np.cos(loop.alpha0)) <= TOUCHING_ATOL:
         notes.append("at 45 degrees both pairs of opposite grains touch at the same strain")

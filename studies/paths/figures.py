@@ -19,10 +19,18 @@ from matplotlib.patheffects import withStroke
 from loops import Regime
 from loops.arrays import Floats, Integers, Regimes, true_runs
 from patterns.diamond.states import isotropic_tangents
-from stability import PolarDiagram, alpha_e, spectrum, symmetric_spectrum
+from stability import (
+    RTOL,
+    PolarDiagram,
+    alpha_e,
+    operator_norm,
+    restrict,
+    spectrum,
+    symmetric_spectrum,
+)
 from studies.paths.comparison import Compared
 from studies.paths.diamond import FollowedDiamond
-from studies.paths.polygon import RADIUS, Followed, operator_diagram
+from studies.paths.followed import RADIUS, Followed, operator_diagram
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -45,6 +53,10 @@ from studies.style import (
     styled,
 )
 
+# Degrees of 360, of the directions at a state.
+SHARE_WORDS = {
+    "unstable_deg": "$w_2 < 0$", "several_deg": "several solutions", "none_deg": "no solution"
+}  # fmt: skip
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
@@ -68,13 +80,22 @@ CONTACT_LOOKS = {
 }
 
 
-def polygon_figures(found: Followed, diagrams: dict[str, PolarDiagram]) -> Drawings:
-    """Figures of one polygon with their names; `diagrams` are its polar diagrams by name."""
-    yield "loop", lambda: draw_loops(found, list(found.marks))
-    yield "stress_strain", lambda: draw_stress(found)
+def path_figures(found: Followed) -> Drawings:
+    """Figures of the operators along any path, with their names."""
+    yield "determinant", lambda: draw_determinant(found)
     yield "eigenvalues", lambda: draw_eigenvalues(found)
-    yield "polar", lambda: draw_polar_figure(diagrams)
+    yield "split", lambda: draw_split(found)
     yield "cone", lambda: draw_cone(found)
+    if found.directions:
+        yield "polar", lambda: draw_polar_figure(found)
+
+
+def polygon_figures(found: Followed) -> Drawings:
+    """Figures of one polygon with their names."""
+    ends = [name for name in ("start", "A", "end") if name in found.marks]
+    yield "loop", lambda: draw_loops(found, ends)
+    yield "stress_strain", lambda: draw_stress(found)
+    yield from path_figures(found)
     yield "unstable_fraction", lambda: draw_unstable_fraction(found)
 
 
@@ -118,13 +139,30 @@ def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
 @styled()
 def draw_eigenvalues(found: Followed, ax: Axes | None = None) -> Axes:
     """Eigenvalues of K (real parts) and of Ks in (11, 22) along the path, as Fig. 10."""
-    ax = axes_or_new(ax)
     values, symmetric = spectrum(found.K).real, symmetric_spectrum(found.K)
-    E1 = found.broken(found.E1)
+    curves = {"$K$": values, "$K_s$": symmetric}
+    return _of_operators(found, ax, curves, symmetric[:, 0], "eigenvalues over $k_n$ (–)")
+
+
+@styled()
+def draw_determinant(found: Followed, ax: Axes | None = None) -> Axes:
+    """Determinants of K and of Ks along the path, as Figs. 7 and 9."""
+    curves = {r"$\det K$": found.det_K, r"$\det K_s$": found.det_Ks}
+    return _of_operators(found, ax, curves, found.det_K, "determinant (–)")
+
+
+def _of_operators(
+    found: Followed, ax: Axes | None, curves: dict[str, Floats], marked: Floats, label: str
+) -> Axes:
+    """Numbers of K, and dashed of Ks, along the path."""
+    ax, E1 = axes_or_new(ax), found.broken(found.E1)
     ax.axhline(0.0, color=GREY, linewidth=0.6)
-    ax.plot(E1, found.broken(values), color=BLUE, label=["$K$", None])
-    ax.plot(E1, found.broken(symmetric), color=ORANGE, linestyle=DASHED, label=["$K_s$", None])
-    over_strain(found, ax, symmetric[:, 0], "eigenvalues over $k_n$ (–)", 0.1)
+    for (name, values), colour, style in zip(
+        curves.items(), (BLUE, ORANGE), ("-", DASHED), strict=True
+    ):
+        lines = ax.plot(E1, found.broken(values), color=colour, linestyle=style)
+        lines[0].set_label(name)
+    over_strain(found, ax, marked, label, 0.1)
     ax.legend(loc="best")
     return ax
 
@@ -162,13 +200,13 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
 
 @styled()
 def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
-    """Share of strain directions with negative second-order work, by subspace."""
+    """Share of strain directions with negative work under the operator of the path, by subspace."""
     ax = axes_or_new(ax, 4.2, 2.8)
     table, E1 = found.subspaces, found.broken(found.E1)
     for subspace, colour, style, label in SUBSPACE_LOOKS:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
-    over_strain(found, ax, None, "unstable directions (%)")
+    over_strain(found, ax, None, "unstable directions of $K$ (%)")
     if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SUBSPACE_LOOKS):
         say_empty(ax, "no unstable direction on this path")
         ax.set_ylim(top=10.0)
@@ -215,22 +253,34 @@ def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:
 
 
 @styled()
-def draw_polar_figure(
-    diagrams: dict[str, PolarDiagram], beyond: dict[str, PolarDiagram] | None = None
-) -> Figure:
-    """Polar diagrams of w2 in (11, 22) by name; dashed those of sliding contacts, `beyond`."""
-    count = max(len(diagrams), 1)
-    width = 0.5 + count * (TWO_COLUMNS - 0.5) / 3.0
-    fig, (axes,) = new_panels(1, count, 2.75, width, sharey=True)
-    for ax, (name, diagram) in zip(axes, diagrams.items(), strict=False):
-        draw_polar(diagram, ax, name)
-        sliding = (beyond or {}).get(name)
-        if sliding is not None:
-            closed = np.concatenate([sliding.points, sliding.points[:1]])
-            label = "all directions sliding"
-            ax.plot(*closed.T, color=ORANGE, linewidth=0.9, linestyle=(0, (3, 2)), label=label)
-            ax.legend(loc="lower center", bbox_to_anchor=(0.5, 0.98), borderaxespad=0.0)
+def draw_polar_figure(found: Followed) -> Figure:
+    """Polar diagrams of w2 in (11, 22) at the named states, in the regimes of each direction.
+
+    Dashed the operator in which all contacts at yield slide, whatever the direction.
+    """
+    dashed, panels_of = list[Any](), dict[int, list[str]]()
+    for name in found.directions:
+        panels_of.setdefault(found.marks[name], []).append(name)
+    count = len(panels_of)
+    columns = 2 if count == 4 else min(count, 3)
+    rows, width = -(-count // columns), 0.5 + columns * (TWO_COLUMNS - 0.5) / 3.0
+    fig, panels = new_panels(rows, columns, 2.55 * rows + 0.2, width, sharex=True, sharey=True)
+    for ax, names in zip(panels.ravel(), panels_of.values(), strict=True):
+        draw_polar(found.directions[names[0]].diagram, ax, ", ".join(names))
+        slides, degrees = found.sliding(names[0]), found.degrees(names[0]) or {}
+        if slides is not None:
+            points = operator_diagram(restrict(found.tangents(slides), "diagonal")).points
+            closed, style = np.concatenate([points, points[:1]]), (0, (3, 2))
+            dashed += ax.plot(*closed.T, color=ORANGE, linewidth=0.9, linestyle=style)
+        told = [f"{words}: {degrees[kind]:.1f}°" for kind, words in SHARE_WORDS.items()
+                if kind == "unstable_deg" or degrees[kind] > 0.0]  # fmt: skip
+        look: Any = {"ha": "center", "va": "top", "color": GREY, "fontsize": 6}
+        ax.text(0.0, -0.2 * RADIUS, "\n".join(told), **look)
         ax.label_outer()
+    if dashed:
+        words = "regimes that the direction activates", "contacts at yield slide in every direction"
+        lines = [Line2D([], [], color=BLUE), dashed[0]]
+        fig.legend(lines, words, loc="outside lower center", ncols=key_columns(fig, 2))
     return fig
 
 
@@ -436,15 +486,7 @@ def diamond_figures(
     """
     yield "path_dependence", lambda: draw_path_dependence(path_dependence)
     yield "axial_stress", lambda: draw_stress(found)
-    yield "determinant", lambda: draw_determinant(found)
-    yield "eigenvalues", lambda: draw_eigenvalues(found)
-    yield "split", lambda: draw_split(found)
-    yield "cone", lambda: draw_cone(found)
-    if found.marks:
-        # At B every direction has the regime that it activates; beyond B all contacts slide.
-        diagrams = {name: diagram for name, (diagram, _) in found.diagrams.items()}
-        beyond = {} if found.beyond is None else {"B": operator_diagram(found.beyond.K[0])}
-        yield "polar", lambda: draw_polar_figure(diagrams, beyond)
+    yield from path_figures(found)
     if "A" in found.marks:
         yield "loop_A", lambda: draw_loops(found, ["A"])
     if ignored is not None:
@@ -452,33 +494,20 @@ def diamond_figures(
 
 
 @styled()
-def draw_determinant(found: FollowedDiamond, ax: Axes | None = None) -> Axes:
-    """Determinants of K and of Ks along the path, as Figs. 7 and 9."""
-    ax = axes_or_new(ax)
-    E1 = found.broken(found.E1)
-    ax.axhline(0.0, color=GREY, linewidth=0.6)
-    ax.plot(E1, found.broken(found.det_K), color=BLUE, label=r"$\det K$")
-    ax.plot(E1, found.broken(found.det_Ks), color=ORANGE, linestyle=DASHED, label=r"$\det K_s$")
-    over_strain(found, ax, found.det_K, "determinant (–)", 0.1)
-    ax.legend(loc="best")
-    return ax
-
-
-@styled()
-def draw_split(found: FollowedDiamond) -> Figure:
+def draw_split(found: Followed) -> Figure:
     """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
     fig = new_figure(TWO_COLUMNS, 3.6, fixed=True)
     axes = fig.subplot_mosaic([["11", "12", "n"], ["21", "22", "n"]], width_ratios=[1, 1, 1.5])
-    E1, parts = found.broken(found.E1), found.states
+    E1, (material, geometric) = found.broken(found.E1), found.split
     named = (
-        ("$K$", BLACK, parts.K),
-        (r"$K_\mathrm{mat}$", BLUE, parts.material),
-        (r"$K_\mathrm{geo}$", VERMILION, parts.geometric),
+        ("$K$", BLACK, "-", found.K),
+        (r"$K_\mathrm{mat}$, of the contacts", BLUE, DASHED, material),
+        (r"$K_\mathrm{geo}$, of their forces", VERMILION, DASHED, geometric),
     )
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         ax = axes[f"{i + 1}{j + 1}"]
         ax.axhline(0.0, color=GREY, linewidth=0.6)
-        for label, colour, part in named:
+        for label, colour, _, part in named:
             ax.plot(E1, found.broken(part[:, i, j]), color=colour, label=label)
         ax.set(title=f"entry {i + 1}{j + 1} (–)", xlim=(0.0, None))
         ax.set(xlabel=STRAIN_LABEL if i == 1 else "")
@@ -486,12 +515,9 @@ def draw_split(found: FollowedDiamond) -> Figure:
     # `K12 - K21` and its two sources, (29) and (30), (31).
     ax = axes["n"]
     ax.axhline(0.0, color=GREY, linewidth=0.6)
-    for label, colour, style, part in (
-        ("$K$", BLACK, "-", parts.K),
-        (r"$K_\mathrm{mat}$: $s\mu$ where sliding", BLUE, DASHED, parts.material),
-        (r"$K_\mathrm{geo}$: $-T/(k_n l)$", VERMILION, DASHED, parts.geometric),
-    ):
+    for label, colour, style, part in named:
         skew = part[:, 0, 1] - part[:, 1, 0]
+        skew = np.where(np.abs(skew) <= RTOL * operator_norm(found.K), 0.0, skew)
         ax.plot(E1, found.broken(skew), color=colour, linestyle=style, label=label)
     for row in found.jumps:
         ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0)

@@ -1,59 +1,42 @@
-"""The study of polygons: a loop followed along its programme, and several orders side by side."""
+"""The study of polygons: a loop followed along its programme, its table and summary."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from loops import (
-    ContactLaw,
-    GrainGraph,
-    Regime,
-    Scene,
-    boundary_of,
-    contact_state,
-    macroscopic_tangent,
-)
-from loops.arrays import Flags, Floats, Integers
+from loops import ContactLaw, GrainGraph, Regime, contact_state, macroscopic_tangent
+from loops.arrays import Floats, Integers
 from loops.closures import Closure, Spins
 from stability import (
     COMPONENTS,
-    RTOL,
     Event,
-    PolarDiagram,
-    follow,
     judge,
     operator_norm,
-    plane_cone,
-    polar_diagram,
     restrict,
-    spectrum,
+    symmetric_part,
     symmetric_spectrum,
-    unstable_fraction,
 )
-from stability import Path as LoopPath
 from stability.path import describe
 from studies.output import Summary, definitions
-from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions, file_notes
+from studies.paths.followed import (
+    NAMED,
+    STEP_ATOL,
+    SUBSPACES,
+    Followed,
+    first_yield,
+    follow_path,
+    operator_values,
+    part_columns,
+    verdict_values,
+)
+from studies.paths.options import LoopOptions, PolygonOptions, file_notes
 
-SUBSPACES = ("diagonal", "symmetric", "full")
-# A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
-TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
-# A path of so many steps is given up with the status `lost`.
-PATH_STEPS = 2000
-# Contacts are at yield if |T| lacks at most this share of mu N.
-YIELD_RTOL = 1e-9
-# Slopes of s1 over E1 up to this are zero.
-SLOPE_ATOL = 1e-10
-# Differences of E1 or s1 up to this are zero.
-STEP_ATOL = 1e-12
 # Strains between which the threshold is bracketed: the first, the last, and their count.
 FIRST_STRAIN = 1e-6
 LAST_STRAIN = 0.99
@@ -73,193 +56,13 @@ EVENT_WORDS = {
 }
 # Ks is not definite if its smallest eigenvalue at the first load is at most this share of the norm.
 DEFINITE_RTOL = 1e-12
-# Directions of a polar diagram: one each half degree.
-DIRECTIONS = 720
-# Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
-RADIUS = 2.0
 # Most numbers in a list column of a table, grains times rows.
 MOST_NUMBERS = 100_000
-
-
-@dataclass(frozen=True, eq=False)
-class Followed:
-    """A path of a loop; E1, E2 are H11, H22, and s1, s2 are P11, P22.
-
-    `stages` are names; `marks` are rows by name; `K (R, 2, 2)` is the tangent in (11, 22), NaN
-    where it is not known.
-    """
-
-    options: DiamondOptions | PolygonOptions
-    path: LoopPath
-    stages: tuple[str, ...]
-    marks: dict[str, int]
-    K: Floats
-    det_K: Floats
-    det_Ks: Floats
-
-    @property
-    def E1(self) -> Floats:
-        """(R,) H11."""
-        return self.path.H[:, 0]
-
-    @property
-    def E2(self) -> Floats:
-        """(R,) H22."""
-        return self.path.H[:, 3]
-
-    @property
-    def s1(self) -> Floats:
-        """(R,) P11."""
-        return self.path.P[:, 0]
-
-    @property
-    def s2(self) -> Floats:
-        """(R,) P22."""
-        return self.path.P[:, 3]
-
-    @cached_property
-    def stage(self) -> NDArray[np.str_]:
-        """(R,) name of each row's stage."""
-        return np.array(self.stages)[self.path.stage]
-
-    @cached_property
-    def slides(self) -> Flags:
-        """(R,) whether a contact slides."""
-        return np.asarray((self.path.regime == Regime.SLIDING).any(axis=1))
-
-    @cached_property
-    def opens(self) -> Flags:
-        """(R,) whether a contact of the loop has opened."""
-        ring = self.path.regime[:, : len(self.path.x[0])]
-        return (ring == Regime.OPEN).any(axis=1) & (np.arange(len(self.path)) > 0)
-
-    @property
-    def loading(self) -> Integers:
-        """Rows of the programme that follows the confinement."""
-        return np.flatnonzero(self.path.stage == len(self.stages) - 1)
-
-    @cached_property
-    def direction(self) -> Floats:
-        """(R, 2) direction of the path `(E1', E2')`, of unit length; NaN where it stands still."""
-        rate = self.path.H_rate[:, [0, 3]]
-        size = np.linalg.norm(rate, axis=-1, keepdims=True)
-        return rate / np.where(size > 0.0, size, np.nan)
-
-    @cached_property
-    def jumps(self) -> Integers:
-        """Rows before which the regimes change and the operator jumps."""
-        regime = self.path.regime
-        return np.flatnonzero((regime[1:] != regime[:-1]).any(axis=1)) + 1
-
-    @cached_property
-    def peak(self) -> dict[str, float] | None:
-        """Largest axial stress of the loading stage; None if s1 only falls, or rises to the end.
-
-        It is a row where the response turns over at an event, else it lies between that row and its
-        neighbour on the rising side, on the cubic through their values and slopes.
-
-        >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
-        >>> round(found.peak["E1"], 6)
-        0.132639
-        """
-        path, rows, s1 = self.path, self.loading, self.s1[self.loading]
-        # A state recorded twice, before and after a change of regime, counts once.
-        if len(rows) == 0 or s1.max() <= max(s1[0], s1[-1]) + STEP_ATOL:
-            return None
-        row = int(rows[np.argmax(s1)])
-        at_row = {name: float(getattr(self, name)[row]) for name in ("E1", "E2", "s1")}
-        rate = path.H_rate[row, 0]
-        if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
-            return at_row
-        a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
-        rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
-        onward = E1[1] - E1[0] >= STEP_ATOL and (rates[:, 0] > STEP_ATOL).all()
-        if path.stage[a] != path.stage[b] or not onward:
-            return at_row
-        # Loaded here: slow to import, and few paths need it.
-        from scipy.interpolate import CubicHermiteSpline
-
-        axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
-        lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
-        inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
-        if not inner:
-            return at_row
-        best = max(inner, key=lambda x: float(axial(x)))
-        return {"E1": float(best), "E2": float(lateral(best)), "s1": float(axial(best))}
-
-    @property
-    def gaps(self) -> tuple[Floats, Floats] | None:
-        """Gaps (R,) between opposite grains of a diamond; None for other loops."""
-        return None
-
-    def broken(self, values: Floats) -> Floats:
-        """One column or several with a NaN at each jump, which interrupts a drawn line."""
-        return np.insert(np.asarray(values, dtype=float), self.jumps, np.nan, axis=0)
-
-    @cached_property
-    def plane(self) -> pd.DataFrame:
-        """Spectra and cone in (11, 22) of every row, see `plane_columns`."""
-        return plane_columns(self.K, self.det_K, self.det_Ks)
-
-    @cached_property
-    def subspaces(self) -> pd.DataFrame:
-        """`lambda_min_*` and `unstable_fraction_*` of every subspace at every row."""
-        columns: dict[str, Floats] = {}
-        for subspace in SUBSPACES:
-            # Eigenvalues within the round-off of the norm are zero.
-            K = restrict(self.path.A, subspace)
-            values = symmetric_spectrum(K)
-            values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
-            columns[f"lambda_min_{subspace}"] = values[:, 0]
-            columns[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
-        return pd.DataFrame(columns)
-
-
-def follow_path(
-    options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
-) -> tuple[LoopPath, tuple[str, ...]]:
-    """Path of a study, with the spectral events of every subspace, and the names of its stages."""
-    names, stages = zip(*options.stages(), strict=True)
-    graph = options.graph()
-    path = follow(
-        Scene(graph, options.law(), boundary_of(graph, volume=options.volume)),
-        stages,
-        closure=options.closure,
-        spins=options.spins,
-        subspace=subspaces,
-        contact_on_touch=options.contact_on_touch,
-        **TOLERANCES,
-        max_steps=PATH_STEPS,
-        rows=options.rows,
-        model=options.model,
-    )
-    return path, names
-
-
-def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
-    """Determinants, eigenvalues of Ks (ascending) and of K, and the instability cone in (11, 22).
-
-    A cone that closes within the tolerance is a single direction, of opening 0.
-    """
-    values, symmetric, cone = spectrum(K), symmetric_spectrum(K), plane_cone(K)
-    columns = {
-        "det_K": det_K,
-        "det_Ks": det_Ks,
-        "lambda_1": symmetric[:, 0],
-        "lambda_2": symmetric[:, 1],
-        "eigenvalue_1_real": values[:, 0].real,
-        "eigenvalue_1_imag": values[:, 0].imag,
-        "eigenvalue_2_real": values[:, 1].real,
-        "eigenvalue_2_imag": values[:, 1].imag,
-        "cone_status": cone.status,
-        "cone_opening_deg": np.degrees(np.where(cone.status == "ray", 0.0, cone.opening)),
-        "cone_axis_deg": np.degrees(cone.axis),
-    }
-    return pd.DataFrame(columns)
+REGIME_NAMES = np.array([regime.name.lower() for regime in Regime])
 
 
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
-    """Confine a polygon and load it; `marks` are A and end, of a loop of a snapshot start and end.
+    """Confine a polygon and load it; `marks` are I, A, B and end, of a snapshot's loop start too.
 
     Spectral events are of the subspaces.
 
@@ -268,11 +71,18 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
     [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
     """
     path, stages = follow_path(options, subspaces)
-    confined = np.flatnonzero(path.stage == 0)
-    first = {"A": int(confined[-1])} if options.confine > 0.0 and len(confined) else {}
+    marks, confined = dict[str, int](), np.flatnonzero(path.stage == 0)
     if isinstance(options, LoopOptions):
-        first = {"start": 0}
-    marks = {**first, "end": len(path) - 1}
+        marks["start"] = 0
+    elif options.confine > 0.0 and len(confined):
+        for event in path.of_kind("det_K_zero"):
+            if (event.subspace, event.stage) == (subspaces[0], 0) and not event.jump:
+                marks.setdefault("I", event.index)
+        marks["A"] = int(confined[-1])
+    slipped = first_yield(path, np.asarray(options.law().mu))
+    if slipped is not None:
+        marks["B"] = slipped.index
+    marks["end"] = len(path) - 1
     with np.errstate(invalid="ignore"):
         return Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
 
@@ -360,12 +170,11 @@ def polygon_table(found: Followed) -> pd.DataFrame:
     """Table of a polygon's path, one row per state.
 
     `stage, parameter`; `E1, E2, H12, H21`; stresses `s1, s2, s12, s21`; lists `N, T, regime` by
-    contact and `x, y` by grain; the tangent `A11_11 ..`; spectra and cone in (11, 22);
-    `lambda_min_*` and `unstable_fraction_*` of every subspace; `work` from outside and `dissipated`
-    over `kn` and the reference area, the path's `energy_error`, `imbalance`.
+    contact and `x, y` by grain; the tangent `A11_11 ..`; material and geometric part of K, spectra,
+    verdict and cone in (11, 22); `lambda_min_*` and `unstable_fraction_*` of every subspace; `work`
+    from outside and `dissipated` over `kn` and the reference area, `energy_error`, `imbalance`.
     """
     path, H, P = found.path, found.path.H, found.path.P
-    names = np.array([regime.name.lower() for regime in Regime])
     columns: dict[str, Any] = {
         "stage": found.stage,
         "parameter": path.parameter,
@@ -373,11 +182,12 @@ def polygon_table(found: Followed) -> pd.DataFrame:
         **{"s1": P[:, 0], "s2": P[:, 3], "s12": P[:, 1], "s21": P[:, 2]},
         "N": list(path.normal_force),
         "T": list(path.shear_force),
-        "regime": names[path.regime].tolist(),
+        "regime": REGIME_NAMES[path.regime].tolist(),
         "x": list(path.x[..., 0]),
         "y": list(path.x[..., 1]),
         **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
            for j, b in enumerate(COMPONENTS)},
+        **part_columns(**dict(zip(("Kmat", "Kgeo"), found.split, strict=True))),
         **found.plane,
         **found.subspaces,
         "work": path.work[:, 0] / path.volume,
@@ -399,26 +209,27 @@ def written_rows(found: Followed) -> Integers:
 
 
 def polygon_summary(found: Followed) -> Summary:
-    """Summary of the study, without its provenance; `states` are A and end."""
+    """Summary of the study, without its provenance; `states` are I, A, B and end."""
     path, options = found.path, found.options
     critical = thresholds(options)  # type: ignore[arg-type]
-    peak, states = found.peak, dict[str, Any]()
+    peak, states = found.peak, dict[str, Any].fromkeys(NAMED)
     for name, row in found.marks.items():
-        verdicts = {subspace: judge(path.A[row], subspace) for subspace in SUBSPACES}
-        states[name] = {
+        slides = found.sliding(name)
+        state = states[name] = {
             **{key: float(getattr(found, key)[row]) for key in ("E1", "E2", "s1", "s2")},
             "N": path.normal_force[row],
             "T": path.shear_force[row],
-            "det_K": float(found.det_K[row]),
-            "det_Ks": float(found.det_Ks[row]),
-            "eigenvalues_Ks": path.symmetric_eigenvalues[row],
-            "verdict": {
-                subspace: {"status": one.status, "mode": one.mode, "margin": one.margin}
-                for subspace, one in verdicts.items()
-            },
+            "regime": REGIME_NAMES[path.regime[row]].tolist(),
+            **_operators(path.A[row], found.parts(found.graph_at(row))),
+            "beyond": None,
+            "directions": found.degrees(name),
         }
+        if slides is not None and (slides.regime != path.regime[row]).any():
+            beyond = _operators(found.tangents(slides), found.parts(slides))
+            state["beyond"] = {"regime": REGIME_NAMES[slides.regime].tolist(), **beyond}
     return {
         "parameters": options.described(),
+        "reference_area": {"value": float(path.volume), "of": "the barely touching polygon"},
         "critical_strain": critical,
         "events": [event_values(found, event) for event in path.events],
         "peak": peak,
@@ -431,6 +242,13 @@ def polygon_summary(found: Followed) -> Summary:
         "notes": [*file_notes(options), *_notes(found, critical, peak)],
         "definitions": definitions("polygon"),
     }
+
+
+def _operators(A: Floats, parts: tuple[Floats, Floats]) -> dict[str, Any]:
+    """Operators of one state in (11, 22), and verdicts in every subspace."""
+    K = restrict(A, "diagonal")
+    values = operator_values(K, parts, np.linalg.det([[K], [symmetric_part(K)]]))
+    return values | {"verdict": {name: verdict_values(judge(A, name)) for name in SUBSPACES}}
 
 
 def event_lines(summary: Summary) -> list[str]:
@@ -513,33 +331,3 @@ def _notes(
     if path.of_kind("branching"):
         notes.append("other paths branch off: the path followed keeps the loop's symmetry")
     return notes
-
-
-# ---- polar diagrams
-
-
-def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
-    """Polar diagram of one operator, or of a given second-order work along its directions.
-
-    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
-    alone decides the sign of w2 in the kernel of K.
-    """
-    diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
-    stress = np.einsum("ij,nj->ni", K, diagram.direction)
-    annulled = np.linalg.norm(stress, axis=-1) <= RTOL * operator_norm(K)
-    work = np.where(annulled, 0.0, diagram.work if work is None else work)
-    outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
-    return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
-
-
-def polygon_diagrams(found: Followed, critical: float | None) -> dict[str, PolarDiagram]:
-    """Polar diagrams at the critical strain, if there is one, and at the named states."""
-    operators = {name: found.K[row] for name, row in found.marks.items()}
-    if critical:
-        o: PolygonOptions = found.options  # type: ignore[assignment]
-        loop, law = o.graph(critical), o.law()
-        loop = loop.replace(normal_force=law.normal_force(contact_state(loop)))
-        A = macroscopic_tangent(loop, law, o.closure, spins=o.spins).matrix
-        operators = {"critical": restrict(A, "diagonal"), **operators}
-    finite = {name: K for name, K in operators.items() if np.isfinite(K).all()}
-    return {name: operator_diagram(K) for name, K in finite.items()}

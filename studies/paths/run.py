@@ -11,7 +11,7 @@ from studies.paths.comparison import compare_orders
 from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamond
 from studies.paths.figures import comparison_figures, diamond_figures, polygon_figures
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
-from studies.paths.polygon import follow_polygon, polygon_diagrams, polygon_summary, polygon_table
+from studies.paths.polygon import follow_polygon, polygon_summary, polygon_table
 from studies.study import study
 
 
@@ -32,12 +32,12 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
 
 
 def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
-    """Follow a polygon and write `summary.json`, the table `path` and figures."""
+    """Follow a polygon and write `summary.json`, the tables `path` and `polar`, and figures."""
     with study("polygon", out, options.described(), UNITS["paths"], **how) as results:
         found = follow_polygon(options)
-        summary = results.write_results({"path": polygon_table(found)}, polygon_summary(found))
-        diagrams = polygon_diagrams(found, summary["critical_strain"]["diagonal"])
-        results.save_figures(polygon_figures(found, diagrams))
+        tables = {"path": polygon_table(found), "polar": found.polar_table()}
+        summary = results.write_results(tables, polygon_summary(found))
+        results.save_figures(polygon_figures(found))
     return summary
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from loops import Regime
 from patterns.diamond import drained_path, tangent
 from patterns.diamond.closed_form import work_compress_then_shear
 from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
@@ -292,7 +293,8 @@ def test_loading_direction_enters_the_cone_at_A():
 
 def test_polar_diagram_at_B_takes_the_regime_that_a_direction_activates():
     path = followed(table=2)
-    diagram, slides = path.diagrams["B"]
+    diagram, work, _ = path.directions["B"]
+    slides = (work.regime == Regime.SLIDING).all(axis=1)
     loading = np.radians(path.table["loading_alphaE_deg"][path.marks["B"] + 1])
     along = int(np.argmin(np.abs(diagram.angle - loading)))
     assert slides[along] and not slides[(along + 360) % 720]

@@ -10,8 +10,8 @@ from patterns import diamond
 from patterns.diamond.states import diamond_states
 from stability import restrict
 from studies.paths.diamond import follow_diamond, verification
+from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
-from studies.paths.polygon import operator_diagram
 from tests.studies.paths.followed import Confined, followed, summary_of
 
 

@@ -20,8 +20,8 @@ from studies.paths.figures import (
     draw_polar,
     draw_stress,
 )
+from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
-from studies.paths.polygon import operator_diagram
 from studies.paths.run import run_diamond
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
@@ -34,10 +34,10 @@ EVENT_KEYS = {
 STATE_KEYS = {
     "E1", "E2", "alpha_deg", "l", "N", "T", "s1", "s2", "det_K", "det_Ks", "regime",
     "K", "Kmat", "Kgeo", "Ks", "eigenvalues_K", "eigenvalues_Ks", "cone", "gaps", "verdict",
-    "generic", "work", "stored", "dissipated",
+    "generic", "work", "stored", "dissipated", "directions",
 }  # fmt: skip
 SUMMARY_KEYS = {
-    "parameters", "states", "events", "end", "model", "verification",
+    "parameters", "states", "events", "end", "model", "verification", "reference_area",
     "added_contact", "figures", "notes", "definitions", "provenance",
 }  # fmt: skip
 COLUMNS = {

@@ -1,18 +1,27 @@
 """`grainloops polygon`: what it writes, and what it finds."""
 
 import json
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError, love_weber_stress, macroscopic_tangent, traction_tangent
+from loops import (
+    InputError,
+    Scene,
+    contact_state,
+    love_weber_stress,
+    macroscopic_tangent,
+    traction_tangent,
+)
 from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_path
 from patterns.diamond import DiamondParameters
 from patterns.diamond import drained_path as exact_drained_path
-from stability import restrict, symmetric_spectrum
-from studies.paths.comparison import first_yield
+from stability import rates_at, restrict, symmetric_spectrum
+from stability.programmes import proportional_strain
+from studies.paths.followed import area_line, first_yield, state_lines
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -29,11 +38,12 @@ from studies.paths.polygon import (
     thresholds,
 )
 from studies.paths.run import run_comparison, run_polygon
+from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty
 
 SUMMARY_KEYS = {
     "critical_strain", "definitions", "events", "message", "model", "notes", "parameters", "peak",
-    "provenance", "rows", "states", "status", "verification",
+    "provenance", "reference_area", "rows", "states", "status", "verification",
 }  # fmt: skip
 EVENT_KEYS = {
     "kind", "subspace", "E1", "E2", "s1", "s2", "stage", "parameter", "contacts", "detail"
@@ -42,11 +52,14 @@ COLUMNS = {
     "stage", "parameter", "E1", "E2", "H12", "H21", "s1", "s2", "s12", "s21", "N", "T", "regime",
     "x", "y", "det_K", "det_Ks", "lambda_1", "lambda_2", "cone_status", "cone_opening_deg",
     "cone_axis_deg", "work", "dissipated", "energy_error", "imbalance", "A11_11", "A22_22",
-    "eigenvalue_1_real", "eigenvalue_2_imag",
+    "eigenvalue_1_real", "eigenvalue_2_imag", "status", "cone_edge_1_deg", "Kmat11", "Kgeo22",
     *(f"{name}_{subspace}" for name in ("lambda_min", "unstable_fraction")
       for subspace in ("diagonal", "symmetric", "full")),
 }  # fmt: skip
-FIGURES = ("loop", "stress_strain", "eigenvalues", "polar", "cone", "unstable_fraction")
+FIGURES = (
+    "loop", "stress_strain", "determinant", "eigenvalues", "split", "polar", "cone",
+    "unstable_fraction",
+)  # fmt: skip
 BAD = [
     ({"order": 2}, "--order"),
     ({"order": 2000}, "--order"),
@@ -77,7 +90,7 @@ def written(tmp_path_factory):
 
 def test_files(written):
     folder, _ = written
-    written = {"summary.json", "path.parquet", "path.csv"}
+    written = {"summary.json", "path.parquet", "path.csv", "polar.parquet", "polar.csv"}
     drawn = {f"{name}.png" for name in FIGURES}
     assert {file.name for file in folder.iterdir()} == written | drawn
     assert all((folder / name).stat().st_size > 500 for name in written)
@@ -96,7 +109,7 @@ def test_summary(written):
     assert all(difference[subspace] < 1e-13 for subspace in ("diagonal", "symmetric", "full"))
     assert read["verification"]["energy_error_max"] < 1e-13
     assert read["verification"]["imbalance_max"] < 1e-14
-    assert set(read["states"]) == {"A", "end"}
+    assert set(read["states"]) == {"I", "A", "B", "end"}
     assert read["states"]["A"]["verdict"]["diagonal"]["status"] == "unstable"
 
 
@@ -294,9 +307,9 @@ def test_relaxed_loops_are_stable_until_they_yield(order):
     """As the page on larger loops says of drained paths confined below the threshold."""
     given = PolygonOptions(order, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)
     found = follow_polygon(given, ("diagonal",))
-    first = first_yield(found)
-    assert found.path.H[first_loss(found), 0] >= first["E1"] - 1e-9
-    assert first["contacts"]
+    first = first_yield(found.path, found.options.mu)
+    assert found.path.H[first_loss(found), 0] >= first.H[0] - 1e-9
+    assert first.contacts
 
 
 def first_loss(found):
@@ -398,3 +411,97 @@ def test_rounded_positions_are_moved_until_they_fit_the_forces():
     x = ring_of_lengths(loop.x.round(7), wanted)
     assert np.hypot(*(np.roll(x, -1, axis=0) - x).T) == pytest.approx(wanted, rel=1e-15)
     assert np.abs(x - loop.x).max() < 1e-3 * loop.radii.mean()
+
+
+# ---- directions, parts of K, both sides of an event
+
+
+@pytest.fixture(scope="module")
+def pentagon():
+    """A relaxed pentagon that ends with four contacts sliding."""
+    given = PolygonOptions(5, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)
+    return follow_polygon(given, ("diagonal",))
+
+
+def test_polar_diagrams_have_the_regimes_that_directions_activate(pentagon):
+    """Unstable over 69 degrees of 360; with all contacts at yield sliding it would be 138."""
+    end = pentagon.directions["end"]
+    assert pentagon.degrees("end") == {
+        "unstable_deg": pytest.approx(69.0452524, abs=1e-6), "none_deg": 0.0, "several_deg": 0.0
+    }  # fmt: skip
+    assert 360.0 * float(end.share.sliding) == pytest.approx(138.0905048, abs=1e-6)
+    table = pentagon.polar_table().query("state == 'end'")
+    assert 0.5 * (table["w2"] < 0.0).sum() == pytest.approx(69.0, abs=0.51)
+    assert set(table["solutions"]) == {"unique"} and set(table["regime"]) == {"elastic", "sliding"}
+    # Along every sixtieth direction the rates of the loop itself, from a search of its own.
+    row, law = pentagon.marks["end"], pentagon.options.law()
+    scene = Scene(pentagon.graph_at(row), law)
+    for k in range(0, 720, 60):
+        programme = proportional_strain(*end.diagram.direction[k])
+        rates = rates_at(scene, programme, closure="traction", spins="blocked")
+        P = rates.stress_rate.ravel()[[0, 3]]
+        w2 = P @ end.diagram.direction[k] / np.linalg.norm(P)
+        assert rates.status == "unique"
+        assert end.diagram.work[k] == pytest.approx(w2, abs=1e-10)
+
+
+def test_states_of_a_polygon_have_both_sides_of_the_first_yield(pentagon):
+    summary = polygon_summary(pentagon)
+    states = summary["states"]
+    assert list(states) == ["I", "A", "B", "end"] and states["I"] is None
+    path, row = pentagon.path, pentagon.marks["B"]
+    for state, K in ((states["B"], pentagon.K[row]), (states["B"]["beyond"], pentagon.K[row + 1])):
+        np.testing.assert_allclose(state["K"], K, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(state["Kmat"] + state["Kgeo"], K, rtol=0, atol=1e-12)
+    assert states["B"]["verdict"]["diagonal"]["status"] == "stable"
+    assert states["B"]["beyond"]["verdict"]["diagonal"]["status"] == "unstable"
+    assert states["B"]["beyond"]["regime"].count("sliding") == 2 and path.regime[row].max() == 1
+    lines = state_lines(summary)
+    assert [line[:12].strip() for line in lines] == ["state A", "state B", "", "", "state end", ""]
+    assert "arriving: stable, no unstable direction" in lines[1]
+    assert "going on" in lines[2] and "42.35 degrees wide" in lines[2]
+    assert lines[-1].endswith("69.05 of 360 degrees unstable")
+
+
+def test_the_parts_of_K_are_those_of_the_paper():
+    """Of a diamond (27), (28), sliding and with an added contact; of branches that follow H.
+
+    Then the geometric part of a contact is `-N/l t(x)t + T/l n(x)t`.
+    """
+    for given in ({"table": 2}, {"table": 2, "contact_on_touch": "add"}):
+        found = followed(**given)
+        material, geometric = found.parts(found.graph_at(slice(None)))
+        np.testing.assert_allclose(material, found.states.material, rtol=0, atol=2e-15)
+        np.testing.assert_allclose(geometric, found.states.geometric, rtol=0, atol=2e-15)
+    given = PolygonOptions(5, kappa=0.3, phi_deg=20.0, end=0.45)
+    found = follow_polygon(given, ("diagonal",))
+    assert found.slides.any()
+    graph, (_, geometric) = found.graph_at(len(found.path) - 1), found.split
+    state, d0 = contact_state(graph), graph.reference_branches
+    turn = -state.normal_force[:, None] * state.t + state.shear_force[:, None] * state.n
+    blocks = np.einsum("ci,cj,c,ck,cl->ikjl", turn, state.t, 1 / state.length, d0, d0)
+    wanted = restrict(blocks.reshape(4, 4) / found.path.volume, "diagonal")
+    np.testing.assert_allclose(geometric[-1], wanted, rtol=0, atol=1e-14)
+
+
+def test_stresses_say_the_area_that_they_are_over():
+    """The rhombus of four grains, of which the paper takes twice the area."""
+    polygon = polygon_summary(follow_polygon(PolygonOptions(4, end=0.2), ("diagonal",)))
+    diamond = summary_of(table=1)
+    areas = [summary["reference_area"]["value"] for summary in (polygon, diamond)]
+    assert areas == [pytest.approx(1.0, rel=1e-15), pytest.approx(2.0, rel=1e-15)]
+    assert "polygon, an area of 1 l0^2" in area_line(polygon)
+    assert "L10 L20, twice the rhombus, an area of 2 l0^2" in area_line(diamond)
+
+
+def test_a_state_with_many_contacts_at_yield_has_no_directions():
+    """More than 256 combinations of regimes are not tried: nine contacts, each slides or sticks."""
+    how = {"closure": "traction", "confine": 0.0, "programme": "isotropic", "end": 0.05}
+    given = PolygonOptions(9, kappa=0.3, phi_deg=20.0, **how)
+    found = follow_polygon(given, ("diagonal",))
+    row, path = len(found.path) - 1, found.path
+    slipping = 0.36397023426620234 * path.normal_force
+    found = replace(found, path=replace(path, shear_force=slipping), marks={"end": row})
+    assert found.directions == {} and found.degrees("end") is None
+    assert len(found.polar_table()) == 0
+    assert state_lines(polygon_summary(found))[0].startswith("state end")

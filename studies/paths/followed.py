@@ -1,0 +1,449 @@
+"""A loop followed through its programme: rows, named states, operators, work in all directions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from loops import (
+    GrainGraph,
+    InputError,
+    Regime,
+    Scene,
+    boundary_of,
+    macroscopic_tangent,
+)
+from loops.arrays import Flags, Floats, Integers
+from loops.closures import Closure
+from stability import (
+    RTOL,
+    BranchFraction,
+    DirectionalWork,
+    Event,
+    PolarDiagram,
+    Verdict,
+    branch_fraction,
+    directional_work,
+    follow,
+    judge,
+    operator_norm,
+    plane_cone,
+    polar_diagram,
+    restrict,
+    spectrum,
+    statuses,
+    symmetric_part,
+    symmetric_spectrum,
+    unstable_fraction,
+)
+from stability import Path as LoopPath
+from studies.output import Summary
+from studies.paths.options import DiamondOptions, PolygonOptions
+
+SUBSPACES = ("diagonal", "symmetric", "full")
+# States named in every study: det K = 0 in the confinement, its end, the first yield.
+NAMED = ("I", "A", "B")
+# A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
+TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
+# A path of so many steps is given up with the status `lost`.
+PATH_STEPS = 2000
+# Contacts are at yield if |T| lacks at most this share of mu N.
+YIELD_RTOL = 1e-9
+# Slopes of s1 over E1 up to this are zero.
+SLOPE_ATOL = 1e-10
+# Differences of E1 or s1 up to this are zero.
+STEP_ATOL = 1e-12
+# Directions of a polar diagram: one each half degree.
+DIRECTIONS = 720
+# Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
+RADIUS = 2.0
+# Words of a cone without a width, and columns of one with it.
+CONES = {
+    "empty": "no unstable direction",
+    "ray": "second-order work vanishes in one direction",
+}
+# Share of a shear force that keeps its sign, and with it the side on which a contact slides.
+SIGN_ALONE = 1e-200
+# Grains with free spins up to which the parts of K are told: their systems are not sparse.
+MOST_SPLIT = 60
+
+
+class Directions(NamedTuple):
+    """Second-order work of a state in every direction of (11, 22), in the regimes it activates.
+
+    `diagram`: Polar diagram, of several solutions that of the smallest work; `work`, `share`: The
+    rate problem in these directions, and the shares of all directions, exact.
+    """
+
+    diagram: PolarDiagram
+    work: DirectionalWork
+    share: BranchFraction
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A path of a loop; E1, E2 are H11, H22, and s1, s2 are P11, P22.
+
+    `stages` are names; `marks` are rows by name; `K (R, 2, 2)` is the tangent in (11, 22), NaN
+    where it is not known.
+    """
+
+    options: DiamondOptions | PolygonOptions
+    path: LoopPath
+    stages: tuple[str, ...]
+    marks: dict[str, int]
+    K: Floats
+    det_K: Floats
+    det_Ks: Floats
+
+    @property
+    def E1(self) -> Floats:
+        """(R,) H11."""
+        return self.path.H[:, 0]
+
+    @property
+    def E2(self) -> Floats:
+        """(R,) H22."""
+        return self.path.H[:, 3]
+
+    @property
+    def s1(self) -> Floats:
+        """(R,) P11."""
+        return self.path.P[:, 0]
+
+    @property
+    def s2(self) -> Floats:
+        """(R,) P22."""
+        return self.path.P[:, 3]
+
+    @cached_property
+    def stage(self) -> NDArray[np.str_]:
+        """(R,) name of each row's stage."""
+        return np.array(self.stages)[self.path.stage]
+
+    @cached_property
+    def slides(self) -> Flags:
+        """(R,) whether a contact slides."""
+        return np.asarray((self.path.regime == Regime.SLIDING).any(axis=1))
+
+    @cached_property
+    def opens(self) -> Flags:
+        """(R,) whether a contact of the loop has opened."""
+        ring = self.path.regime[:, : len(self.path.x[0])]
+        return (ring == Regime.OPEN).any(axis=1) & (np.arange(len(self.path)) > 0)
+
+    @property
+    def loading(self) -> Integers:
+        """Rows of the programme that follows the confinement."""
+        return np.flatnonzero(self.path.stage == len(self.stages) - 1)
+
+    @cached_property
+    def direction(self) -> Floats:
+        """(R, 2) direction of the path `(E1', E2')`, of unit length; NaN where it stands still."""
+        rate = self.path.H_rate[:, [0, 3]]
+        size = np.linalg.norm(rate, axis=-1, keepdims=True)
+        return rate / np.where(size > 0.0, size, np.nan)
+
+    @cached_property
+    def jumps(self) -> Integers:
+        """Rows before which the regimes change and the operator jumps."""
+        regime = self.path.regime
+        return np.flatnonzero((regime[1:] != regime[:-1]).any(axis=1)) + 1
+
+    @cached_property
+    def peak(self) -> dict[str, float] | None:
+        """Largest axial stress of the loading stage; None if s1 only falls, or rises to the end.
+
+        It is a row where the response turns over at an event, else it lies between that row and its
+        neighbour on the rising side, on the cubic through their values and slopes.
+
+        >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
+        >>> round(found.peak["E1"], 6)
+        0.132639
+        """
+        path, rows, s1 = self.path, self.loading, self.s1[self.loading]
+        # A state recorded twice, before and after a change of regime, counts once.
+        if len(rows) == 0 or s1.max() <= max(s1[0], s1[-1]) + STEP_ATOL:
+            return None
+        row = int(rows[np.argmax(s1)])
+        at_row = {name: float(getattr(self, name)[row]) for name in ("E1", "E2", "s1")}
+        rate = path.H_rate[row, 0]
+        if abs(rate) < STEP_ATOL or abs(path.P_rate[row, 0] / rate) < SLOPE_ATOL:
+            return at_row
+        a, b = (row, row + 1) if path.P_rate[row, 0] > 0.0 else (row - 1, row)
+        rates, E1 = path.H_rate[[a, b]], path.H[[a, b], 0]
+        onward = E1[1] - E1[0] >= STEP_ATOL and (rates[:, 0] > STEP_ATOL).all()
+        if path.stage[a] != path.stage[b] or not onward:
+            return at_row
+        # Loaded here: slow to import, and few paths need it.
+        from scipy.interpolate import CubicHermiteSpline
+
+        axial = CubicHermiteSpline(E1, path.P[[a, b], 0], path.P_rate[[a, b], 0] / rates[:, 0])
+        lateral = CubicHermiteSpline(E1, path.H[[a, b], 3], rates[:, 3] / rates[:, 0])
+        inner = [x for x in axial.derivative().roots(extrapolate=False) if np.isfinite(x)]
+        if not inner:
+            return at_row
+        best = max(inner, key=lambda x: float(axial(x)))
+        return {"E1": float(best), "E2": float(lateral(best)), "s1": float(axial(best))}
+
+    @property
+    def gaps(self) -> tuple[Floats, Floats] | None:
+        """Gaps (R,) between opposite grains of a diamond; None for other loops."""
+        return None
+
+    def broken(self, values: Floats) -> Floats:
+        """One column or several with a NaN at each jump, which interrupts a drawn line."""
+        return np.insert(np.asarray(values, dtype=float), self.jumps, np.nan, axis=0)
+
+    @property
+    def closure(self) -> Closure:
+        """Closure under which directions are looked at."""
+        return self.options.closure
+
+    def graph_at(self, rows: Integers | slice | int) -> GrainGraph:
+        """The loop at rows, with their forces and regimes."""
+        path, graph = self.path, self.options.graph()
+        forces = {name: getattr(path, name)[rows] for name in ("normal_force", "shear_force")}
+        return GrainGraph(x=path.x[rows], x0=graph.x0, radii=graph.radii, contacts=path.contacts,
+                          regime=path.regime[rows], **forces)  # fmt: skip
+
+    def tangents(self, graph: GrainGraph, closure: Closure | None = None) -> Floats:
+        """Tangents (..., 4, 4) of loops in the regimes that they carry."""
+        o = self.options
+        closure = closure or o.closure
+        return macroscopic_tangent(graph, o.law(), closure, spins=o.spins, volume=o.volume).matrix
+
+    def parts(self, graph: GrainGraph) -> tuple[Floats, Floats]:
+        """Part of K that the contacts have without their forces, and what the forces add."""
+        forces = {"normal_force": 0.0 * graph.normal_force,
+                  "shear_force": SIGN_ALONE * graph.shear_force}  # fmt: skip
+        bare = graph.replace(**forces, regime=graph.regime)
+        material, K = (restrict(self.tangents(one), "diagonal") for one in (bare, graph))
+        return material, K - material
+
+    @cached_property
+    def split(self) -> tuple[Floats, Floats]:
+        """Parts (R, 2, 2) of K along the path, material and geometric; NaN where not computed."""
+        if self.options.spins == "free" and len(self.path.x[0]) > MOST_SPLIT:
+            return np.full_like(self.K, np.nan), np.full_like(self.K, np.nan)
+        return self.parts(self.graph_at(slice(None)))
+
+    @cached_property
+    def directions(self) -> dict[str, Directions]:
+        """Work in all directions at the named states, unless combinations of regimes are many."""
+        found, options = dict[str, Directions](), self.options
+        for name, row in self.marks.items():
+            graph, grid = self.graph_at(row), operator_diagram(self.K[row])
+            about: Any = {"spins": options.spins, "volume": options.volume}
+            about |= {"closure": self.closure, "regime": self.path.regime[row]}
+            with suppress(InputError):
+                work = directional_work(graph, options.law(), grid.direction, **about)
+                share = branch_fraction(graph, options.law(), **about)
+                diagram = operator_diagram(self.K[row], work.normalised[:, 0])
+                found[name] = Directions(diagram, work, share)
+        return found
+
+    def sliding(self, name: str) -> GrainGraph | None:
+        """A named state with all contacts at yield sliding; None if none is at yield."""
+        edge = self.directions[name].work.edge if name in self.directions else None
+        if edge is None or not edge.at_yield.any():
+            return None
+        regime = np.where(edge.at_yield, Regime.SLIDING, edge.regime)
+        return self.graph_at(self.marks[name]).replace(regime=regime)
+
+    def polar_table(self) -> pd.DataFrame:
+        """Normalised second-order work in every direction at the named states (45).
+
+        `alphaE_deg`, `tan(alphaE) = E1'/E2'`; `w2`; `x, y`, the points of the polar diagram,
+        `(2 + w2) (cos alphaE, sin alphaE)`; `regime` that the direction activates, 'sliding' where
+        a contact slides, else 'open' where one of the ring is; `solutions`: unique, several, none.
+        """
+        names = ("state", "alphaE_deg", "w2", "x", "y", "regime", "solutions")
+        empty = pd.DataFrame(columns=names).astype(dict.fromkeys(names[1:5], float))
+        tables, ring = [empty], len(self.path.x[0])
+        for state, (diagram, work, _) in self.directions.items():
+            slips = (work.regime == Regime.SLIDING).any(axis=1)
+            opens = (work.regime[:, :ring] == Regime.OPEN).any(axis=1)
+            kinds = [work.status == "none", slips, opens]
+            regime = np.select(kinds, ["none", "sliding", "open"], "elastic")
+            angle, (x, y) = np.degrees(diagram.angle), diagram.points.T
+            values = (state, angle, diagram.work, x, y, regime, work.status)
+            tables.append(pd.DataFrame(dict(zip(names, values, strict=True))))
+        return pd.concat(tables[1:] or tables, ignore_index=True)
+
+    def degrees(self, name: str) -> dict[str, float] | None:
+        """Degrees of 360 with negative work, without and with several solutions, at a state."""
+        kinds = ("unstable", "none", "several")
+        if name not in self.directions:
+            return None
+        share = self.directions[name].share
+        return {f"{kind}_deg": 360.0 * float(getattr(share, kind)) for kind in kinds}
+
+    @cached_property
+    def plane(self) -> pd.DataFrame:
+        """Spectra and cone in (11, 22) of every row, see `plane_columns`."""
+        return plane_columns(self.K, self.det_K, self.det_Ks)
+
+    @cached_property
+    def subspaces(self) -> pd.DataFrame:
+        """`lambda_min_*` and `unstable_fraction_*` of every subspace at every row."""
+        columns: dict[str, Floats] = {}
+        for subspace in SUBSPACES:
+            # Eigenvalues within the round-off of the norm are zero.
+            K = restrict(self.path.A, subspace)
+            values = symmetric_spectrum(K)
+            values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
+            columns[f"lambda_min_{subspace}"] = values[:, 0]
+            columns[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
+        return pd.DataFrame(columns)
+
+
+def follow_path(
+    options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
+) -> tuple[LoopPath, tuple[str, ...]]:
+    """Path of a study, with the spectral events of every subspace, and the names of its stages."""
+    names, stages = zip(*options.stages(), strict=True)
+    graph = options.graph()
+    path = follow(
+        Scene(graph, options.law(), boundary_of(graph, volume=options.volume)),
+        stages,
+        closure=options.closure,
+        spins=options.spins,
+        subspace=subspaces,
+        contact_on_touch=options.contact_on_touch,
+        **TOLERANCES,
+        max_steps=PATH_STEPS,
+        rows=options.rows,
+        model=options.model,
+    )
+    return path, names
+
+
+def first_yield(path: LoopPath, mu: Floats | float) -> Event | None:
+    """First event at which contacts reach `|T| = mu N`, a control limit where it ends the path."""
+    friction = np.broadcast_to(np.asarray(mu, dtype=float), path.regime.shape[1])
+    for event in path.events:
+        contacts, reached = list(event.contacts), event.kind == "yield"
+        if event.kind == "control_limit" and contacts:
+            N, T = (force[event.index, contacts] for force in (path.normal_force, path.shear_force))
+            least = np.maximum(friction[contacts] * N * (1.0 - YIELD_RTOL), STEP_ATOL)
+            reached = bool((np.abs(T) >= least).all())
+        if reached:
+            return event
+    return None
+
+
+def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
+    """Determinants, eigenvalues of Ks (ascending) and of K, verdict and cone in (11, 22).
+
+    A cone that closes within the tolerance is a single direction, of opening 0.
+    """
+    values, symmetric, cone = spectrum(K), symmetric_spectrum(K), plane_cone(K)
+    ray = cone.status == "ray"
+    edges = np.degrees(np.where(ray[:, None], cone.axis[:, None], cone.edges))
+    opening = np.degrees(np.where(ray, 0.0, cone.opening))
+    columns = {
+        "det_K": det_K,
+        "det_Ks": det_Ks,
+        "lambda_1": symmetric[:, 0],
+        "lambda_2": symmetric[:, 1],
+        **{f"eigenvalue_{k + 1}_{part}": getattr(values[:, k], part)
+           for k in (0, 1) for part in ("real", "imag")},
+        "status": statuses(symmetric[:, 0], operator_norm(K)),
+        "cone_status": cone.status,
+        "cone_opening_deg": opening,
+        "cone_axis_deg": np.degrees(cone.axis),
+        "cone_edge_1_deg": edges[:, 0],
+        "cone_edge_2_deg": edges[:, 1],
+        "unstable_fraction": opening / 180.0,
+    }  # fmt: skip
+    return pd.DataFrame(columns)
+
+
+def part_columns(**parts: Floats) -> dict[str, Floats]:
+    """Columns of operators (R, 2, 2) by their components."""
+    return {f"{name}{i + 1}{j + 1}": part[:, i, j]
+            for name, part in parts.items() for i in (0, 1) for j in (0, 1)}  # fmt: skip
+
+
+def operator_values(
+    K: Floats, parts: tuple[Floats, Floats], determinants: Floats
+) -> dict[str, Any]:
+    """Operators of one state with their spectra, cone and verdict in (11, 22).
+
+    `determinants` (2, 1): Of K and of Ks.
+    """
+    verdict, plane = judge(K), plane_columns(K[None], *determinants).iloc[0]
+    return {
+        **{name: float(plane[name]) for name in ("det_K", "det_Ks")},
+        "K": K,
+        "Kmat": parts[0],
+        "Kgeo": parts[1],
+        "Ks": symmetric_part(K),
+        "eigenvalues_K": [[float(one.real), float(one.imag)] for one in verdict.eigenvalues],
+        "eigenvalues_Ks": verdict.symmetric_eigenvalues,
+        "cone": {
+            "status": plane["cone_status"],
+            "edges_deg": [float(plane[f"cone_edge_{k}_deg"]) for k in (1, 2)],
+            **{f"{name}_deg": float(plane[f"cone_{name}_deg"]) for name in ("opening", "axis")},
+            "unstable_fraction": float(plane["unstable_fraction"]),
+        },
+        "verdict": verdict_values(verdict),
+    }
+
+
+def verdict_values(verdict: Verdict) -> dict[str, Any]:
+    """A verdict as plain values."""
+    names = ("status", "mode", "margin", "tolerance", "witness")
+    return {name: getattr(verdict, name) for name in names}
+
+
+def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
+    """Polar diagram of one operator, or of a given second-order work along its directions.
+
+    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
+    alone decides the sign of w2 in the kernel of K.
+    """
+    diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
+    stress = np.einsum("ij,nj->ni", K, diagram.direction)
+    annulled = np.linalg.norm(stress, axis=-1) <= RTOL * operator_norm(K)
+    work = np.where(annulled, 0.0, diagram.work if work is None else work)
+    outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
+    return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
+
+
+def state_lines(summary: Summary) -> list[str]:
+    """Lines of the named states, with both sides of an event at which contacts start to slide."""
+    lines = []
+    for name, state in ((name, one) for name, one in summary["states"].items() if one):
+        place = f"state {name:<6} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
+        beyond, activated = state.get("beyond"), state["directions"]
+        lines.append(f"{place}{'arriving: ' if beyond else ''}{_stability(state)}")
+        if beyond:
+            lines.append(f"{'':12} going on, contacts at yield sliding: {_stability(beyond)}")
+        if activated and (beyond or "sliding" in np.ravel(state["regime"])):
+            lines.append(
+                f"{'':12} in the regimes that each direction activates: "
+                f"{activated['unstable_deg']:.2f} of 360 degrees unstable"
+            )
+    return lines
+
+
+def _stability(operators: Mapping[str, Any]) -> str:
+    """Verdict and cone of one operator in (11, 22)."""
+    cone, verdict = operators["cone"], operators["verdict"]
+    wide = f"double cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
+    return f"{verdict.get('diagonal', verdict)['status']}, {CONES.get(cone['status'], wide)}"
+
+
+def area_line(summary: Summary) -> str:
+    """The area that stresses are over."""
+    area = summary["reference_area"]
+    return f"s1, s2: nominal stress over kn and {area['of']}, an area of {area['value']:.6g} l0^2"
