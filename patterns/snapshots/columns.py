@@ -8,9 +8,12 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from loops import InputError
+from loops.arrays import Floats
 from patterns.snapshots.tables import Table, listed
 
 # Powers of length, force and time.
@@ -89,6 +92,13 @@ WALLS = {"id": GRAINS["id"], **{name: CONTACTS[name] for name in OF_WALLS}, **SP
 KINDS = {"grains": GRAINS, "contacts": CONTACTS, "walls": WALLS}
 # All names that a column map may give.
 PLAIN_NAMES = tuple(dict.fromkeys([*GRAINS, *CONTACTS]))
+
+
+def components(name: str, values: Floats) -> dict[str, NDArray[Any]]:
+    """Columns of a vector by plain names, `@` is the axis: `values` (rows, 2 or 3)."""
+    return {name.replace("@", axis): own for axis, own in zip("xyz", values.T, strict=False)}
+
+
 NONE = "none"  # entry of a column map for a column that the file lacks
 
 # Vectors among them, and axial ones: `@` is the axis.

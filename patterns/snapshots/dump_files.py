@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers
-from patterns.snapshots.columns import names_beside
+from patterns.snapshots.columns import components, names_beside
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
     Frame,
@@ -348,69 +348,30 @@ def gaps(atoms: Atoms, pairs: GrainPairs) -> Floats:
     return np.asarray(np.hypot(pairs.d[:, 0], pairs.d[:, 1]) - reach)
 
 
-class Forces(NamedTuple):
-    """Forces on the second grain of each pair, (C, 2) or None; `normal` is the part along n."""
-
-    total: Floats | None
-    normal: Floats | None = None
-
-    @property
-    def any(self) -> Floats | None:
-        """The total forces, else the normal forces, else None."""
-        return self.normal if self.total is None else self.total
-
-
-class Wall(NamedTuple):
-    """Contacts of one wall: indices of the `grains` (W,), forces on them and branches (W, 2).
-
-    Branches go from the foot on the wall to the centre (length).
-    """
-
-    grains: Integers
-    force: Floats
-    branch: Floats
-
-
 def frame_of_pairs(
     listings: tuple[Listing, Listing],
     atoms: Atoms,
     space: Space,
     pairs: GrainPairs,
-    forces: Forces,
-    walls: Sequence[Wall] = (),
+    forces: Mapping[str, Floats],
+    walls: Mapping[str, NDArray[Any]] | None = None,
     notes: Sequence[str] = (),
 ) -> Frame:
-    """Plain tables of grains and of the pairs; ids of walls are below theirs."""
-    below = min(0, int(atoms.ids.min(initial=0))) - 1 - np.arange(len(walls))
-    columns = {"x": atoms.x[:, 0], "y": atoms.x[:, 1], "radius": atoms.radii}
+    """Plain tables of grains, of the pairs with the columns of their forces, and of walls."""
+    grains = components("@", atoms.x) | {"id": atoms.ids, "radius": atoms.radii}
     if atoms.z is not None:
-        columns["z"] = atoms.z
-    none = np.zeros(len(walls))
-    grains: dict[str, NDArray[np.generic]] = {
-        "id": np.append(atoms.ids, below),
-        "type": np.repeat([0, 1], [len(atoms.ids), len(walls)]),
-        **{name: np.append(values, none) for name, values in columns.items()},
-    }
-    # Contacts between grains, then those with walls.
-    ones = [np.full(len(wall.grains), own) for own, wall in zip(below, walls, strict=True)]
-    d = np.concatenate([pairs.d, *[wall.branch for wall in walls]])
-    contacts: dict[str, NDArray[np.generic]] = {
-        "id1": np.concatenate([atoms.ids[pairs.i], *ones]),
-        "id2": np.concatenate([atoms.ids[pairs.j], *[atoms.ids[wall.grains] for wall in walls]]),
-        "branch_x": d[:, 0],
-        "branch_y": d[:, 1],
-    }
-    if forces.any is not None:
-        force = np.concatenate([forces.any, *[wall.force for wall in walls]])
-        if forces.total is None:
-            contacts["fn"] = np.einsum("ck,ck->c", force, normals(d))
-        else:
-            contacts |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
-    tables = Table(listings[0].where, grains), Table(listings[1].where, contacts)
+        grains["z"] = atoms.z
+    contacts = components("branch_@", pairs.d) | dict(forces)
+    contacts |= {"id1": atoms.ids[pairs.i], "id2": atoms.ids[pairs.j]}
+    own, local = (listing.where for listing in listings)
     periodic = space.periodic if space.cell is not None else (True, True)
     of_plane = [plane_note("xyz"[3 - sum(atoms.axes)])] if atoms.axes != [0, 1] else []
-    step, said = float(listings[0].step), (*notes, *of_plane)
-    return Frame(*tables, space.cell, step, said, periodic=periodic, has_types=True)
+    return Frame(
+        *(Table(own, grains), Table(local, contacts), space.cell, listings[0].step),
+        (*notes, *of_plane),
+        walls=None if walls is None else Table(own, walls),
+        periodic=periodic,
+    )
 
 
 Map = dict[str, str]

@@ -5,23 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.columns import check_names
+from patterns.snapshots.columns import check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     NONE,
     PAIR_REACH,
     Atoms,
     DumpFrame,
-    Forces,
     GrainPairs,
     Map,
     Space,
-    Wall,
     find_ids,
     frame_of_pairs,
     frames_of_dumps,
@@ -211,17 +211,18 @@ def lammps_frames(source: Source) -> Frames:
         space = space_of(own.box, atoms, source)
         columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
         # On grain 2: the opposite of the forces on atom 1.
-        forces = Forces(None)
+        forces: dict[str, Floats] = {}
         force_notes: Notes = ()
         if normal is not None and shear is not None:
-            forces, force_notes = Forces(-(normal + shear)), (DAMPING,)
+            forces, force_notes = components("f@_on_2", -(normal + shear)), (DAMPING,)
         elif normal is not None:
             missing = (
                 "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
             )
-            forces, force_notes = Forces(None, -normal), (DAMPING, missing)
+            forces = {"fn": -np.einsum("ck,ck->c", normal, normals(pairs.d))}
+            force_notes = (DAMPING, missing)
         walls, wall_notes = read_walls(own, atoms, source.columns)
-        if not walls and not all(space.periodic):
+        if walls is None and not all(space.periodic):
             wall_notes = ("no columns of walls: their forces are unknown",)
         found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
         shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
@@ -321,22 +322,22 @@ def _find_forces(search: ColumnSearch, pairs: GrainPairs) -> tuple[Floats | None
 
 # Columns of the fix: flag, force on the atom, contact point.
 WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
-WALL_NUMBERS = ("1", "2", "3", "5", "6")
 # Largest distance of the foot on a wall outside a grain over its radius: rounding of text.
 FOOT_TOLERANCE = 1e-3
 
 
 def read_walls(
     frame: DumpFrame, atoms: Atoms, columns: Mapping[str, str]
-) -> tuple[tuple[Wall, ...], tuple[str, ...]]:
-    """Contacts with walls from the dump of atoms.
+) -> tuple[dict[str, NDArray[Any]] | None, Notes]:
+    """Columns of contacts with walls from the dump of atoms, and a note; None without any.
 
     A fix f with the columns `f_f[1]` (in contact or not), `f_f[2], f_f[3]` (force on the atom),
     `f_f[5], f_f[6]` (contact point) is a wall if its points lie within the grains.
     """
     mapped = [columns[name] for name in WALL_NAMES if name in columns]
     found = [match for name in frame.names if (match := re.fullmatch(r"(f_\w+)\[\d+\]", name))]
-    each = {match[1]: [f"{match[1]}[{k}]" for k in WALL_NUMBERS] for match in found}
+    places = (1, *(2 + axis for axis in atoms.axes), *(5 + axis for axis in atoms.axes))
+    each = {match[1]: [f"{match[1]}[{k}]" for k in places] for match in found}
     sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
     if mapped:
         if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
@@ -353,12 +354,14 @@ def read_walls(
         length = np.hypot(*branch.T)
         inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
         if (flag >= 0).all() and inside.all() and np.sum(force * branch) >= 0:
-            walls.append(Wall(grains, force, branch))
+            walls.append(np.column_stack([grains, force, branch]))
             notes.append(f"{fix} ({len(grains)} contacts)")
         elif mapped:
             where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
             expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"
             raise InputError(where, "contact points beyond their grains", expected, remedy)
     if not notes:
-        return (), ()
-    return tuple(walls), (f"walls recognised: {', '.join(notes)}",)
+        return None, ()
+    rows, said = np.concatenate(walls), (f"walls recognised: {', '.join(notes)}",)
+    own = {"id": atoms.ids[rows[:, 0].astype(np.int64)], **components("f@", rows[:, 1:3])}
+    return (own | components("branch_@", rows[:, 3:]) if len(rows) else None), said

@@ -9,13 +9,12 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
-from patterns.snapshots.columns import check_names, names_beside
+from patterns.snapshots.columns import check_names, components, names_beside
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     NONE,
     Atoms,
     DumpFrame,
-    Forces,
     GrainPairs,
     Map,
     Space,
@@ -90,7 +89,8 @@ def liggghts_frames(source: Source) -> Frames:
         pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
         if not all(space.periodic):
             said = (*said, NO_WALLS)
-        forces = Forces(None if contacts.force is None else -contacts.force)
+        force = contacts.force
+        forces = {} if force is None else components("f@_on_2", -force)
         return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
 
     return frames_of_dumps(source, read)

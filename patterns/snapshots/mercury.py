@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -11,21 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import InputError
-from loops.arrays import Floats, Integers
-from patterns.snapshots.dump_files import (
-    Atoms,
-    Forces,
-    GrainPairs,
-    Space,
-    Wall,
-    frame_of_pairs,
-    normals,
-    pairs_of,
-)
+from patterns.snapshots.columns import components
 from patterns.snapshots.files import Text, line_at, open_text
-from patterns.snapshots.findings import rounding
-from patterns.snapshots.frame import Frame, Frames, Listing, Notes, Source, contacts_path, paired
-from patterns.snapshots.geometry import axis_across
+from patterns.snapshots.frame import (
+    Frame,
+    Frames,
+    Listing,
+    Notes,
+    Source,
+    contacts_path,
+    frame_of_tables,
+    paired,
+)
 from patterns.snapshots.tables import Table
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
@@ -139,11 +135,8 @@ def _fstat_listings(path: Path, text: Text) -> Iterator[Listing]:
         at = stop
 
 
-# Times of the two files are printed alike; normals lie along the branches within six digits.
+# Times of the two files are printed alike.
 TIME_TOLERANCE = 1e-6
-NORMAL_TOLERANCE = 1e-3
-# Overlaps fit radii and distances to this share of the sum of the radii: text of five digits.
-OVERLAP_TOLERANCE = 1e-4
 
 
 def is_mercury(path: Path, head: bytes) -> bool:
@@ -174,94 +167,45 @@ def mercury_frames(source: Source) -> Frames:
 
 
 def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
-    # Grains, and the two axes of their plane.
-    names = [axis for axis in "xyz" if axis in data.names]
-    found = data.read([*names, "radius"])
-    radii, place = found.column("radius"), {axis: found.column(axis) for axis in names}
-    across = axis_across(place, radii, data.where)
-    axes = "xyz".replace("xyz"[across], "")
-    numbers = ["xyz".index(axis) for axis in axes]
-    depth = place.get("xyz"[across])
-    atoms = Atoms(np.arange(len(found)), found.columns(*axes), radii, depth, numbers)
-    space = Space(source.cell, source.periodic or (True, True))
-    table = fstat.read(FSTAT_COLUMNS[1:])
+    axes = "xyz" if "z" in data.names else "xy"
+    grains, table = data.read([*axes, "radius"]), fstat.read(FSTAT_COLUMNS[1:])
+    x, radii = grains.columns(*axes), grains.column("radius")
     i, j = table.integers("i"), table.integers("j")
     highest = np.maximum(i, j)
     row = int(np.argmax(highest))
-    if highest[row] >= len(atoms.ids) or i.min() < 0:
+    if highest[row] >= len(radii) or i.min() < 0:
         raise InputError(
             f"{table.path}, row {row}",
             f"grains {i[row]} and {j[row]}",
-            f"grains 0 to {len(atoms.ids) - 1} of the .data file, walls negative in the second",
+            f"grains 0 to {len(radii) - 1} of the .data file, walls negative in the second",
             "Higher numbers are ghosts of a periodic border, as old versions of MercuryDPM write: "
             "run a later version, or export plain tables.",
         )
-    # Force on the first body of each row; at walls its sign follows from the contact point.
-    n, t = (table.columns(*(f"{v}{a}" for a in axes)) for v in "nt")
-    force = table.column("fn")[:, None] * n + table.column("ft")[:, None] * t
-    between = np.flatnonzero(j >= 0)
-    normal = -n[between]
-    # Normals of grains point from the second to the first, of walls from the grain to the wall.
-    reach = atoms.radii[i[between]] + atoms.radii[j[between]] - table.column("delta")[between]
-    pairs = pairs_of(atoms, space, i[between], j[between], reach[:, None] * normal)
-    _check_centres(table, between, pairs, normal, reach, rounding(atoms.x))
-    walls = _walls(table, atoms, axes, i, j, force)
+    n, t, point = (table.columns(*(f"{v}{a}" for a in axes)) for v in "ntc")
+    between = j >= 0
+    # Normals and forces are those of the first body, from the second one; of walls normal and
+    # tangent may be reversed: their sign follows from the contact point.
+    inwards = np.sign(np.einsum("ck,ck->c", x[i] - point, n))
+    sign = np.where(between, -1.0, inwards)[:, None]
+    reach = radii[i] + np.where(between, radii[j], 0.0) - table.column("delta")
+    force = sign * (table.column("fn")[:, None] * n + table.column("ft")[:, None] * t)
+    n = sign * n
+
+    branch = components("branch_@", reach[:, None] * n)
+    contacts = components("f@_on_2", force) | components("n@", n) | branch
+    bodies = {"id": np.arange(len(x)), "radius": radii} | components("@", x)
+    tables = {
+        "grains": Table(data.where, bodies),
+        "contacts": Table(fstat.where, {"id1": i, "id2": j} | contacts).take(between),
+    }
+    if not between.all():
+        walls = np.flatnonzero(~between)[np.argsort(-j[~between], kind="stable")]
+        columns = {"id": i} | components("f@", force) | branch
+        tables["walls"] = Table(fstat.where, columns).take(walls)
     if source.cell is None:
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
-    if walls:
-        counts = ", ".join(f"{-1 - k} ({len(w.grains)} contacts)" for k, w in enumerate(walls))
-        notes = (*notes, f"walls: {counts}")
-    forces = Forces(-force[between])
-    frame = frame_of_pairs((data, fstat), atoms, space, pairs, forces, walls, notes)
-    return replace(frame, time=data.step)
-
-
-def _check_centres(
-    table: Table, rows: Integers, pairs: GrainPairs, normal: Floats, reach: Floats, coarse: float
-) -> None:
-    """Refuse normals, or distances `reach` by the overlaps, that the centres contradict."""
-    d, distance = normals(pairs.d), np.hypot(*pairs.d.T)
-    off_normal, off_reach = np.hypot(*(normal - d).T), np.abs(distance - reach)
-    turned = np.flatnonzero(~(off_normal <= NORMAL_TOLERANCE))
-    apart = np.flatnonzero(~(off_reach <= OVERLAP_TOLERANCE * reach + 4 * coarse))
-    if len(turned):
-        c = int(np.argmax(off_normal))
-        received = f"normal {(-normal[c]).tolist()}"
-        expected = f"{(-d[c]).tolist()} from the centres, the second to the first"
-        remedy = (
-            "Give --cell HXX,HXY,HYX,HYY if the sample is periodic; else take both files of one "
-            "run."
-        )
-    elif len(apart):
-        c = int(np.argmax(off_reach))
-        received = f"an overlap delta for a distance {reach[c]:.9g} of the centres"
-        expected = f"{distance[c]:.9g}, as in the .data file"
-        remedy = "Take both files of one run, with the radii that it had."
-    else:
-        return
-    where = f"{table.path}, row {rows[c]} (grains {pairs.i[c]} and {pairs.j[c]})"
-    raise InputError(where, received, expected, remedy)
-
-
-def _walls(
-    table: Table, atoms: Atoms, axes: str, i: Integers, j: Integers, force: Floats
-) -> tuple[Wall, ...]:
-    """Contacts with walls by their numbers; the normal runs into the wall, or out of it.
-
-    MercuryDPM may reverse normal and tangent of walls: their sign, and that of the force, follows
-    from the contact point.
-    """
-    rows = np.flatnonzero(j < 0)
-    if len(rows) == 0:
-        return ()
-    grain = i[rows]
-    normal = table.columns(*(f"n{a}" for a in axes))[rows]
-    point = table.columns(*(f"c{a}" for a in axes))[rows]
-    inwards = np.sign(np.einsum("wk,wk->w", atoms.x[grain] - point, normal))[:, None]
-    foot = (atoms.radii[grain] - table.column("delta")[rows])[:, None]
-    branch, onto = foot * inwards * normal, inwards * force[rows]
-    walls = []
-    for number in range(-int(j.min())):
-        own = j[rows] == -1 - number
-        walls.append(Wall(grain[own], onto[own], branch[own]))
-    return tuple(walls)
+    if not between.all():
+        counts = np.bincount(-1 - j[~between]).tolist()
+        each = ", ".join(f"{-1 - k} ({count} contacts)" for k, count in enumerate(counts))
+        notes = (*notes, f"walls: {each}")
+    return frame_of_tables(source, tables, step=data.step, time=data.step, notes=notes)

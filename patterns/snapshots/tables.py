@@ -335,8 +335,9 @@ class Table:
         names = [new if n == name else n for n in self.names]
         return Table(self.path, found, names, rows=self._rows)
 
-    def take(self, rows: Flags) -> Table:
+    def take(self, rows: Flags | Integers) -> Table:
         """Return some of the rows."""
+        rows = np.flatnonzero(rows) if rows.dtype == bool else rows
         found: dict[str, Column] = {}
         for name, values in self._columns.items():
             if isinstance(values, pyarrow.ChunkedArray):
@@ -345,7 +346,7 @@ class Table:
                 whole = plain and not values.null_count and values.num_chunks
                 values = _joined(values) if whole else np.array(values.to_pylist())
             found[name] = values[rows]
-        return Table(self.path, found, self.names, rows=self.number(np.flatnonzero(rows)))
+        return Table(self.path, found, self.names, rows=self.number(rows))
 
     def number(self, row: Any) -> Any:
         """Number of a row in the file, from 0."""

@@ -163,7 +163,7 @@ BAD = {
     "a row too many": (
         "data",
         lambda r: r.insert(5, r[5]),
-        r"line 102: got '.*expected a header|got normal",
+        r"line 102: got '.*expected a header|at the same place",
     ),
     "grains of none": ("data", lambda r: put(r, 0, 0, "0"), "line 2: .*frame before has other"),
     "a row cut": ("data", lambda r: r.__setitem__(9, "1 2"), "time 0: got lines that are no table"),
@@ -180,7 +180,7 @@ BAD = {
     "a wall first": ("fstat", lambda r: put(r, 4, 1, "-1"), "walls negative in the second"),
     "a word for a force": ("fstat", lambda r: put(r, 4, 8, "x"), "fstat, time 0: got lines"),
     "not a number": ("fstat", lambda r: put(r, 4, 8, "nan"), "column 'fn' of .*finite"),
-    "other normals": ("fstat", lambda r: put(r, 4, 10, "0.5"), "row 1 .*got normal .*--cell"),
+    "other normals": ("fstat", lambda r: put(r, 4, 10, "0.5"), "row 1 .*got branch .*cell"),
 }
 
 
@@ -197,7 +197,7 @@ def test_bad_files(tmp_path, case):
 
 def test_a_periodic_sample_asks_for_its_cell(tmp_path):
     path, _ = write_mercury(tmp_path, packing())
-    with pytest.raises(InputError, match=r"got normal .*Give --cell"):
+    with pytest.raises(InputError, match=r"got branch .*Give --cell"):
         read(path)
 
 
