@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ import pyarrow
 
 from loops import InputError
 from patterns import Snapshot, count_frames, planar, read_snapshot
+from patterns.snapshots.columns import WORDS
 from patterns.snapshots.formats import frame_steps
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
@@ -26,9 +28,11 @@ Cell = tuple[float, float, float, float]
 CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 # Names of the files of one snapshot differ in these words and in their endings only.
 CONTENTS = re.compile(
-    "grains|atoms?|spheres|contacts?|local|pairs?|intrs?|cell|walls?|data|fstat", re.IGNORECASE
+    "|".join(sorted({*chain(*WORDS.values()), "data", "fstat"}, key=len, reverse=True)), re.I
 )
-FILE_ENDINGS = re.compile(r"(\.(csv|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz))+$", re.IGNORECASE)
+FILE_ENDINGS = re.compile(
+    r"(\.(csv|tsv|txt|dat|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz|bz2|xz|zst))+$", re.I
+)
 
 
 def reading(**how: Any) -> dict[str, Any]:

@@ -248,9 +248,10 @@ def _matched(table: Table, kind: str, given: Mapping[str, str]) -> dict[str, str
 def _factors(
     units: Mapping[tuple[str, str], Unit], notes: list[str]
 ) -> Iterable[tuple[str, str, float]]:
-    """Factors that bring columns to the unit of the first length and of the first force."""
+    """Factors that bring columns to the unit of x, else of the first length, and of a force."""
+    of_x = [one for (_, name), one in units.items() if name == "x"]
     base = {
-        wanted: next((one for one in units.values() if one.dimension == wanted), None)
+        wanted: next((one for one in (*of_x, *units.values()) if one.dimension == wanted), None)
         for wanted in (LENGTH, FORCE)
     }
     one, other = (1.0 if unit is None else unit.size for unit in base.values())

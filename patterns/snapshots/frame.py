@@ -289,9 +289,11 @@ def _may_be_long(source: Source) -> bool:
     if name.endswith(TEXTS) and path.is_file():
         with suppress(InputError):  # told when it is read
             names = layout_of(path, head_of(path), is_column).names
+    elif name.endswith(ARRAY_FILES) and path.is_file():
+        names = read_arrays(path, lambda name: False)[0]
     elif name.endswith(".parquet") and path.is_file():
         names = read_table(path, lambda name: False).names
-    return any(read_as(name, "grains") in WHEN for name in names)
+    return any(read_as(name.rpartition("/")[2], "grains") in WHEN for name in names)
 
 
 def _groups(source: Source, told: dict[str, Any]) -> dict[str, Table]:

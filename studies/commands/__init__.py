@@ -28,7 +28,10 @@ FORMAT_NAMES = (
     "pegs",
 )
 # File endings that are removed where a result folder is named after its input.
-NAME_ENDINGS = {".gz", ".csv", ".parquet", ".npz", ".h5", ".hdf5", ".xml", ".txt", ".vtu", ".vtp"}
+NAME_ENDINGS = {
+    *(".gz", ".bz2", ".xz", ".zst", ".csv", ".tsv", ".dat", ".txt", ".parquet", ".npz", ".h5"),
+    *(".hdf5", ".xml", ".vtu", ".vtp"),
+}
 # Seconds before the clock is first shown.
 CLOCK_PATIENCE = 2.0
 # Seconds between two changes of it.
