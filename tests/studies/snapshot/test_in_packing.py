@@ -300,7 +300,7 @@ def test_a_state_at_rest_is_asked_of_loops_in_place_alone(asked, monkeypatch, tm
 def test_bands_are_shares(band, monkeypatch, tmp_path, capsys):
     asked = ("--in-packing", "whole", "--yield-band", band, "--out", tmp_path / "r")
     assert run(monkeypatch, "snapshot", ROUGH, *asked) == 2
-    assert "a share in (0, 1]" in capsys.readouterr().err and not (tmp_path / "r").exists()
+    assert "above 0, at most 1" in capsys.readouterr().err and not (tmp_path / "r").exists()
 
 
 @pytest.mark.parametrize("asked", ["foo", "", "0", "8", "nan", "patches", "whole,8"])
