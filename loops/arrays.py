@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -100,17 +101,18 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Re
 
 
 @cache
-def _blas() -> ThreadpoolController:
+def _blas(of_scipy: bool) -> ThreadpoolController:
     """The libraries of linear algebra: numpy has one, scipy another."""
-    import scipy.linalg  # noqa: F401
+    if of_scipy:
+        import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
-def _release() -> None:
+def _release(blas: ThreadpoolController) -> None:
     """Let any thread set the number, as the last block may end in another one than the first."""
-    for library in _blas().lib_controllers:
+    for library in blas.lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=True)
 
@@ -120,8 +122,10 @@ _LOCK, _LIMITS = Lock(), list[Any]()
 
 
 @contextmanager
-def one_blas_thread() -> Iterator[None]:
+def one_blas_thread(*, of_scipy: bool = True) -> Iterator[None]:
     """Run the linear algebra of numpy and scipy in one thread: a context, or a decorator.
+
+    Without `of_scipy`, which the block must not use then, scipy is not loaded.
 
     The number of threads of OpenBLAS changes the last digit of a decomposition, from some 40
     unknowns on: one process, several, and a cluster of other machines must give the same bits.
@@ -129,18 +133,19 @@ def one_blas_thread() -> Iterator[None]:
     direction of `sustain` took 35 s in place of 4.8 s (2,000 grains, two cores). Blocks may lie in
     one another, and beside one another in threads of the caller: the last to end sets it back.
     """
+    blas = _blas(of_scipy or "scipy" in sys.modules)
     with _LOCK:
         if not _LIMITS:
-            _release()
-        _LIMITS.append(None if _LIMITS else _blas().limit(limits=1, user_api="blas"))
+            _release(blas)
+        _LIMITS.append(None if _LIMITS else blas.limit(limits=1, user_api="blas"))
     try:
         yield
     finally:
         with _LOCK:
             if (limit := _LIMITS.pop()) is not None:
-                _release()
+                _release(blas)
                 limit.restore_original_limits()
-                _release()
+                _release(blas)
 
 
 def available_cores() -> int:

@@ -313,7 +313,7 @@ def relaxed_loop(
     def by_arms(arms: Arms | None) -> Relaxed:
         gear = None
         # Few unknowns are solved alike by any number of threads, and without loading scipy.
-        with one_blas_thread() if form.size > FEW_UNKNOWNS else nullcontext():
+        with one_blas_thread(of_scipy=False) if form.size > FEW_UNKNOWNS else nullcontext():
             if spins == "free":
                 gear = gear_projector(graph.contacts, graph.radii, state, law, regime, arms)
             return relax(form, contact_springs(state, law, regime, spins, arms), sizes, gear)
