@@ -369,14 +369,22 @@ def described(place: str, column: str) -> tuple[str, str] | None:
     command, _, table = place.partition("/")
     if command not in DESCRIBED_COMMANDS:
         return None
-    known = {name: said for part in words("columns").values() for name, said in part.items()}
+    known, patterns = _column_words()
     for name in (f"{command}:{column}", f"{table}:{column}", column):
         if name in known:
-            return known[name][0], known[name][1]
-        for pattern, said in known.items():
+            return known[name]
+        for pattern in patterns:
             if (":" in pattern) == (":" in name) and fnmatchcase(name, pattern):
-                return said[0], said[1]
+                return known[pattern]
     return None
+
+
+@cache
+def _column_words() -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Unit and meaning by the name of a column, and which names are patterns."""
+    parts = words("columns").values()
+    known = {name: (unit, said) for part in parts for name, (unit, said) in part.items()}
+    return known, [name for name in known if {*"*?["} & {*name}]
 
 
 def field_metadata(place: str, column: str) -> dict[bytes, bytes] | None:
