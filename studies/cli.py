@@ -17,12 +17,13 @@ from typing import Annotated, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError, out_of_memory
-from studies.commands import FURTHER, Answer
+from studies.commands import Answer
 from studies.commands.followed import evolve_command, forecast_command
 from studies.commands.loops import bench_command, diamond_command, domain_command, polygon_command
 from studies.commands.material import material_command
 from studies.commands.packing import probe_command, sustain_command
 from studies.commands.snapshot import check_command, series_command, snapshot_command
+from studies.questions import FURTHER
 
 HELP = (
     "Stability of grain loops in two-dimensional granular media. Angles in degrees; forces, "

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -23,11 +23,12 @@ from patterns import planar
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import LoopRates, loop_changes, replay
-from stability.path import Past, describe
+from stability.path import describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
 from studies.output import UNITS, Summary, components, definitions, readable
 from studies.paths.options import ProgrammeName, programme_named
+from studies.questions import Evolving, options_of, taken
 from studies.reading import plan_series, reading
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
@@ -35,7 +36,6 @@ from studies.snapshot.table import loop_polygons
 from studies.study import files_of, study
 
 By = Literal["events", "replay", "both"]
-Options = TypeVar("Options")
 EVOLVED = (*get_args(ProgrammeName), "simple-shear")
 # A path is given up after so many strain increments.
 INTERVALS = 20_000
@@ -48,22 +48,8 @@ NO_GRAIN = -1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evolving:
+class Programmed(Evolving):
     """Options of `evolve`, see there; checked, with the stage that they make."""
-
-    to: float
-    programme: str = "drained"
-    axis: int | None = None
-    fluid_bulk_modulus: float | None = None
-    strain_ratio: float | None = None
-    by: By = "events"
-    rows: int = 20
-    interval: float = 5e-6
-    instabilities: int = 20
-    past: Past = "viscous"
-    pathologies: bool = False
-    spread: bool = False
-    damping: float = 0.3
 
     def __post_init__(self) -> None:
         check_choice("--by", self.by, get_args(By))
@@ -89,7 +75,7 @@ class Evolving:
         """Return the component that is driven."""
         return driven_component(self.programme, self.axis or 1)
 
-    def along(self, scene: Scene) -> Evolving:
+    def along(self, scene: Scene) -> Programmed:
         """Return the options with their axis; left out it is that of the major stress."""
         if self.axis is not None or self.programme not in AXIAL:
             return replace(self, axis=self.axis or 1)
@@ -220,7 +206,7 @@ def evolve(
     >>> found.way.status, found.table()["H11"].round(9).tolist()
     ('finished', [0.0001, 0.0001, 0.0001, 0.0001])
     """
-    asked = options_of(Evolving, {"programme": programme, "to": to, **options})
+    asked = options_of(Programmed, {"programme": programme, "to": to, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
     number("inertial_number", inertial_number, 0.0, open_low=True)
@@ -228,20 +214,10 @@ def evolve(
     return followed(snapshot.scene, snapshot.ids, asked.along(snapshot.scene), rate, progress)
 
 
-def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:
-    """Return options as their dataclass; `InputError` that lists them for an unknown one."""
-    names = [one.name for one in fields(kind)]  # type: ignore[arg-type]
-    for name, value in given.items():
-        if name not in names:
-            expected = f"one of {', '.join(names)}"
-            raise InputError(name, repr(value), expected, "Leave it out.")
-    return kind(**given)
-
-
 def followed(
     scene: Scene,
     ids: Integers,
-    asked: Evolving,
+    asked: Programmed,
     rate: Rate | None,
     progress: Callable[[float], None] | None = None,
 ) -> Evolution:
@@ -288,8 +264,7 @@ def run_evolve(
     fixed stress.
     """
     files = files_of(how)
-    own = {one.name: how.pop(one.name) for one in fields(Evolving) if one.name in how}
-    asked = Evolving(**own)
+    asked: Any = taken(Programmed, how)
     held_control = hold_control(hold, hold_stress)
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
     configuration |= {"hold": held_control}

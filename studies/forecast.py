@@ -28,7 +28,8 @@ from stability.packing import loop_changes
 from stability.packing.sustain import renumbered
 from studies.beside_dem import DROP
 from studies.calibration import KINDS, WAYS, calibration
-from studies.evolve import INTERVALS, Evolution, Evolving, followed, options_of
+from studies.evolve import INTERVALS, Evolution, Programmed, followed
+from studies.questions import options_of
 from studies.series.packing import DEFAULT_RATE, Rate
 from studies.snapshot.in_packing import balance_notes
 
@@ -169,7 +170,7 @@ def next_of(name: str, way: FollowedPath, driven: str, sense: float) -> Next:
     return Next(*told, first, drop, size, *limit, float(residual))
 
 
-def next_rows(found: Evolution, asked: Evolving, *, spread: bool) -> pd.DataFrame:
+def next_rows(found: Evolution, asked: Programmed, *, spread: bool) -> pd.DataFrame:
     """Return a row a way; with `spread` also paths of half the interval and another numbering."""
     ways = {name: found.ways[way] for name, way in WAYS.items() if way in found.ways}
     if spread and "path" in ways:
@@ -328,7 +329,7 @@ def forecast(
     >>> found.table()["path_opens_at"].round(4).tolist()
     [-0.001, -0.001, -0.001, -0.001]
     """
-    asked = options_of(Evolving, DEFAULTS | {"programme": programme, "to": to, **options})
+    asked = options_of(Programmed, DEFAULTS | {"programme": programme, "to": to, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
     how: dict[str, Any] = {"spread": spread, "progress": progress}
@@ -339,7 +340,7 @@ def forecast(
 def forecast_of(
     scene: Scene,
     ids: Integers,
-    asked: Evolving,
+    asked: Programmed,
     inertial_number: float,
     *,
     spread: bool,

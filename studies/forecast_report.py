@@ -10,9 +10,10 @@ import numpy as np
 
 from loops.contacts import contacts_at_start
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
-from studies.evolve import Evolving, start_of
+from studies.evolve import Programmed, start_of
 from studies.forecast import DEFAULTS, NEXT, Forecast, forecast_of, spread_of
 from studies.output import UNITS, Summary, definitions, readable
+from studies.questions import taken
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE
 from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
@@ -35,8 +36,8 @@ def run_forecast(
     `how` are options of `evolve`, of `read_planar` and files of `study`.
     """
     files = files_of(how)
-    own = {one: how.pop(one) for one in Evolving.__dataclass_fields__ if one in how}
-    asked = Evolving(**DEFAULTS | own)
+    how = DEFAULTS | how
+    asked = taken(Programmed, how)
     control = hold_control(hold, hold_stress)
     configuration = {"path": path, **reading(**how), **asked.described(), "hold": control}
     configuration |= {"spread": spread, "inertial_number": inertial_number}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -26,6 +26,7 @@ from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import UNITS, Summary, components, definitions, readable
+from studies.questions import Probing, taken
 from studies.reading import read_planar, reading
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import (
@@ -48,14 +49,6 @@ def run_probe(
     path: Path,
     out: Path,
     *,
-    directions: int = 72,
-    control: Driven = "strain",
-    subspace: Subspace = "diagonal",
-    yield_band: float = 0.99,
-    amplitude: float | None = None,
-    by: By = "events",
-    candidates: float = CANDIDATES,
-    past: Past = "viscous",
     hold: bool = False,
     hold_stress: bool = False,
     workers: int | None = None,
@@ -66,44 +59,39 @@ def run_probe(
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
     `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
-    Up to an `amplitude` directions are followed `by` events, or answered in one solve each
-    ('increment'), contacts from the share `candidates` of their strength on as candidates.
-    `past` is the way of the paths to an amplitude past an instability. `progress` is told how many
-    directions are done.
-    `how` are options of `read_planar` and files of `study`. Directions that are followed to an
-    amplitude are shared among this number of processes, by default one a core, or among the workers
-    of a Dask scheduler.
+    `how` are the options of `Probing` and `read_planar`, and files of `study`. Directions that are
+    followed to an amplitude are shared among this number of processes, by default one a core, or
+    among the workers of a Dask scheduler. `progress` is called with how many directions are done.
     """
+    # The words are checked below, each with what is expected.
+    asked: Any = taken(Probing, how)
+    amplitude, by = asked.amplitude, asked.by
     _require_followed(amplitude, by, scheduler)
     whole_number("--workers", 1 if workers is None else workers, 1)
-    asked: dict[str, Any] = {
-        "directions": directions,
-        "control": control,
-        "subspace": subspace,
-        "yield_band": yield_band,
-        "amplitude": amplitude,
-        "by": by if amplitude is not None else None,
-        "candidates_from": candidates if by == "increment" else None,
-        "past": past,
-    }
-    check_choice("--past", past, get_args(Past))
+    check_choice("--past", asked.past, get_args(Past))
+    told = asdict(asked) | {"by": by if amplitude is not None else None}
+    share = told.pop("candidates")
+    told["candidates_from"] = share if by == "increment" else None
     held_control = hold_control(hold, hold_stress)
     files = files_of(how)
-    configuration = {"path": path, **reading(**how), **asked, "hold": held_control}
+    configuration = {"path": path, **reading(**how), **told, "hold": held_control}
     with study("probe", out, configuration, UNITS["probe"], **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), held_control)
         faces, notes = snapshot.faces, list(snapshot.notes)
-        edge = sample_edge(snapshot, yield_band)
-        found = probe_edge(edge, directions, control, subspace, faces, progress=progress)
+        edge = sample_edge(snapshot, asked.yield_band)
+        way = asked.directions, asked.control, asked.subspace
+        found = probe_edge(edge, *way, faces, progress=progress)
         paths, reached = list[FollowedPath](), list[float]()
         if amplitude is not None and by == "increment":
-            wide = sample_edge(snapshot, checked_band(candidates, "candidates", CANDIDATES))
+            wide = sample_edge(snapshot, checked_band(share, "candidates", CANDIDATES))
             found = probe_by_increment(found, wide, faces, amplitude)
         elif amplitude is not None:
             notes += balance_notes(snapshot)
 
             def shared(stages: Sequence[Stage]) -> Sequence[FollowedPath]:
-                tasks = [_Direction(k, snapshot.scene, past, one) for k, one in enumerate(stages)]
+                tasks = [
+                    _Direction(k, snapshot.scene, asked.past, one) for k, one in enumerate(stages)
+                ]
                 with open_runner(workers, scheduler, []) as runner:
                     done = dict(runner(_follow, tasks))
                 paths[:], reached[:] = zip(*(done[k] for k in range(len(done))), strict=True)
@@ -113,7 +101,7 @@ def run_probe(
         if found.system.held:
             notes.append(OUTLINE)
         step = search_step(found.candidates, len(found.directions))
-        if step > 1 and subspace == "diagonal":
+        if step > 1 and asked.subspace == "diagonal":
             notes.append(
                 f"{found.candidates} contacts at yield: solutions were searched in one of {step} "
                 "directions, the others were read from the branches of those"
@@ -127,7 +115,7 @@ def run_probe(
         kn = snapshot.mean_kn
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         found_values["ended"] = ended_paths(paths, reached)
-        summary = results.write_results(tables, found_values | asked)
+        summary = results.write_results(tables, found_values | told)
         if results.figures:
             from studies.packing_figures import probe_figures
             from studies.snapshot.table import loops_for_map

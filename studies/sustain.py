@@ -40,6 +40,7 @@ from studies.output import (
     readable,
     require_folder,
 )
+from studies.questions import Sustaining, taken
 from studies.reading import read_planar, reading
 from studies.series.workers import Runner, open_runner
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
@@ -60,12 +61,6 @@ def run_sustain(
     path: Path,
     out: Path,
     *,
-    directions: int = 24,
-    subspace: Subspace = "diagonal",
-    largest: float | None = None,
-    interval: float = 5e-6,
-    large: float = LARGE,
-    most_snaps: int = 30,
     spread: bool = True,
     hold_stress: bool = False,
     workers: int | None = None,
@@ -75,27 +70,19 @@ def run_sustain(
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
 
     The state is brought to rest first, at fixed cell or with `hold_stress` at fixed stress. `how`
-    are options of `read_planar` and files of `study`. Directions are shared among this number of
-    processes, by default one a core, or among the workers of a Dask scheduler. Finished directions
-    are kept beside `out`: the same call continues an interrupted run.
+    are the options of `Sustaining` and `read_planar`, and files of `study`. Directions are shared
+    among this number of processes, by default one a core, or among the workers of a Dask scheduler.
+    Finished directions are kept beside `out`: the same call continues an interrupted run.
     """
     control: HoldControl = "stress" if hold_stress else "strain"
-    asked: dict[str, Any] = {
-        "directions": directions,
-        "subspace": subspace,
-        "largest": largest,
-        "interval": interval,
-        "large": large,
-        "most_snaps": most_snaps,
-        "spread": spread,
-    }
+    asked: dict[str, Any] = asdict(taken(Sustaining, how)) | {"spread": spread}
     files = files_of(how)
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
     require_folder(out, force=files.get("force", False))
     parts = _Parts(out.absolute(), "")
     with study("sustain", out, configuration, UNITS, **files) as results:
         moving = read_planar(path, **how)
-        _followable(moving.scene, subspace)
+        _followable(moving.scene, asked["subspace"])
         snapshot, held = held_snapshot(moving, control)
         scene = snapshot.scene
         parts = _Parts(out.absolute(), _digest(scene, asked))

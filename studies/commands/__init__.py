@@ -7,14 +7,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from cyclopts import Group, Parameter, Token
+from cyclopts import Parameter
 
 from loops.errors import InputError, check_choice
+from studies.questions import EVERYDAY, FURTHER, Cells, Whole
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
 FORMAT_NAMES = (
@@ -39,71 +40,14 @@ TICK = 0.5
 CLEAR = "\r\x1b[K"
 # How a note on a check of the file that is not as wanted begins.
 DOUBT = ("doubt: ", "error: ")
-# Everyday options come first in the help of a command, all others in this group.
-FURTHER, EVERYDAY = Group("Further options", sort_key=1), "Parameters"
 
-
-def parse_whole_number(kind: Any, tokens: Sequence[Token]) -> int:
-    """Return the whole number of an option; the library's own converter rounds 6.5 to 6."""
-    with suppress(ValueError):
-        number = float(tokens[0].value)
-        if number.is_integer():
-            return int(number)
-    raise ValueError(f"got {tokens[0].value}, expected a whole number")
-
-
-Whole = Annotated[int, Parameter(converter=parse_whole_number)]
 Out = Annotated[Path | None, Parameter(help="Result folder. Default: named after the input.")]
 Force = Annotated[bool, Parameter(help="Replace the earlier results in the folder.")]
 Csv = Annotated[bool, Parameter(group=FURTHER, help="Write each table as CSV too.")]
 Json = Annotated[bool, Parameter(group=FURTHER, help="Print the summary as JSON.")]
-YieldBand = Annotated[
-    float,
-    Parameter(
-        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a tangent or a probe."
-    ),
-]
-Candidates = Annotated[
-    float,
-    Parameter(
-        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a finite increment."
-    ),
-]
-FluidBulkModulus = Annotated[
-    float | None,
-    Parameter(
-        group=FURTHER,
-        help="Bulk modulus of the fluid over the porosity, for undrained (stress; for a regular "
-        "loop over kn). Default: infinite.",
-    ),
-]
-StrainRatio = Annotated[
-    float | None,
-    Parameter(group=FURTHER, help="Strain across over the driven strain, for proportional-strain."),
-]
-PastOption = Annotated[
-    str,
-    Parameter(
-        group=FURTHER,
-        metavar="NAME",
-        help="Past an unstable contact: viscous or dynamic (inertial) motion, or stop.",
-    ),
-]
 Contacts = Annotated[
     Path | None,
     Parameter(group=FURTHER, help="File of the contacts. Default: the one beside PATH."),
-]
-AsGiven = Annotated[
-    bool,
-    Parameter(
-        negative=(),
-        group=FURTHER,
-        help="Keep the order of the files. Default: by step, else by name.",
-    ),
-]
-Cells = Annotated[
-    Path | None,
-    Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
 ]
 
 
@@ -175,32 +119,6 @@ class Holding:
 
     hold: bool = False
     hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False
-
-
-@Parameter(name="*", group=FURTHER)
-@dataclass(frozen=True, kw_only=True)
-class Replaying:
-    """Options of the rate of replays, by the names of the studies.
-
-    Parameters
-    ----------
-    inertial_number
-        Inertial number of the replays. Default: by the files' times and masses, or 2e-6.
-    times
-        Table of times, columns snap and time. Default: times of --cells, or the files.
-    time_step
-        Time of a step, if files are numbered by steps.
-    mean_mass
-        Mean mass of a grain, if the files have none.
-    damping
-        Cundall's damping of the replays.
-    """
-
-    inertial_number: float | None = None
-    times: Path | None = None
-    time_step: float | None = None
-    mean_mass: float | None = None
-    damping: float = 0.3
 
 
 @Parameter(name="*", group=FURTHER)

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from studies.commands import (
-    FURTHER,
     Answer,
-    Cells,
-    FluidBulkModulus,
     Holding,
     OneReading,
-    PastOption,
     PlaneReading,
-    Replaying,
-    StrainRatio,
-    Whole,
     Writing,
     answer,
     clock,
     driven_line,
     out_or,
     spread_words,
+)
+from studies.questions import (
+    FURTHER,
+    Cells,
+    Damping,
+    Driving,
+    Evolving,
+    Instabilities,
+    Replaying,
+    Whole,
 )
 
 if TYPE_CHECKING:
@@ -100,48 +103,10 @@ def _values(row: dict[str, float]) -> str:
     return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
 
 
-Instabilities = Annotated[
-    Whole, Parameter(group=FURTHER, help="Number of unstable contacts at which the path stops.")
-]
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class Driving:
-    """Options of the programme that a packing is followed through, by the names of the studies.
-
-    Parameters
-    ----------
-    to
-        Change of the driven strain or stress, negative in extension; say 1e-4.
-    programme
-        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
-        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
-        simple-shear.
-    axis
-        Driven axis, or that of simple-shear. Default: the major stress's; of simple-shear 1.
-    interval
-        Strain over which the geometry is kept constant; errors are proportional to it.
-    """
-
-    to: float
-    programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
-    fluid_bulk_modulus: FluidBulkModulus = None
-    strain_ratio: StrainRatio = None
-    axis: Whole | None = None
-    interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
-    past: PastOption = "viscous"
-
-
 def evolve_command(
     *paths: Annotated[Path, Parameter(required=True)],
-    driving: Driving,
+    asked: Evolving,
     writing: Writing | None = None,
-    rows: Annotated[Whole, Parameter(group=FURTHER)] = 20,
-    instabilities: Instabilities = 20,
-    pathologies: Annotated[bool, Parameter(group=FURTHER)] = False,
-    by: Annotated[str, Parameter(metavar="events|replay|both")] = "events",
-    spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     replaying: Replaying | None = None,
     holding: Holding | None = None,
     cells: Cells = None,
@@ -154,39 +119,23 @@ def evolve_command(
     ----------
     paths
         Snapshot to start from; further snapshots are plotted for comparison.
-    rows
-        Rows of the path's table, evenly spaced.
-    pathologies
-        Tell in every row the matrix of the contacts at yield (symmetric, definite, P-matrix) and
-        count the solutions.
-    by
-        Method: events (quasistatic, from event to event), replay (equations of motion), or both.
-    spread
-        Follow the path again with other damping past instabilities, to tell how far stresses
-        differ.
     animation
         Animate the loops' second-order work, as GIF.
     """
     writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "evolve", paths[0])
-    words: Any = {"by": by}
     with clock("grainloops evolve") as tell:
         from studies.evolve import run_evolve
 
         summary = run_evolve(
             paths,
             out,
-            **asdict(driving),
-            **words,
-            instabilities=instabilities,
-            rows=rows,
-            spread=spread,
-            pathologies=pathologies,
+            **asdict(asked),
             **asdict(replaying or Replaying()),
             **asdict(holding or Holding()),
             cells=cells,
             animation=animation,
-            progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(asked.to):g}"),
             **writing.files(),
             **reading.how(),
         )
@@ -225,13 +174,13 @@ def forecast_command(
     path: Path,
     /,
     *,
-    driving: Driving,
+    asked: Driving,
     writing: Writing | None = None,
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 40,
     instabilities: Instabilities = 1000,
     no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     inertial_number: Annotated[float, Parameter(group=FURTHER)] = 2e-6,
-    damping: Annotated[float, Parameter(group=FURTHER)] = 0.3,
+    damping: Damping = 0.3,
     holding: Holding | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
@@ -246,11 +195,9 @@ def forecast_command(
     rows
         Number of equal steps of the path after which the loops are looked at.
     no_spread
-        Don't repeat the path (half the interval, other numbers) that tells the spread.
+        Skip the repeated paths (half the interval, renumbered grains) that estimate the spread.
     inertial_number
         Inertial number of the replay.
-    damping
-        Cundall's damping of the replay.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "forecast", path)
@@ -260,14 +207,14 @@ def forecast_command(
         summary = run_forecast(
             path,
             out,
-            **asdict(driving),
+            **asdict(asked),
             instabilities=instabilities,
             rows=rows,
             spread=not no_spread,
             inertial_number=inertial_number,
             damping=damping,
             **asdict(holding or Holding()),
-            progress=lambda reached: tell(f"{reached:.3g} of {abs(driving.to):g}"),
+            progress=lambda reached: tell(f"{reached:.3g} of {abs(asked.to):g}"),
             **writing.files(),
             **reading.how_of(path),
         )

@@ -13,15 +13,11 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
-    FURTHER,
     Answer,
-    FluidBulkModulus,
     Force,
     Json,
     OneReading,
     Out,
-    StrainRatio,
-    Whole,
     Writing,
     answer,
     clock,
@@ -29,6 +25,7 @@ from studies.commands import (
     out_or,
     shown,
 )
+from studies.questions import FURTHER, FluidBulkModulus, StrainRatio, Whole
 
 if TYPE_CHECKING:
     from studies.output import Summary

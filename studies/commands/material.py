@@ -10,12 +10,8 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
-    FURTHER,
     Answer,
-    FluidBulkModulus,
     OneReading,
-    StrainRatio,
-    Whole,
     Writing,
     answer,
     clock,
@@ -23,6 +19,7 @@ from studies.commands import (
     numbers,
     out_or,
 )
+from studies.questions import FURTHER, FluidBulkModulus, StrainRatio, Whole
 
 
 def material_command(

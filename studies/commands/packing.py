@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from studies.commands import (
-    FURTHER,
     Answer,
-    Candidates,
     Holding,
     OneReading,
-    PastOption,
     Sharing,
-    Whole,
     Writing,
-    YieldBand,
     answer,
     clock,
     out_or,
     shown,
     spread_words,
 )
+from studies.questions import FURTHER, Probing, Sustaining
 
 if TYPE_CHECKING:
     from studies.output import Summary
@@ -135,14 +131,7 @@ def probe_command(
     /,
     *,
     writing: Writing | None = None,
-    directions: Whole = 72,
-    control: Annotated[str, Parameter(metavar="strain|stress")] = "strain",
-    subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
-    yield_band: YieldBand = 0.99,
-    amplitude: float | None = None,
-    by: Annotated[str, Parameter(group=FURTHER, metavar="events|increment")] = "events",
-    candidates: Candidates = 0.7,
-    past: PastOption = "viscous",
+    asked: Probing | None = None,
     holding: Holding | None = None,
     sharing: Sharing | None = None,
     reading: OneReading | None = None,
@@ -158,34 +147,19 @@ def probe_command(
     ----------
     path
         File of the snapshot, or of its grains.
-    directions
-        Number of directions.
-    control
-        Which increment is prescribed in each direction.
-    subspace
-        Components that change: 11 and 22 (directions on a circle), or 12 too (sphere).
-    amplitude
-        Size (strain) of finite probes. Default: infinitesimal probes.
-    by
-        How --amplitude is reached: from event to event, or in one solve.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
+    writing, reading, asked = writing or Writing(), reading or OneReading(), asked or Probing()
     out = out_or(writing.out, "probe", path)
-    words: Any = {"control": control, "subspace": subspace, "past": past, "by": by}
     with clock("grainloops probe") as tell:
         from studies.probe import run_probe
 
         summary = run_probe(
             path,
             out,
-            directions=directions,
-            **words,
-            yield_band=yield_band,
-            amplitude=amplitude,
-            candidates=candidates,
+            **asdict(asked),
             **asdict(holding or Holding()),
             **asdict(sharing or Sharing()),
-            progress=lambda done: tell(f"{done} of {directions} directions"),
+            progress=lambda done: tell(f"{done} of {asked.directions} directions"),
             **writing.files(),
             **reading.how_of(path),
         )
@@ -229,12 +203,7 @@ def sustain_command(
     /,
     *,
     writing: Writing | None = None,
-    directions: Whole = 24,
-    subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal",
-    largest: float | None = None,
-    interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6,
-    large: Annotated[float, Parameter(group=FURTHER)] = 3e-4,
-    most_snaps: Annotated[Whole, Parameter(group=FURTHER)] = 30,
+    asked: Sustaining | None = None,
     no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False,
     sharing: Sharing | None = None,
@@ -246,27 +215,13 @@ def sustain_command(
     ----------
     path
         Snapshot with forces, periodic or between known walls.
-    directions
-        Number of directions of the stress rate.
-    subspace
-        Stress components that change: 11 and 22, or 12 too.
-    largest
-        Largest load (force/length) in each direction, added to the stress of the start. Default: a
-        tenth of the mean stress.
-    interval
-        Strain over which the geometry is kept constant.
-    large
-        Least strain of a motion that is called large.
-    most_snaps
-        Largest number of motions below --large; a direction with more is unfinished.
     no_spread
-        Don't repeat the loading (other numbering, less damping) that tells the spread.
+        Skip the repeated loadings (other numbering, less damping) that estimate the spread.
     hold_stress
         Bring the sample to rest at fixed stress first. Default: at fixed cell.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "sustain", path)
-    words: Any = {"subspace": subspace}
     with clock("grainloops sustain"):
         from studies.sustain import run_sustain
 
@@ -274,12 +229,7 @@ def sustain_command(
             summary = run_sustain(
                 path,
                 out,
-                directions=directions,
-                **words,
-                largest=largest,
-                interval=interval,
-                large=large,
-                most_snaps=most_snaps,
+                **asdict(asked or Sustaining()),
                 spread=not no_spread,
                 hold_stress=hold_stress,
                 **asdict(sharing or Sharing()),

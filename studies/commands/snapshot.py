@@ -13,29 +13,22 @@ from cyclopts import Parameter
 
 from loops.errors import InputError
 from studies.commands import (
-    FURTHER,
     Answer,
-    AsGiven,
-    Candidates,
-    Cells,
     Contacts,
     Csv,
     Force,
     Json,
     OneReading,
-    PastOption,
     PlaneReading,
     Reading,
-    Replaying,
     Sharing,
-    Whole,
     Writing,
-    YieldBand,
     answer,
     clock,
     out_or,
     shown,
 )
+from studies.questions import FURTHER, AsGiven, Cells, Replaying, Snapshotting, Tracking
 
 if TYPE_CHECKING:
     from studies.output import Row, Summary
@@ -121,11 +114,7 @@ def snapshot_command(
     /,
     *,
     writing: Writing | None = None,
-    in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None,
-    hold: bool = False,
-    yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None,
-    quadrons: Annotated[bool, Parameter(group=FURTHER)] = False,
-    paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False,
+    asked: Snapshotting | None = None,
     reading: OneReading | None = None,
 ) -> Answer:
     """Find the loops of a DEM snapshot and judge the stability of each.
@@ -134,40 +123,17 @@ def snapshot_command(
     ----------
     path
         File of the snapshot, or of its grains.
-    in_packing
-        Judge the loops in their packing too: the whole packing at once, blocks of it (less memory,
-        larger errors), or auto (by the number of grains).
-    hold
-        Bring the state to rest first, at fixed cell or between its walls: a share of loops unstable
-        in their packing is one of a state at rest.
-    yield_band
-        Least |T|/(mu N) of contacts that slide in a loop's packing at rest. Default: 0.999999,
-        0.999 and 0.99.
-    quadrons
-        Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
-        with each of its grains.
-    paraview
-        Write loops.vtp for ParaView.
     """
     writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, "snapshot", path)
-    # The study checks the words itself, and says what is expected.
-    words: Any = {"in_packing": in_packing, "hold": hold, "yield_band": yield_band}
     with suppress(OSError, AttributeError, TypeError):
         for option in MALLOC.values():
             ctypes.CDLL(None).mallopt(*option)
     with clock("grainloops snapshot"):
         from studies.snapshot import run_snapshot
 
-        summary = run_snapshot(
-            path,
-            out,
-            **words,
-            quadrons=quadrons,
-            paraview=paraview,
-            **writing.files(),
-            **reading.how_of(path),
-        )
+        options = asdict(asked or Snapshotting())
+        summary = run_snapshot(path, out, **options, **writing.files(), **reading.how_of(path))
     return answer(writing.json, out, _snapshot_lines(summary), summary["notes"])
 
 
@@ -415,18 +381,8 @@ def series_command(
     *paths: Annotated[Path, Parameter(required=True)],
     writing: Writing | None = None,
     sharing: Sharing | None = None,
-    cells: Cells = None,
-    as_given: AsGiven = False,
-    in_packing: Annotated[str, Parameter(metavar="rates|events")] = "",
-    candidates: Candidates = 0.7,
-    yield_band: YieldBand = 0.99,
-    past: PastOption = "viscous",
+    asked: Tracking | None = None,
     replaying: Replaying | None = None,
-    programme: Annotated[str, Parameter(group=FURTHER, metavar="WORD|TABLE")] = "straight",
-    probe: Annotated[Whole | None, Parameter(metavar="N")] = None,
-    indicators: Annotated[bool, Parameter(group=FURTHER)] = False,
-    skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False,
-    animation: Annotated[bool, Parameter(group=FURTHER)] = False,
     reading: PlaneReading | None = None,
 ) -> Answer:
     """Follow the loops through a series of snapshots; after a stop the same command continues.
@@ -435,44 +391,18 @@ def series_command(
     ----------
     paths
         Files of the snapshots; of a file with several snapshots, all.
-    in_packing
-        Predict each interval with the tangent of the whole packing (rates, also without a word), or
-        also with its path by events and a replay (events).
-    programme
-        How paths and replays reach the later strain: straight, 1-first, 2-first (that axis, then
-        the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a table of time and
-        h_xx, h_xy, h_yx, h_yy, or of time, H11, H22 (H12, H21).
-    probe
-        Probe each snapshot along N directions of strain.
-    indicators
-        Predict also by structural indicators: coordination, vibrality, D2min, ...
-    skip_bad
-        Leave out snapshots that can't be read.
-    animation
-        Animate the series, as GIF.
     """
     from studies.series.run import run_series
 
     writing, reading = writing or Writing(), reading or PlaneReading()
     out = out_or(writing.out, "series", paths[0] if paths else None)
-    words: Any = {"past": past}
     try:
         summary = run_series(
             paths,
             out,
             **asdict(sharing or Sharing()),
-            cells=cells,
-            as_given=as_given,
-            in_packing=in_packing,
-            candidates=candidates,
-            yield_band=yield_band,
-            **words,
+            **asdict(asked or Tracking()),
             **asdict(replaying or Replaying()),
-            programme=programme,
-            probe=probe,
-            indicators=indicators,
-            skip_bad=skip_bad,
-            animation=animation,
             **writing.files(),
             **reading.how(),
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_args
@@ -25,6 +25,7 @@ from stability.packing.response import SOLVED
 from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import SERIES, UNITS, Row, Summary, definitions
+from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
 from studies.series.loading import WAYS, read_strains
@@ -55,57 +56,41 @@ def run_series(
     paths: Sequence[Path],
     out: Path,
     *,
-    cells: Path | None = None,
-    as_given: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    skip_bad: bool = False,
     force: bool = False,
     csv: bool = False,
     figures: Figures | bool = True,
-    animation: bool = False,
-    in_packing: bool | str = False,
-    yield_band: float = 0.99,
-    candidates: float = CANDIDATES,
-    past: Past = "viscous",
-    inertial_number: float | None = None,
-    times: Path | None = None,
-    time_step: float | None = None,
-    mean_mass: float | None = None,
-    damping: float = 0.3,
-    programme: str | Path = "straight",
-    probe: int | None = None,
-    indicators: bool = False,
     **how: Any,
 ) -> Summary:
     """Find the loops of every snapshot of a series and their fates; return the summary.
 
-    `how` are options of `read_planar`; `cells` is a table of the snapshots' cells. Snapshots are
-    taken by their steps, see `in_order`, unless they are to be taken `as_given`. With
-    `in_packing` the packing's rate problem predicts each interval and `skill.parquet` compares the
-    predictions with what happened; with 'events' the packing's path and its replay predict too, the
-    path with the way `past` an instability, the replay at the inertial number of the sample: of the
-    times of the snapshots (a table `times`, their files, or their numbers by `time_step`) and their
-    masses (or the `mean_mass`), unless `inertial_number` is given. The `programme` is the way of
-    both to the later strain: one of `WAYS` or a table of strains over time.
-    With `probe` every snapshot is probed along this number of directions of strain. With
-    `indicators` the structural indicators of the loops predict too, beside the rate problem.
+    `how` are the options of `Tracking`, `Replaying` and `read_planar`. Snapshots are taken by their
+    steps, see `in_order`, unless they are to be taken `as_given`. With `in_packing` the packing's
+    rate problem predicts each interval and `skill.parquet` compares the predictions with what
+    happened; with 'events' the packing's path and its replay predict too, the path with the way
+    `past` an instability, the replay at the inertial number of the sample: of the times of the
+    snapshots (a table `times`, their files, or their numbers by `time_step`) and their masses (or
+    the `mean_mass`), unless `inertial_number` is given. The `programme` is the way of both to the
+    later strain: one of `WAYS` or a table of strains over time.
 
     Finished parts in `out` are kept: the same call continues an interrupted run. A script calls
     this under `if __name__ == "__main__"`, because the processes import the script.
     """
+    asked: Any = taken(Tracking, how)
+    rate = asdict(taken(Replaying, how))
+    cells, times, indicators = asked.cells, rate.pop("times"), asked.indicators
     how, moved = reading(**how), list[str]()
-    if not as_given:
+    if not asked.as_given:
         paths, moved = in_order(paths, how)
     planned = plan_series(paths, cells, how, times)
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
-    in_packing = in_packing or indicators
+    in_packing = asked.in_packing or indicators
     check_choice("--in-packing", in_packing, (False, True, "rates", "events"))
     share, by_events = None, in_packing == "events"
     if in_packing:
-        share = checked_band(candidates, "candidates", CANDIDATES)
-    rate = {"inertial_number": inertial_number, "time_step": time_step, "mean_mass": mean_mass}
-    following = _following(past, rate, damping, programme)
+        share = checked_band(asked.candidates, "candidates", CANDIDATES)
+    following = _following(asked.past, rate, asked.damping, asked.programme)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
@@ -114,9 +99,9 @@ def run_series(
     if indicators:
         read["indicators"] = True
     probed: tuple[float | None, int | None] = (None, None)
-    if probe is not None:
-        whole_number("--probe", probe, 1)
-        probed = checked_band(yield_band), probe
+    if asked.probe is not None:
+        whole_number("--probe", asked.probe, 1)
+        probed = checked_band(asked.yield_band), asked.probe
         read["probe"] = list(probed)
     configuration = {"paths": paths, "cells": cells, "times": times, **read}
     read["cells"] = None if cells is None else cells.name
@@ -126,7 +111,7 @@ def run_series(
         followed = following if by_events else None
         series = Series(planned, out, share, followed, probed, indicators)
         with open_runner(workers, scheduler, files) as runner:
-            failures = do_tasks(runner, series.snapshots, "snapshots", skip_bad=skip_bad)
+            failures = do_tasks(runner, series.snapshots, "snapshots", skip_bad=asked.skip_bad)
             bad = {failure.number for failure in failures}
             series = replace(series, planned=[one for one in planned if one.number not in bad])
             if not series.planned:
@@ -153,7 +138,7 @@ def run_series(
                 for name, parted in (parts | whole).items():
                     write_csv(parted, results.folder / f"{name}.csv")
             summary = results.write_summary(summary)
-            _draw(results, series, tables, summary, animation=animation, figures=figures)
+            _draw(results, series, tables, summary, animation=asked.animation, figures=figures)
     return summary
 
 

@@ -5,40 +5,28 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from loops import ForceChains, force_chains
 from loops.arrays import Integers
 from loops.errors import InputError, check_choice
 from patterns import Snapshot
 from studies.output import UNITS, Summary, readable
+from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
 from studies.snapshot.table import loop_columns
 from studies.study import files_of, study
 
-if TYPE_CHECKING:
-    from loops.in_place import Method
 
-
-def run_snapshot(
-    path: Path,
-    out: Path,
-    *,
-    paraview: bool = False,
-    in_packing: Method | None = None,
-    hold: bool = False,
-    yield_band: float | None = None,
-    quadrons: bool = False,
-    **how: Any,
-) -> Summary:
+def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     """Find and judge the loops of a snapshot, write tables, figures and a report; the summary.
 
-    `how` are options of `read_planar` and files of `study`; `in_packing` is auto, whole or blocks,
-    `hold` and `yield_band` are those of `add_in_packing`; `quadrons` adds their table, summary and
-    figure.
+    `how` are the options of `Snapshotting` and `read_planar`, and files of `study`.
     """
+    asked: Any = taken(Snapshotting, how)
+    in_packing, hold, yield_band = asked.in_packing, asked.hold, asked.yield_band
     files = files_of(how)
     configuration = {"path": path, **reading(**how)}
     if in_packing is not None:
@@ -70,7 +58,7 @@ def run_snapshot(
             written.result()
         summary["notes"] += notes
         tables: dict[str, Any] = {"orders": order_columns(summary, table)}
-        if quadrons:
+        if asked.quadrons:
             from studies.snapshot.quadrons import quadron_columns, quadron_summary
 
             tables["quadrons"] = quadron_columns(snapshot)
@@ -80,7 +68,7 @@ def run_snapshot(
         if results.figures:
             tables["fabric"] = fabric_table(snapshot.graph, summary)
         summary = results.write_results(tables, summary)
-        if paraview:
+        if asked.paraview:
             from studies.snapshot.table import write_paraview
 
             write_paraview(results.folder, snapshot, table, results.source)
@@ -90,7 +78,7 @@ def run_snapshot(
 
             links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
             drawn = snapshot_figures(snapshot, table, tables["fabric"], summary, **links)
-            if quadrons:
+            if asked.quadrons:
                 from studies.snapshot.quadrons import quadron_figure
 
                 drawn = chain(drawn, [("quadrons", lambda: quadron_figure(tables["quadrons"]))])

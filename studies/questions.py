@@ -1,0 +1,298 @@
+"""Options of each question: those of its command, of its study and of its provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from cyclopts import Group, Parameter, Token
+
+from loops.errors import InputError
+
+Options = TypeVar("Options")
+# Everyday options come first in the help of a command, all others in this group.
+FURTHER, EVERYDAY = Group("Further options", sort_key=1), "Parameters"
+
+
+def parse_whole_number(kind: Any, tokens: Sequence[Token]) -> int:
+    """Return the whole number of an option; the library's own converter rounds 6.5 to 6."""
+    with suppress(ValueError):
+        number = float(tokens[0].value)
+        if number.is_integer():
+            return int(number)
+    raise ValueError(f"got {tokens[0].value}, expected a whole number")
+
+
+Whole = Annotated[int, Parameter(converter=parse_whole_number)]
+YieldBand = Annotated[
+    float,
+    Parameter(
+        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a tangent or a probe."
+    ),
+]
+Candidates = Annotated[
+    float,
+    Parameter(
+        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a finite increment."
+    ),
+]
+FluidBulkModulus = Annotated[
+    float | None,
+    Parameter(
+        group=FURTHER,
+        help="Bulk modulus of the fluid over the porosity, for undrained (stress; for a regular "
+        "loop over kn). Default: infinite.",
+    ),
+]
+StrainRatio = Annotated[
+    float | None,
+    Parameter(group=FURTHER, help="Strain across over the driven strain, for proportional-strain."),
+]
+PastOption = Annotated[
+    str,
+    Parameter(
+        group=FURTHER,
+        metavar="NAME",
+        help="Past an unstable contact: viscous or dynamic (inertial) motion, or stop.",
+    ),
+]
+Instabilities = Annotated[
+    Whole, Parameter(group=FURTHER, help="Number of unstable contacts at which the path stops.")
+]
+Damping = Annotated[float, Parameter(group=FURTHER, help="Cundall's damping of the replays.")]
+AsGiven = Annotated[
+    bool,
+    Parameter(
+        negative=(),
+        group=FURTHER,
+        help="Keep the order of the files. Default: by step, else by name.",
+    ),
+]
+Cells = Annotated[
+    Path | None,
+    Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Snapshotting:
+    """Options of `snapshot`.
+
+    Parameters
+    ----------
+    in_packing
+        Judge the loops in their packing too: the whole packing at once, blocks of it (less memory,
+        larger errors), or auto (by the number of grains).
+    hold
+        Bring the state to rest first, at fixed cell or between its walls: a share of loops unstable
+        in their packing is one of a state at rest.
+    yield_band
+        Least |T|/(mu N) of contacts that slide in a loop's packing at rest. Default: 0.999999,
+        0.999 and 0.99.
+    quadrons
+        Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
+        with each of its grains.
+    paraview
+        Write loops.vtp for ParaView.
+    """
+
+    in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None
+    hold: bool = False
+    yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None
+    quadrons: Annotated[bool, Parameter(group=FURTHER)] = False
+    paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Probing:
+    """Options of `probe`.
+
+    Parameters
+    ----------
+    directions
+        Number of directions.
+    control
+        Which increment is prescribed in each direction.
+    subspace
+        Components that change: 11 and 22 (directions on a circle), or 12 too (sphere).
+    amplitude
+        Size (strain) of finite probes. Default: infinitesimal probes.
+    by
+        How --amplitude is reached: from event to event, or in one solve.
+    """
+
+    directions: Whole = 72
+    control: Annotated[str, Parameter(metavar="strain|stress")] = "strain"
+    subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal"
+    yield_band: YieldBand = 0.99
+    amplitude: float | None = None
+    by: Annotated[str, Parameter(group=FURTHER, metavar="events|increment")] = "events"
+    candidates: Candidates = 0.7
+    past: PastOption = "viscous"
+
+
+@Parameter(name="*", group=FURTHER)
+@dataclass(frozen=True, kw_only=True)
+class Sustaining:
+    """Options of `sustain`.
+
+    Parameters
+    ----------
+    directions
+        Number of directions of the stress rate.
+    subspace
+        Stress components that change: 11 and 22, or 12 too.
+    largest
+        Largest load (force/length) in each direction, added to the stress of the start. Default: a
+        tenth of the mean stress.
+    interval
+        Strain over which the geometry is kept constant.
+    large
+        Least strain of a motion that is called large.
+    most_snaps
+        Largest number of motions below --large; a direction with more is unfinished.
+    """
+
+    directions: Annotated[Whole, Parameter(group=EVERYDAY)] = 24
+    subspace: Annotated[str, Parameter(metavar="diagonal|symmetric")] = "diagonal"
+    largest: Annotated[float | None, Parameter(group=EVERYDAY)] = None
+    interval: float = 5e-6
+    large: float = 3e-4
+    most_snaps: Whole = 30
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Driving:
+    """The programme that a packing is followed through.
+
+    Parameters
+    ----------
+    to
+        Change of the driven strain or stress, negative in extension; say 1e-4.
+    programme
+        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
+        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
+        simple-shear.
+    axis
+        Driven axis, or that of simple-shear. Default: the major stress's; of simple-shear 1.
+    interval
+        Strain over which the geometry is kept constant; errors are proportional to it.
+    """
+
+    to: float
+    programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
+    fluid_bulk_modulus: FluidBulkModulus = None
+    strain_ratio: StrainRatio = None
+    axis: Whole | None = None
+    interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
+    past: PastOption = "viscous"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Evolving(Driving):
+    """Options of `evolve`.
+
+    Parameters
+    ----------
+    by
+        Method: events (quasistatic, from event to event), replay (equations of motion), or both.
+    rows
+        Rows of the path's table, evenly spaced.
+    pathologies
+        Tell in every row the matrix of the contacts at yield (symmetric, definite, P-matrix) and
+        count the solutions.
+    spread
+        Follow the path again with other damping past instabilities, to tell how far stresses
+        differ.
+    """
+
+    by: Annotated[str, Parameter(metavar="events|replay|both")] = "events"
+    rows: Annotated[Whole, Parameter(group=FURTHER)] = 20
+    instabilities: Instabilities = 20
+    pathologies: Annotated[bool, Parameter(group=FURTHER)] = False
+    spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False
+    damping: Damping = 0.3
+
+
+@Parameter(name="*", group=FURTHER)
+@dataclass(frozen=True, kw_only=True)
+class Replaying:
+    """Where the rate of replays is from.
+
+    Parameters
+    ----------
+    inertial_number
+        Inertial number of the replays. Default: by the files' times and masses, or 2e-6.
+    times
+        Table of times, columns snap and time. Default: times of --cells, or the files.
+    time_step
+        Time of a step, if files are numbered by steps.
+    mean_mass
+        Mean mass of a grain, if the files have none.
+    """
+
+    inertial_number: float | None = None
+    times: Path | None = None
+    time_step: float | None = None
+    mean_mass: float | None = None
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """Options of `series`.
+
+    Parameters
+    ----------
+    in_packing
+        Predict each interval with the tangent of the whole packing (rates, also without a word), or
+        also with its path by events and a replay (events).
+    programme
+        How paths and replays reach the later strain: straight, 1-first, 2-first (that axis, then
+        the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a table of time and
+        h_xx, h_xy, h_yx, h_yy, or of time, H11, H22 (H12, H21).
+    probe
+        Probe each snapshot along N directions of strain.
+    indicators
+        Predict also by structural indicators: coordination, vibrality, D2min, ...
+    skip_bad
+        Leave out snapshots that can't be read.
+    animation
+        Animate the series, as GIF.
+    """
+
+    cells: Cells = None
+    as_given: AsGiven = False
+    in_packing: Annotated[str | bool, Parameter(metavar="rates|events")] = ""
+    candidates: Candidates = 0.7
+    yield_band: YieldBand = 0.99
+    past: PastOption = "viscous"
+    damping: Damping = 0.3
+    programme: Annotated[str, Parameter(group=FURTHER, metavar="WORD|TABLE")] = "straight"
+    probe: Annotated[Whole | None, Parameter(metavar="N")] = None
+    indicators: Annotated[bool, Parameter(group=FURTHER)] = False
+    skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False
+    animation: Annotated[bool, Parameter(group=FURTHER)] = False
+
+
+def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:
+    """Return options as their dataclass; `InputError` that lists them for an unknown one."""
+    names = [one.name for one in fields(kind)]  # type: ignore[arg-type]
+    for name, value in given.items():
+        if name not in names:
+            expected = f"one of {', '.join(names)}"
+            raise InputError(name, repr(value), expected, "Leave it out.")
+    return kind(**given)
+
+
+def taken(kind: type[Options], how: dict[str, Any]) -> Options:
+    """Take the options of a question out of others."""
+    names = [one.name for one in fields(kind)]  # type: ignore[arg-type]
+    return kind(**{name: how.pop(name) for name in names if name in how})
