@@ -20,14 +20,7 @@ from patterns.diamond.closed_form import overlap_ratio as overlap_ratio
 from patterns.diamond.closed_form import sliding_moduli as sliding_moduli
 from patterns.diamond.closed_form import stress_of_isotropic_strain as stress_of_isotropic_strain
 from patterns.diamond.closed_form import tangent as tangent
-from patterns.diamond.drained import DrainedEnd as DrainedEnd
-from patterns.diamond.drained import DrainedPath as DrainedPath
-from patterns.diamond.drained import DrainedState as DrainedState
-from patterns.diamond.drained import PrintedRule as PrintedRule
-from patterns.diamond.drained import drained_end as drained_end
-from patterns.diamond.drained import drained_path as drained_path
-from patterns.diamond.drained import drained_states_after_turn as drained_states_after_turn
-from patterns.diamond.drained import printed_states_after_turn as printed_states_after_turn
+from patterns.diamond.printed_rule import PrintedRule as PrintedRule
 from patterns.diamond.states import TABLE_1 as TABLE_1
 from patterns.diamond.states import TABLE_2 as TABLE_2
 from patterns.diamond.states import DiamondParameters as DiamondParameters

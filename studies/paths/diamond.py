@@ -20,7 +20,6 @@ from loops.arrays import Floats
 from loops.closures import Closure
 from patterns.diamond import (
     DiamondParameters,
-    drained_states_after_turn,
     isotropic_tangent,
     opposite_gaps,
 )
@@ -52,6 +51,7 @@ from studies.paths.followed import (
     NAMED,
     YIELD_RTOL,
     Followed,
+    first_yield,
     follow_path,
     operator_values,
     part_columns,
@@ -61,6 +61,8 @@ from studies.paths.options import DiamondOptions
 
 # Named states by the event at which each is reached.
 NAMED_BY = {"det_K_zero": "I", "programme_change": "A", "yield": "B"}
+# E1 up to which B is looked for.
+LATEST = 0.99
 DETERMINANTS = ("det_Ks_zero", "det_K_zero")
 # Kinds of events in the summary; the remaining events of a path follow from these.
 LISTED_KINDS = (
@@ -179,7 +181,7 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
     >>> {name: round(float(found.E1[row]), 6) for name, row in found.marks.items()}
     {'I': 0.166667, 'A': 0.3, 'B': 0.409734}
     """
-    (path, stages), loop = follow_path(options), options.parameters
+    (path, stages), loop = diamond_path(options), options.parameters
     added = on_axes(path, path.regime != Regime.OPEN) > 0.0
     states = diamond_states(
         *(loop, path.H[:, 0], path.H[:, 3], path.shear_force[:, 0]),
@@ -216,6 +218,18 @@ def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
             marks[name] = row
     operators = states.K, states.det_K, states.det_Ks
     return FollowedDiamond(options, path, stages, marks, *operators, states, tuple(listed))
+
+
+def diamond_path(options: DiamondOptions) -> tuple[LoopPath, tuple[str, ...]]:
+    """Path and names of its stages; its end depends on B, which may lie beyond a first end."""
+    (path, stages), mu = follow_path(options), options.parameters.mu
+    if len(stages) == 1 or options.contact_on_touch == "add":
+        return path, stages
+    slipped, tried = first_yield(path, mu), options.last_strain()
+    if slipped is None and path.status == "finished" and np.isfinite(mu):
+        slipped = first_yield(follow_path(options, end=LATEST)[0], mu)
+    last = options.last_strain(float(slipped.H[0]) if slipped else None)
+    return (path, stages) if last == tried else follow_path(options, end=last)
 
 
 def on_axes(path: LoopPath, values: NDArray[np.generic]) -> Floats:
@@ -417,25 +431,16 @@ def energy_imbalance(found: FollowedDiamond) -> float:
 
 
 def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
-    """`ds1/dE1` where the drained test starts: exact path by differences, and det K/K22 (33).
+    """`ds1/dE1` where the drained test starts: of the path's own rates, and det K/K22 (33).
 
     None where A is not reached, or the path opens or slides at once.
     """
-    exact = found.options.exact
-    last = float(np.nan_to_num(exact.end.turn, nan=exact.direction))
-    if "A" not in found.marks or exact.status == "opening" or last == 0.0:
+    rows = found.loading
+    if "A" not in found.marks or len(found.stages) == 1 or found.loop.mu == 0.0 or not len(rows):
         return None
-    # Chebyshev points on a short part of the elastic path: the slope of the interpolant.
-    short = min(0.1, 0.2 * found.loop.alpha0, 0.2 * (0.5 * np.pi - found.loop.alpha0))
-    turn = 0.5 * np.clip(last, -short, short) * (1.0 - np.cos(np.pi * np.arange(15) / 14))
-    states, _ = drained_states_after_turn(exact, turn)
-    s1, E1 = (
-        np.polynomial.Polynomial.fit(turn, y, 14).deriv()(0.0) for y in (states.s1, states.E1)
-    )
-    at_A = diamond_states(found.loop, found.loop.confinement, found.loop.confinement)
-    closed = float(drained_slope(at_A.K[0]))
-    difference = float(abs(s1 / E1 - closed))
-    return {"differences": float(s1 / E1), "closed_form": closed, "difference": difference}
+    rate = float(found.path.P_rate[rows[0], 0] / found.path.H_rate[rows[0], 0])
+    closed = float(drained_slope(found.K[rows[0]]))
+    return {"differences": rate, "closed_form": closed, "difference": abs(rate - closed)}
 
 
 def model_summary(found: FollowedDiamond) -> Summary:

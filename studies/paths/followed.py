@@ -306,10 +306,12 @@ class Followed:
 
 
 def follow_path(
-    options: DiamondOptions | PolygonOptions, subspaces: tuple[str, ...] = ("diagonal",)
+    options: DiamondOptions | PolygonOptions,
+    subspaces: tuple[str, ...] = ("diagonal",),
+    **end: float,
 ) -> tuple[LoopPath, tuple[str, ...]]:
     """Path of a study, with the spectral events of every subspace, and the names of its stages."""
-    names, stages = zip(*options.stages(), strict=True)
+    names, stages = zip(*options.stages(**end), strict=True)
     graph = options.graph()
     path = follow(
         Scene(graph, options.law(), boundary_of(graph, volume=options.volume)),

@@ -25,14 +25,7 @@ from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.errors import check_choice
 from loops.laws.movable import require_linear_springs
-from patterns.diamond import (
-    TABLE_1,
-    TABLE_2,
-    DiamondParameters,
-    DrainedPath,
-    diamond,
-    drained_path,
-)
+from patterns.diamond import TABLE_1, TABLE_2, DiamondParameters, diamond
 from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
 from stability import Programme, Stage, programmes
 from stability.path import ModelOption
@@ -149,11 +142,6 @@ class DiamondOptions:
         """`L10 L20`, the paper's reference area: twice the rhombus."""
         return float(2.0 * np.sin(2.0 * self.parameters.alpha0))
 
-    @cached_property
-    def exact(self) -> DrainedPath:
-        """The drained path of a diamond whose opposite grains may overlap, in closed form."""
-        return drained_path(self.parameters)
-
     def graph(self) -> GrainGraph:
         """The barely touching diamond."""
         return diamond(self.parameters.alpha0)
@@ -163,7 +151,7 @@ class DiamondOptions:
         loop = self.parameters
         return LinearFrictional(1.0, loop.kappa, loop.mu)
 
-    def stages(self) -> tuple[tuple[str, Stage], ...]:
+    def stages(self, end: float | None = None) -> tuple[tuple[str, Stage], ...]:
         """Isotropic strain to A, then the drained biaxial test; names and stages.
 
         Without confinement there is no lateral stress: contacts of an angle above that of friction
@@ -171,16 +159,16 @@ class DiamondOptions:
         """
         loop = self.parameters
         to_A = ("isotropic", Stage(programmes.isotropic_strain(), "H11", loop.confinement))
-        exact = self.exact
-        if exact.status == "opening":
+        if loop.confinement == 0.0 and (loop.phi <= loop.alpha0 or loop.kappa == 0.0):
             return (to_A,)
-        latest, least = loop.confinement, 0.0
-        # With added contacts B has no closed form.
-        if exact.status == "yield" and self.contact_on_touch != "add":
-            latest = float(exact.end.E1)
-            least = latest + AFTER_B
-        last = min(max(loop.confinement + AFTER_A, least), 0.5 * (1.0 + latest))
+        last = self.last_strain() if end is None else end
         return (to_A, ("drained", Stage(programmes.drained_biaxial(), "H11", last)))
+
+    def last_strain(self, at_B: float | None = None) -> float:
+        """E1 at the end of the drained test, which goes on beyond B where B is known."""
+        confined = self.parameters.confinement
+        latest, least = (confined, 0.0) if at_B is None else (at_B, at_B + AFTER_B)
+        return min(max(confined + AFTER_A, least), 0.5 * (1.0 + latest))
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""

@@ -11,10 +11,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from patterns.diamond import TABLE_1, TABLE_2, drained_path
+from patterns.diamond import TABLE_1, TABLE_2
 from tests.docs.pages import page, tables
 from tests.golden.answers import CASES, SLOW
 from tests.golden.ratios import ratios, renewed
+from tests.oracles.drained import drained_path
 
 FOLDER = Path(__file__).parent
 RELATIVE = 1e-12

@@ -3,8 +3,8 @@
 import numpy as np
 
 from loops.validation import finite
-from patterns.diamond import drained_states_after_turn
 from patterns.diamond.closed_form import geometric_asymmetry, geometric_softening
+from tests.oracles.drained import drained_states_after_turn
 
 
 def determinant(E1, E2, s1, s2, alpha, lambda1, lambda2):

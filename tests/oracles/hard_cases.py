@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime
-from patterns.diamond import TABLE_1, DiamondParameters, diamond, drained_path
+from patterns.diamond import TABLE_1, DiamondParameters, diamond
 from patterns.polygons import polydisperse_polygon, regular_polygon
+from tests.oracles.drained import drained_path
 
 # Letters of an answer, one for each value.
 LETTERS = dict(s="stable", u="unstable", e="error", y="yes", n="no") | {"?": "undetermined"}

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from loops import GrainGraph, contact_forces, contact_frame
-from patterns.diamond import TABLE_1, TABLE_2, drained_path, drained_states_after_turn
+from patterns.diamond import TABLE_1, TABLE_2
 from patterns.diamond.closed_form import (
     contact_displacement_rates,
     work_compress_then_shear,
     work_shear_then_compress,
 )
 from tests.oracles.diamond_forces import force_rates, side_lengths, side_rates
+from tests.oracles.drained import drained_path, drained_states_after_turn
 from tests.oracles.paper_samples import Samples, difference, random_samples
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,6 @@ from patterns.diamond import (
     TABLE_1,
     TABLE_2,
     DiamondParameters,
-    drained_path,
-    drained_states_after_turn,
     elastic_moduli,
     external_forces,
     sliding_moduli,
@@ -19,6 +17,7 @@ from patterns.diamond import (
 from patterns.diamond.closed_form import contact_displacement_rates, drained_slope
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 from tests.oracles.diamond_general import drained_states
+from tests.oracles.drained import drained_path, drained_states_after_turn
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),

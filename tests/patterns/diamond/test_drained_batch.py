@@ -6,9 +6,9 @@ from mpmath import mp
 from scipy.special import gamma
 
 from loops import InputError
-from patterns.diamond import drained_end, tangent
-from patterns.diamond.drained import _Bracket, advance_shear
+from patterns.diamond import tangent
 from tests.oracles import diamond_mpmath as oracle
+from tests.oracles.drained import _Bracket, advance_shear, drained_end
 
 
 def random_sweep(seed, count):

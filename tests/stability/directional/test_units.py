@@ -5,10 +5,11 @@ import pytest
 
 from loops import LinearFrictional
 from patterns import regular_polygon
-from patterns.diamond import TABLE_1, diamond, drained_path
+from patterns.diamond import TABLE_1, diamond
 from stability.directional import directional_work
 from stability.directional.branches import line_angles
 from stability.directional.work import law_branches
+from tests.oracles.drained import drained_path
 
 ANGLES = 2 * np.pi * (np.arange(53) + 0.3) / 53
 CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)

@@ -7,15 +7,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, macroscopic_tangent
 from patterns import regular_polygon
-from patterns.diamond import (
-    TABLE_1,
-    TABLE_2,
-    diamond,
-    drained_path,
-    elastic_moduli,
-    sliding_moduli,
-    tangent,
-)
+from patterns.diamond import TABLE_1, TABLE_2, diamond, elastic_moduli, sliding_moduli, tangent
 from stability import (
     plane_cone,
     programmes,
@@ -28,6 +20,7 @@ from stability import (
 )
 from stability.directional import branch_fraction, directional_work, edge_contacts
 from stability.directional.branches import edges_of
+from tests.oracles.drained import drained_path
 
 TABLES = [TABLE_1, TABLE_2]
 ANGLES = 2 * np.pi * (np.arange(997) + 0.3) / 997

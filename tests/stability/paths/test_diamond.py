@@ -24,11 +24,11 @@ from patterns.diamond import (
     sliding_moduli,
     tangent,
 )
-from patterns.diamond import drained_path as exact_drained_path
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, drained_slope
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_forces import contact_forces
 from tests.oracles.diamond_general import drained_states
+from tests.oracles.drained import drained_path as exact_drained_path
 
 CLOSURES = ("affine", "traction")
 # Twenty digits, by a quadrature in tests.oracles.diamond_mpmath: E1, E2, s1.

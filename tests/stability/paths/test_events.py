@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
-from patterns.diamond import drained_path as exact_drained_path
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.path_segment import first_crossing, polish
 from tests.oracles.diamond_general import drained_states
+from tests.oracles.drained import drained_path as exact_drained_path
 
 CLOSURES = ("affine", "traction")
 LAW = LinearFrictional(kn=1.0, kt=TABLE_1.kappa, mu=TABLE_1.mu)

@@ -6,9 +6,9 @@ import pytest
 from loops import LinearFrictional, Scene, boundary_of
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
-from patterns.diamond import drained_path as exact_drained_path
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
+from tests.oracles.drained import drained_path as exact_drained_path
 from tests.tools.random_paths import random_scene
 
 CLOSURES = ("affine", "traction")

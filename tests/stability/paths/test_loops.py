@@ -17,9 +17,9 @@ from loops import (
 )
 from patterns import regular_polygon, synthetic_network
 from patterns.diamond import DiamondParameters
-from patterns.diamond import drained_path as exact_drained_path
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_general import drained_states
+from tests.oracles.drained import drained_path as exact_drained_path
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from loops import Regime
-from patterns.diamond import drained_path, tangent
+from patterns.diamond import tangent
 from patterns.diamond.closed_form import work_compress_then_shear
 from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
@@ -17,6 +17,7 @@ from studies.paths.diamond import (
     verification,
 )
 from studies.paths.options import DiamondOptions
+from tests.oracles.drained import drained_path
 from tests.studies.paths.followed import followed, summary_of
 
 POINT_B = {
@@ -339,3 +340,11 @@ def test_works_of_both_routes_by_integration():
     gap = table["shear_then_compress_integrated"] - table["compress_then_shear_integrated"]
     expected = 0.5 * 0.24 * alpha**2 * (1.0 - (1.0 - D) ** 2)
     np.testing.assert_allclose(gap, expected, rtol=1e-9, atol=1e-13)
+
+
+def test_the_path_goes_on_beyond_a_late_B():
+    path = followed(alpha0_deg=75.0, kappa=0.1, phi_deg=10.0, confine=0.05)
+    exact = float(drained_path(path.loop).end.E1)
+    assert exact > 0.35  # the end if nothing were known of B
+    assert path.E1[path.marks["B"]] == pytest.approx(exact, abs=1e-14)
+    assert path.E1[-1] == pytest.approx(exact + 0.15, abs=1e-14)

@@ -18,7 +18,6 @@ from loops import (
 )
 from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_path
 from patterns.diamond import DiamondParameters
-from patterns.diamond import drained_path as exact_drained_path
 from stability import rates_at, restrict, symmetric_spectrum
 from stability.programmes import proportional_strain
 from studies.paths.followed import area_line, first_yield, state_lines
@@ -38,6 +37,7 @@ from studies.paths.polygon import (
     thresholds,
 )
 from studies.paths.run import run_comparison, run_polygon
+from tests.oracles.drained import drained_path as exact_drained_path
 from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty
 

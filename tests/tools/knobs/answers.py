@@ -23,7 +23,7 @@ from loops import LinearFrictional, Scene, find_crossings, find_faces
 from loops.compiled.network import following_half_edges
 from loops.in_place import loops_in_place
 from loops.loop_batches import compiled_packing
-from patterns.diamond import TABLE_1, drained_path
+from patterns.diamond import TABLE_1
 from patterns.snapshots.missing import overlapping_pairs
 from patterns.synthetic import synthetic_network
 from stability import branch_fraction
@@ -34,6 +34,7 @@ from stability.packing.amplitudes import probe_to
 from studies import domain as domains
 from studies.paths.options import PolygonOptions
 from studies.series.evolution import fate_columns, track_loops
+from tests.oracles.drained import drained_path
 from tests.oracles.hard_cases import HARD_CASES
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import yade_rest

@@ -14,8 +14,8 @@ from typing import Any
 from scipy.optimize import brentq
 
 from patterns.diamond import TABLE_1
-from studies.examples.sweep import by_scipy, drained
 from tests.benchmarks.methods import SPAN, Rows, error_at_b
+from tests.tools.settled.sweep import by_scipy, drained
 
 State = tuple[float, float, float]
 START: State = (

@@ -1,7 +1,7 @@
 """At which strain do 100,000 random diamonds yield, and how long does the answer take?
 
 Point B, where all four contacts slide under constant s2, from the exact solution for all diamonds
-at once (`patterns.diamond.drained`), against scipy's `solve_ivp` on (33), one path at a time.
+at once (`tests.oracles.drained`), against scipy's `solve_ivp` on (33), one path at a time.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from loops.arrays import Floats
-from patterns.diamond import TABLE_1, drained_end
+from patterns.diamond import TABLE_1
 from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, SEQUENTIAL, TWO_COLUMNS, new_figure, styled
+from tests.oracles.drained import drained_end
 
 # Ranges of alpha0, kappa, phi and the isotropic strain at A; degrees.
 LOWEST = np.array([5.0, 0.05, 1.0, 1e-4])
