@@ -30,9 +30,7 @@ CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 CONTENTS = re.compile(
     "|".join(sorted({*chain(*WORDS.values()), "data", "fstat"}, key=len, reverse=True)), re.I
 )
-FILE_ENDINGS = re.compile(
-    r"(\.(csv|tsv|txt|dat|parquet|npz|h5|hdf5|json|vtu|vtp|vtk|gz|bz2|xz|zst))+$", re.I
-)
+FILE_ENDINGS = re.compile(r"(\.(csv|tsv|txt|dat|parquet|npz|h5|hdf5|json|gz|bz2|xz|zst))+$", re.I)
 
 
 def reading(**how: Any) -> dict[str, Any]:

@@ -30,7 +30,6 @@ from patterns.snapshots.pegs import is_pegs, pegs_frames
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import given_table
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
-from patterns.snapshots.yade_vtk import is_yade_vtk, yade_vtk_frames
 
 
 class Format(NamedTuple):
@@ -45,20 +44,25 @@ class Format(NamedTuple):
     frames: Callable[[Source], Frames]
 
 
-def is_yade_text(path: Path, head: bytes) -> bool:
-    """Whether this is a list of spheres by Yade's `export.text` or `export.textExt`."""
-    return head.startswith(b"#format ")
+# First bytes of other files of Yade, and what they lack.
+LOSSY = {
+    b"#format ": "spheres alone (export.text)",
+    b"# vtk DataFile": "VTK with six digits (export.VTKExporter)",
+    b"<VTKFile": "VTK without shear forces and stiffness (VTKRecorder)",
+    b"serialization::archive": "Yade's binary save",
+}
 
 
-def refuse_yade_text(source: Source) -> Frames:
-    """Refuse: these files have no contacts, and six digits are too few to find them."""
-    raise InputError(
-        str(source.path),
-        "spheres without contacts (export.text)",
-        "contacts and their forces",
-        "Contacts can't be found again: six digits of the centres are too coarse for overlaps. "
-        "Export tables from inside Yade instead, see docs/yade.md.",
-    )
+def refuse_lossy(path: Path, head: bytes) -> None:
+    """Raise `InputError` for files of Yade from which no mechanics can be read."""
+    for start, lack in LOSSY.items():
+        if start in head[:64]:
+            expected = "centres, forces and stiffnesses of all contacts, with all their digits"
+            remedy = (
+                'Write them inside Yade by export_tables("out") of yade_export.py, for a binary '
+                "save after O.load(...): see docs/yade.md."
+            )
+            raise InputError(str(path), lack, expected, remedy)
 
 
 # Laws, and the options that they alone have.
@@ -68,9 +72,7 @@ OPTIONS_OF_LAWS = {
 }
 # The first one that recognises a file takes it.
 FORMATS = {
-    "yade-vtk": Format(is_yade_vtk, yade_vtk_frames),
     "yade-xml": Format(is_yade_save, yade_save_frames),
-    "yade-text": Format(is_yade_text, refuse_yade_text),
     # Dumps of atoms of both codes look alike: LIGGGHTS is recognised by its dump of contacts.
     "liggghts": Format(is_liggghts, liggghts_frames),
     "lammps": Format(is_lammps, lammps_frames),
@@ -352,6 +354,7 @@ def format_of(path: Path, name: str = "auto") -> Format:
         return FORMATS[name]
     require_file(path)
     head = head_of(path)
+    refuse_lossy(path, head)
     for reader in FORMATS.values():
         if reader.recognises(path, head):
             return reader

@@ -56,8 +56,25 @@ def export_tables(folder: str, number: int | None = None) -> str:
     """
     from yade import O  # type: ignore[import-not-found]
 
+    grains, columns, contacts, frame = tables_of(O)
+    os.makedirs(folder, exist_ok=True)
+    if number is None:
+        names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
+        number = max((int(name.group(1)) for name in names if name), default=-1) + 1
+    label = f"{number:02d}"
+    _write(os.path.join(folder, f"cell_{label}.json"), (json.dumps(frame) + "\n").encode())
+    _write(os.path.join(folder, f"contacts_{label}.csv.gz"), _csv(columns, contacts))
+    path = os.path.join(folder, f"grains_{label}.csv.gz")
+    _write(path, _csv(GRAINS, grains))
+    return path
+
+
+def tables_of(
+    scene: Any,
+) -> tuple[list[tuple[float, ...]], tuple[str, ...], list[tuple[float, ...]], dict[str, Any]]:
+    """Rows of the grains; columns and rows of the contacts; the cell and what stands beside it."""
     grains, spheres = [], set()
-    for body in O.bodies:
+    for body in scene.bodies:
         if body.isClump or body.isClumpMember:
             raise ValueError(f"body {body.id} belongs to a clump: loops are of single grains")
         if body.shape is None:
@@ -69,7 +86,7 @@ def export_tables(folder: str, number: int | None = None) -> str:
         state = body.state
         place, motion = (state.pos[k] for k in (0, 1, 2)), (state.vel[0], state.vel[1])
         grains.append((body.id, kind, *place, radius, state.mass, *motion, state.angVel[2]))
-    real = [i for i in O.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
+    real = [i for i in scene.interactions if i.isReal and (i.id1 in spheres or i.id2 in spheres)]
     if not real:
         raise ValueError("no real interaction at this snapshot: nothing to export")
     for i in real:
@@ -78,27 +95,18 @@ def export_tables(folder: str, number: int | None = None) -> str:
             raise ValueError(f"interaction {i.id1}-{i.id2}: {physics} lacks kn, ks or shearForce")
     rough = all(hasattr(i.phys, "tangensOfFrictionAngle") for i in real)
     columns = CONTACTS + (FORCES if rough else FORCES[:-1])
-    contacts = [_contact(O, i)[: len(columns)] for i in real]
+    contacts = [_contact(scene, i)[: len(columns)] for i in real]
     bonds = _bonds(real) if rough else None
     if bonds:
         columns += BONDS
         contacts = [row + bond for row, bond in zip(contacts, bonds, strict=True)]
-    os.makedirs(folder, exist_ok=True)
-    if number is None:
-        names = (re.fullmatch(r"grains_(\d+)\.csv\.gz", name) for name in os.listdir(folder))
-        number = max((int(name.group(1)) for name in names if name), default=-1) + 1
-    label, cell = f"{number:02d}", None
-    if O.periodic:
-        cell = [[float(O.cell.hSize[row, k]) for k in (0, 1)] for row in (0, 1)]
-    frame: dict[str, object] = {"cell": cell, "iteration": int(O.iter), "time": float(O.time)}
-    frame["shear_increment"] = _shear_increment(O)
+    h = scene.cell.hSize if scene.periodic else None
+    cell = None if h is None else [[float(h[row, k]) for k in (0, 1)] for row in (0, 1)]
+    frame = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
+    frame["shear_increment"] = _shear_increment(scene)
     if bonds:
         frame["law"] = "bonded"
-    _write(os.path.join(folder, f"cell_{label}.json"), (json.dumps(frame) + "\n").encode())
-    _write(os.path.join(folder, f"contacts_{label}.csv.gz"), _csv(columns, contacts))
-    path = os.path.join(folder, f"grains_{label}.csv.gz")
-    _write(path, _csv(GRAINS, grains))
-    return path
+    return grains, columns, contacts, frame
 
 
 def _is_sphere(body: Any) -> bool:

@@ -1,116 +1,162 @@
-"""Saves of Yade, `O.save("state.xml.gz")`, streamed."""
+"""Saves of Yade, `O.save("state.xml.gz")`, streamed into what the export snippet takes for `O`."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats, Integers
 from patterns.snapshots.files import opened, require_file, whole_file
 from patterns.snapshots.frame import Frame, Frames, Moment, Source, frame_of_tables
-from patterns.snapshots.geometry import index_of
 from patterns.snapshots.tables import Table
+from patterns.snapshots.yade_export import GRAINS, tables_of
 
 ROOT = b"<boost_serialization"
-BINARY = b"serialization::archive"
 DECLARATION_BYTES = 65536
 LOAD_IN_YADE = "Load it in Yade, O.load(...), and export the tables from there: see docs/yade.md."
+# Elements that the snippet reads; of an interaction all these vectors are needed.
+OF_STATE = ("position", "vel", "angVel")
+OF_INTERACTION = ("normal", "contactPoint", "normalForce", "shearForce", "cellDist")
+NUMBERS = {
+    *("mass", "kn", "ks", "tangensOfFrictionAngle", "normalAdhesion", "shearAdhesion", "unp"),
+    *("unpMax", "fragile", "cohesionBroken", "cohesionDisablesFriction", "momentRotationLaw"),
+}
+# Branches and normals further apart than this (radians) are not of one snapshot.
+SAME_SNAPSHOT = 1e-9
 
 
-@dataclass(eq=False)
+class _MissingError(Exception):
+    """An element that is missing; not a ValueError, which means a damaged file."""
+
+
+class _Vector(tuple[float, ...]):
+    def dot(self, other: _Vector) -> float:
+        return sum(a * b for a, b in zip(self, other, strict=True))
+
+
+class _Bodies(dict[int, Any]):
+    """Bodies by id; a loop runs over the bodies, as in Yade."""
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.values())
+
+
 class Save:
-    """Bodies, interactions and cell of a save, collected from its objects `<px>` one by one."""
+    """Yade's `O` as far as the export snippet reads it, from the objects `<px>` of a save."""
 
-    # Id, shape by Yade's class name, x, y, z, and the radius of a sphere, else 0.
-    bodies: list[tuple[int, str, float, float, float, float]] = field(default_factory=list)
-    # Real interactions: id1, id2, then x and y of normal, contact point, normal force, shear force
-    # on body 2 and image of body 2; kn, ks; friction, nan without.
-    interactions: list[list[float]] = field(default_factory=list)
-    cell: list[float] = field(default_factory=list)  # hSize in the plane, by rows
-    periodic: bool = False
-    iteration: int = 0
-    radii: bool = True  # whether the shear increment is by the radii (avoidGranularRatcheting)
-    complete: bool = False  # whether the scene element was read
-    classes: dict[str, str] = field(default_factory=dict)
-    shapes: dict[str, tuple[str, float]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.bodies, self.interactions, self.engines = _Bodies(), list[Any](), list[Any]()
+        self.cell, self.periodic = SimpleNamespace(hSize={}), False
+        self.iter, self.time = 0, 0.0
+        self.complete = False  # whether the scene element was read
+        self._classes: dict[str, str] = {}
+        self._shapes: dict[str, Any] = {}
 
     def read(self, px: ET.Element) -> None:
         """Read a scene, cell, body or real interaction; other elements are skipped."""
         name = px.get("class_name")
         if name is not None:
-            self.classes[px.get("class_id", "")] = name.removeprefix("yade::")
+            self._classes[px.get("class_id", "")] = name.removeprefix("yade::")
         if px.find("id1") is not None and px.find("geom") is not None:
             self._interaction(px)
         elif px.find("shape") is not None and px.find("state") is not None:
             self._body(px)
-        elif name is not None and self._class_of(px).startswith("Ig2_Sphere_Sphere"):
-            if px.find("avoidGranularRatcheting") is not None:
-                self.radii = _number(px, "avoidGranularRatcheting") != 0
-        elif px.find("hSize") is not None:
-            self.cell = [_number(px.find("hSize"), m) for m in ("m00", "m01", "m10", "m11")]
+        elif px.find("avoidGranularRatcheting") is not None:
+            switch = {name: _number(px, name) != 0 for name in ("avoidGranularRatcheting",)}
+            dispatcher = SimpleNamespace(functors=[_class(self._class_of(px))(**switch)])
+            self.engines.append(SimpleNamespace(geomDispatcher=dispatcher))
+        elif (size := px.find("hSize")) is not None:
+            places = ((row, k) for row in (0, 1, 2) for k in (0, 1, 2))
+            self.cell.hSize = {at: _number(size, "m{}{}".format(*at)) for at in places}
         elif px.find("isPeriodic") is not None and px.find("bodies") is not None:
             self.periodic = _number(px, "isPeriodic") != 0
-            self.iteration = int(_number(px, "iter"))
+            self.iter, self.time = int(_number(px, "iter")), _number(px, "time")
             self.complete = True
 
     def _body(self, px: ET.Element) -> None:
         """Read a body; several may share one shape."""
-        body = int(_number(px, "id"))
-        clump = px.find("clumpId")
-        if clump is not None and clump.text != "-1":
-            raise _MissingError(f"body {body} in a clump where loops are of single grains")
-        shape = px.find("shape/px")
+        number, clump, shape = int(_number(px, "id")), px.find("clumpId"), px.find("shape/px")
         if shape is None:
-            raise _MissingError(f"no <shape> in body {body}")
+            raise _MissingError(f"no <shape> in body {number}")
         shared = shape.get("object_id_reference")
         if shared is None:
-            name, where = self._class_of(shape), f"shape of body {body}"
-            radius = _number(shape, "radius", where) if name == "Sphere" else 0.0
+            name, where = self._class_of(shape), f"shape of body {number}"
+            radius = {"radius": _number(shape, "radius", where)} if name == "Sphere" else {}
             shared = shape.get("object_id", "")
-            self.shapes[shared] = (name, radius)
-        elif shared not in self.shapes:
-            raise _MissingError(f"no shape {shared}, which body {body} refers to")
-        name, radius = self.shapes[shared]
-        position = next(px.find("state").iter("position"), None)  # type: ignore[union-attr]
-        x, y, z = (_number(position, axis, f"position of body {body}") for axis in "xyz")
-        self.bodies.append((body, name, x, y, z, radius))
+            self._shapes[shared] = _class(name)(**radius)
+        elif shared not in self._shapes:
+            raise _MissingError(f"no shape {shared}, which body {number} refers to")
+        state = _values(px.find("state"), f"body {number}", OF_STATE)
+        state.pos = state.position
+        self.bodies[number] = SimpleNamespace(
+            id=number, shape=self._shapes[shared], state=state, isClump=False,
+            isClumpMember=clump is not None and clump.text != "-1",
+        )  # fmt: skip
 
     def _class_of(self, px: ET.Element) -> str:
-        return self.classes.get(px.get("class_id_reference", px.get("class_id", "")), "none")
+        return self._classes.get(px.get("class_id_reference", px.get("class_id", "")), "none")
 
     def _interaction(self, px: ET.Element) -> None:
-        """A row; geometry or law are null in interactions that are only potential."""
-        ids = [_number(px, "id1"), _number(px, "id2")]
+        """Read an interaction; geometry or law are null where it is only potential."""
+        one, two = (int(_number(px, name)) for name in ("id1", "id2"))
         parts = [px.find(name) for name in ("geom/px", "phys/px")]
         if any(part is None or not len(part) for part in parts):
             return
         geom, phys = (self._class_of(part) for part in parts if part is not None)
-        where = f"interaction {ids[0]:.0f}-{ids[1]:.0f} ({geom}, {phys})"
-        found = {element.tag: element for element in px.iter()}
-        row = ids
-        for name in ("normal", "contactPoint", "normalForce", "shearForce", "cellDist"):
-            vector = found.get(name)
-            if vector is None:
-                raise _MissingError(f"no <{name}> in {where}")
-            row += [_number(vector, "x", where), _number(vector, "y", where)]
-        for name in ("kn", "ks"):
-            row.append(_value(found.get(name), name, where))
-        friction = found.get("tangensOfFrictionAngle")
-        row.append(math.nan if friction is None else _value(friction, "friction", where))
-        self.interactions.append(row)
+        values = _values(px, f"interaction {one}-{two} ({geom}, {phys})", OF_INTERACTION)
+        self.interactions.append(
+            SimpleNamespace(
+                id1=one, id2=two, isReal=True, cellDist=values.cellDist,
+                geom=values, phys=_class(phys)(**vars(values)),
+            )  # fmt: skip
+        )
+
+
+@cache
+def _class(name: str) -> type[SimpleNamespace]:
+    return type(name, (SimpleNamespace,), {})
+
+
+def _values(parent: ET.Element | None, where: str, vectors: tuple[str, ...]) -> SimpleNamespace:
+    """These vectors, and the numbers of `NUMBERS` below an element."""
+    found: dict[str, Any] = {}
+    for element in () if parent is None else parent.iter():
+        if element.tag in vectors:
+            own = f"{element.tag} of {where}"
+            found[element.tag] = _Vector(_number(element, axis, own) for axis in "xyz")
+        elif element.tag in NUMBERS:
+            found[element.tag] = _value(element, element.tag, where)
+    for name in vectors:
+        if name not in found:
+            raise _MissingError(f"no <{name}> in {where}")
+    return SimpleNamespace(**found)
+
+
+def _number(parent: ET.Element, name: str, where: str = "") -> float:
+    return _value(parent.find(name), name, where)
+
+
+def _value(element: ET.Element | None, name: str, where: str) -> float:
+    if element is None or element.text is None:
+        raise _MissingError(f"no <{name}> in {where or 'an object'}")
+    try:
+        value = float(element.text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise _MissingError(f"<{name}> {element.text!r} in {where or 'an object'}")
+    return value
 
 
 def read_save(path: Path) -> Save:
-    """Read bodies, interactions and cell of a save.
-
-    Elements are dropped once they are read: the memory is that of the rows, not of the file.
-    """
+    """Read bodies, interactions and cell of a save; elements are dropped once they are read."""
     require_file(path)
     save, done = Save(), False
     try:
@@ -121,8 +167,6 @@ def read_save(path: Path) -> Save:
             start = head.find(ROOT)
             if start < 0 or b"<!ENTITY" in head[:start]:
                 received = "declarations of entities" if start >= 0 else "no <boost_serialization>"
-                if start < 0 and BINARY in head[:64]:
-                    received = "Yade's binary save, readable by the build of Yade that wrote it"
                 expected = 'XML as O.save("....xml.gz") writes it'
                 raise InputError(str(path), received, expected, LOAD_IN_YADE)
             for _, element in ET.iterparse(file):
@@ -140,123 +184,44 @@ def read_save(path: Path) -> Save:
         raise InputError(
             str(path), f"another serialisation, {error}", "a save of Yade 2023", LOAD_IN_YADE
         ) from None
-    if not done or not save.complete or (save.periodic and not save.cell):
-        received = "no <cell>" if done and save.complete else "no <scene>"
-        raise InputError(str(path), received, "a save of Yade, O.save(...)", LOAD_IN_YADE)
+    if not done or not save.complete or (save.periodic and not save.cell.hSize):
+        raise InputError(str(path), "no <scene>", "a complete save", LOAD_IN_YADE)
     return save
 
 
-class _MissingError(Exception):
-    """An element that is missing; not a ValueError, which means a damaged file."""
-
-
-def _number(parent: ET.Element | None, name: str, where: str = "") -> float:
-    return _value(None if parent is None else parent.find(name), name, where)
-
-
-def _value(element: ET.Element | None, name: str, where: str) -> float:
-    if element is None or element.text is None:
-        raise _MissingError(f"no <{name}> in {where or 'an object'}")
-    try:
-        value = float(element.text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _MissingError(f"<{name}> {element.text!r} in {where or 'an object'}")
-    return value
-
-
-# Branches and normals further apart than this (radians) are not of one snapshot.
-SAME_SNAPSHOT = 1e-9
-
-
 def is_yade_save(path: Path, head: bytes) -> bool:
-    """Whether this is a save of Yade, XML or binary."""
-    return (
-        ROOT in head or BINARY in head[:64] or path.name.lower().endswith((".xml.bz2", ".yade.bz2"))
-    )
+    """Whether this is an XML save of Yade."""
+    return ROOT in head
 
 
 def yade_save_frames(source: Source) -> Frames:
-    """The one snapshot of a save.
-
-    Spheres are grains, all other bodies walls. The branch of a wall contact runs along the normal
-    from the contact point to the centre.
-    """
+    """The one snapshot of a save, as `export_tables` of the export snippet has it."""
     return [Moment(lambda: frame_of_save(source, read_save(source.path)))]
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:
     """Plain tables of a save."""
-    if not save.interactions or not save.bodies:
-        remedy = "Save after a step, without resetting the interactions."
-        raise InputError(str(source.path), "no interaction with forces", "contacts", remedy)
-    ids = np.array([body[0] for body in save.bodies], dtype=np.int64)
-    sphere = np.array([body[1] == "Sphere" for body in save.bodies])
-    place = np.array([body[2:] for body in save.bodies], dtype=float)
-    grains = {"id": ids, "type": np.where(sphere, 0, 1)}
-    grains |= dict(zip(("x", "y", "z", "radius"), place.T, strict=True))
-    cell = np.reshape(save.cell, (2, 2)) if save.periodic else None
-    contacts, off = _contacts(source.path, save, ids, place, cell)
-    tables = (
-        Table(f"bodies of {source.path}", grains),
-        Table(f"interactions of {source.path}", contacts),
-    )
-    notes: list[str] = []
+    try:
+        bodies, names, rows, told = tables_of(save)
+    except (ValueError, AttributeError, KeyError) as error:
+        missing = f"no body {error} of an interaction" if isinstance(error, KeyError) else error
+        expected = "spheres in contact, their law with kn, ks and shearForce"
+        raise InputError(str(source.path), str(missing), expected, LOAD_IN_YADE) from None
+    grains = dict(zip(GRAINS, np.array(bodies, dtype=float).T, strict=True))
+    contacts = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+    cell = None if told["cell"] is None else np.array(told["cell"])
+    n, branch = (np.stack([contacts[f"{k}{axis}"] for axis in "xy"]) for k in ("n", "branch_"))
+    off = float(np.abs(branch / np.hypot(*branch) - n).max())
+    notes = []
     if off > SAME_SNAPSHOT:
         notes.append(
             f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
             "forces are one step older than positions"
         )
-    other = sorted({body[1] for body in save.bodies} - {"Sphere"})
-    if other:
-        notes.append(f"bodies taken as walls: {', '.join(other)}")
-    return frame_of_tables(
-        source,
-        dict(zip(("grains", "contacts"), tables, strict=True)),
-        cell=cell,
-        step=float(save.iteration),
-        notes=notes,
-        shear_increment="radii" if save.radii else "branch",
-        has_types=True,
-    )
-
-
-def _contacts(
-    path: Path, save: Save, ids: Integers, place: Floats, cell: Floats | None
-) -> tuple[dict[str, NDArray[np.generic]], float]:
-    """Plain columns, walls first in each row; largest angle of normals to the line of centres."""
-    rows = np.array(save.interactions)
-    pairs = rows[:, :2].astype(np.int64)
-    n, point, normal, shear, image = (rows[:, k : k + 2] for k in range(2, 12, 2))
-    found = index_of(ids, pairs)
-    if (found < 0).any():
-        c = int(np.argmax((found < 0).any(axis=1)))
-        where = f"interaction {pairs[c, 0]}-{pairs[c, 1]} of {path}"
-        remedy = "Save again after O.interactions.eraseNonReal()."
-        raise InputError(where, "a body that is not saved", "both bodies", remedy)
-    wall = place[found, 3] == 0
-    flip = wall[:, 1]
-    sign = np.where(flip, -1.0, 1.0)[:, None]
-    pairs, found = (np.where(flip[:, None], a[:, ::-1], a) for a in (pairs, found))
-    n, normal, shear, image = sign * n, sign * normal, sign * shear, sign * image
-    x = place[:, :2]
-    branch = x[found[:, 1]] - x[found[:, 0]] + (0.0 if cell is None else image @ cell.T)
-    single = wall.any(axis=1)
-    length = np.hypot(*branch.T)
-    off = np.abs(branch / np.where(length > 0, length, 1.0)[:, None] - n)[~single].max(initial=0.0)
-    # From the foot on the wall to the centre. Yade's contact point is the foot on a `Wall`; on
-    # boxes and facets it lies halfway through the overlap.
-    distance = np.einsum("ck,ck->c", x[found[:, 1]] - point, n)
-    infinite = np.array([body[1] == "Wall" for body in save.bodies])[found[:, 0]]
-    reach = np.where(infinite, distance, 2 * distance - place[found[:, 1], 3])
-    branch = np.where(single[:, None], reach[:, None] * n, branch)
-    force = normal + shear
-    columns: dict[str, NDArray[np.generic]] = {"id1": pairs[:, 0], "id2": pairs[:, 1]}
-    columns |= {"fn": np.einsum("ck,ck->c", normal, n), "kn": rows[:, 12], "ks": rows[:, 13]}
-    for name, vector in (("n", n), ("branch_", branch), ("fs", shear), ("cell_d", image)):
-        columns |= {f"{name}x": vector[:, 0], f"{name}y": vector[:, 1]}
-    columns |= {"fx_on_2": force[:, 0], "fy_on_2": force[:, 1]}
-    if not np.isnan(rows[:, 14]).any():
-        columns["mu"] = rows[:, 14]
-    return columns, float(off)
+    if walls := sorted({type(body.shape).__name__ for body in save.bodies} - {"Sphere"}):
+        notes.append(f"bodies taken as walls: {', '.join(walls)}")
+    tables = {"grains": Table(f"bodies of {source.path}", grains)}
+    tables["contacts"] = Table(f"interactions of {source.path}", contacts)
+    of_frame = {"step": float(save.iter), "time": save.time, "law": told.get("law")}
+    of_frame |= {"shear_increment": told["shear_increment"], "cell": cell, "notes": notes}
+    return frame_of_tables(source, tables, has_types=True, **of_frame)

@@ -18,20 +18,11 @@ from loops.errors import InputError, check_choice
 from studies.questions import EVERYDAY, FURTHER, Cells, Whole
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
-FORMAT_NAMES = (
-    "table",
-    "yade-vtk",
-    "yade-xml",
-    "yade-text",
-    "lammps",
-    "liggghts",
-    "mercury",
-    "pegs",
-)
+FORMAT_NAMES = ("table", "yade-xml", "lammps", "liggghts", "mercury", "pegs")
 # File endings that are removed where a result folder is named after its input.
 NAME_ENDINGS = {
     *(".gz", ".bz2", ".xz", ".zst", ".csv", ".tsv", ".dat", ".txt", ".parquet", ".npz", ".h5"),
-    *(".hdf5", ".xml", ".vtu", ".vtp"),
+    *(".hdf5", ".xml"),
 }
 # Seconds before the clock is first shown.
 CLOCK_PATIENCE = 2.0

@@ -16,8 +16,8 @@ from patterns.snapshots.yade_export import export_tables
 from patterns.snapshots.yade_save import read_save
 from tests.patterns.snapshots.yade_samples import BOX, PERIODIC, cycles, table_of
 
-Box = types.SimpleNamespace
 # The tables of the sample were written without masses and velocities.
+Box = types.SimpleNamespace
 MOTION = ("mass", "vx", "vy", "omega_z")
 
 
@@ -26,62 +26,13 @@ class Vector(tuple):
         return sum(a * b for a, b in zip(self, other, strict=True))
 
 
-class Matrix(dict):
-    """Entries by `[row, column]`, as Yade's Matrix3."""
-
-
-def shape_of(name, radius):
-    return type(name, (), {"radius": radius} if name == "Sphere" else {})()
-
-
-def body_of(row):
-    number, shape, x, y, z, radius = row
-    return Box(
-        id=number,
-        shape=shape_of(shape, radius),
-        state=Box(
-            pos=Vector((x, y, z)),
-            vel=Vector((0.1 * number, -0.2 * number, 0)),
-            angVel=Vector((0, 0, 0.3 * number)),
-            mass=2.0 + number,
-        ),
-        isClump=False,
-        isClumpMember=False,
-    )
-
-
-def interaction_of(row, bodies):
-    id1, id2, nx, ny, cx, cy, fx, fy, sx, sy, dx, dy, kn, ks, mu = row
-    return Box(
-        id1=int(id1),
-        id2=int(id2),
-        isReal=True,
-        cellDist=(int(dx), int(dy), 0),
-        geom=Box(normal=Vector((nx, ny, 0)), contactPoint=Vector((cx, cy, 0))),
-        phys=Box(
-            normalForce=Vector((fx, fy, 0)),
-            shearForce=Vector((sx, sy, 0)),
-            kn=kn,
-            ks=ks,
-            tangensOfFrictionAngle=mu,
-        ),
-    )
+def shape_of(name):
+    return type(name, (), {})()
 
 
 def stand_in(folder):
-    scene = read_save(folder / "state.xml.gz")
-    bodies = [body_of(row) for row in scene.bodies]
-    h = dict(zip([(0, 0), (0, 1), (1, 0), (1, 1)], scene.cell, strict=True))
-    h |= {(0, 2): 0.0, (1, 2): 0.0}
-    return Box(
-        bodies=bodies,
-        interactions=[interaction_of(row, bodies) for row in scene.interactions],
-        periodic=scene.periodic,
-        cell=Box(hSize=Matrix(h)),
-        iter=scene.iteration,
-        engines=[],
-        time=0.5,
-    )
+    """Yade's `O` as the save of the sample has it."""
+    return read_save(folder / "state.xml.gz")
 
 
 @pytest.fixture
@@ -121,8 +72,11 @@ def test_cell_and_iteration_stand_beside(yade, tmp_path, folder):
 
 
 def test_masses_velocities_and_spins_are_those_of_yade(yade, tmp_path):
-    """The stand-in's are multiples of the number of a body."""
     yade.O = stand_in(PERIODIC)
+    for body in yade.O.bodies:
+        state = body.state
+        state.mass, state.vel = 2.0 + body.id, Vector((0.1 * body.id, -0.2 * body.id, 0))
+        state.angVel = Vector((0, 0, 0.3 * body.id))
     snapshot = read_snapshot(export_tables(str(tmp_path)))
     assert np.array_equal(snapshot.mass, 2.0 + snapshot.ids)
     assert np.array_equal(snapshot.velocity, snapshot.ids[:, None] * np.array([0.1, -0.2]))
@@ -164,7 +118,7 @@ def test_foot_on_boxes_and_facets(yade, tmp_path):
     for i in yade.O.interactions:
         wall, grain = yade.O.bodies[i.id1], yade.O.bodies[i.id2]
         if not hasattr(wall.shape, "radius"):
-            wall.shape = shape_of("Facet", 0.0)
+            wall.shape = shape_of("Facet")
             point, n, x = i.geom.contactPoint, i.geom.normal, grain.state.pos
             overlap = grain.shape.radius - sum((x[k] - point[k]) * n[k] for k in (0, 1))
             i.geom.contactPoint = Vector(point[k] - 0.5 * overlap * n[k] for k in range(3))
