@@ -102,7 +102,7 @@ def tables_of(
         contacts = [row + bond for row, bond in zip(contacts, bonds, strict=True)]
     h = scene.cell.hSize if scene.periodic else None
     cell = None if h is None else [[float(h[row, k]) for k in (0, 1)] for row in (0, 1)]
-    frame = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
+    frame: dict[str, Any] = {"cell": cell, "iteration": int(scene.iter), "time": float(scene.time)}
     frame["shear_increment"] = _shear_increment(scene)
     if bonds:
         frame["law"] = "bonded"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,8 +29,6 @@ NUMBERS = {
     *("mass", "kn", "ks", "tangensOfFrictionAngle", "normalAdhesion", "shearAdhesion", "unp"),
     *("unpMax", "fragile", "cohesionBroken", "cohesionDisablesFriction", "momentRotationLaw"),
 }
-# Branches and normals further apart than this (radians) are not of one snapshot.
-SAME_SNAPSHOT = 1e-9
 
 
 class _MissingError(Exception):
@@ -95,10 +94,9 @@ class Save:
             raise _MissingError(f"no shape {shared}, which body {number} refers to")
         state = _values(px.find("state"), f"body {number}", OF_STATE)
         state.pos = state.position
-        self.bodies[number] = SimpleNamespace(
-            id=number, shape=self._shapes[shared], state=state, isClump=False,
-            isClumpMember=clump is not None and clump.text != "-1",
-        )  # fmt: skip
+        in_clump = clump is not None and clump.text != "-1"
+        found = {"id": number, "shape": self._shapes[shared], "state": state}
+        self.bodies[number] = SimpleNamespace(**found, isClump=False, isClumpMember=in_clump)
 
     def _class_of(self, px: ET.Element) -> str:
         return self._classes.get(px.get("class_id_reference", px.get("class_id", "")), "none")
@@ -111,12 +109,9 @@ class Save:
             return
         geom, phys = (self._class_of(part) for part in parts if part is not None)
         values = _values(px, f"interaction {one}-{two} ({geom}, {phys})", OF_INTERACTION)
-        self.interactions.append(
-            SimpleNamespace(
-                id1=one, id2=two, isReal=True, cellDist=values.cellDist,
-                geom=values, phys=_class(phys)(**vars(values)),
-            )  # fmt: skip
-        )
+        found = {"id1": one, "id2": two, "isReal": True, "cellDist": values.cellDist}
+        found |= {"geom": values, "phys": _class(phys)(**vars(values))}
+        self.interactions.append(SimpleNamespace(**found))
 
 
 @cache
@@ -126,16 +121,13 @@ def _class(name: str) -> type[SimpleNamespace]:
 
 def _values(parent: ET.Element | None, where: str, vectors: tuple[str, ...]) -> SimpleNamespace:
     """These vectors, and the numbers of `NUMBERS` below an element."""
-    found: dict[str, Any] = {}
-    for element in () if parent is None else parent.iter():
-        if element.tag in vectors:
-            own = f"{element.tag} of {where}"
-            found[element.tag] = _Vector(_number(element, axis, own) for axis in "xyz")
-        elif element.tag in NUMBERS:
-            found[element.tag] = _value(element, element.tag, where)
-    for name in vectors:
-        if name not in found:
-            raise _MissingError(f"no <{name}> in {where}")
+    elements = {} if parent is None else {element.tag: element for element in parent.iter()}
+    if lacking := [name for name in vectors if name not in elements]:
+        raise _MissingError(f"no <{lacking[0]}> in {where}")
+    found: dict[str, Any] = {
+        n: _Vector(_number(elements[n], axis, f"{n} of {where}") for axis in "xyz") for n in vectors
+    }
+    found |= {n: _value(elements[n], n, where) for n in NUMBERS & {*elements}}
     return SimpleNamespace(**found)
 
 
@@ -146,13 +138,10 @@ def _number(parent: ET.Element, name: str, where: str = "") -> float:
 def _value(element: ET.Element | None, name: str, where: str) -> float:
     if element is None or element.text is None:
         raise _MissingError(f"no <{name}> in {where or 'an object'}")
-    try:
-        value = float(element.text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _MissingError(f"<{name}> {element.text!r} in {where or 'an object'}")
-    return value
+    with suppress(ValueError):
+        if math.isfinite(value := float(element.text)):
+            return value
+    raise _MissingError(f"<{name}> {element.text!r} in {where or 'an object'}")
 
 
 def read_save(path: Path) -> Save:
@@ -210,14 +199,7 @@ def frame_of_save(source: Source, save: Save) -> Frame:
     grains = dict(zip(GRAINS, np.array(bodies, dtype=float).T, strict=True))
     contacts = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
     cell = None if told["cell"] is None else np.array(told["cell"])
-    n, branch = (np.stack([contacts[f"{k}{axis}"] for axis in "xy"]) for k in ("n", "branch_"))
-    off = float(np.abs(branch / np.hypot(*branch) - n).max())
     notes = []
-    if off > SAME_SNAPSHOT:
-        notes.append(
-            f"normals up to {off:.1g} rad off the line of centres: saved after the grains moved, "
-            "forces are one step older than positions"
-        )
     if walls := sorted({type(body.shape).__name__ for body in save.bodies} - {"Sphere"}):
         notes.append(f"bodies taken as walls: {', '.join(walls)}")
     tables = {"grains": Table(f"bodies of {source.path}", grains)}

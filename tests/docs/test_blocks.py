@@ -229,31 +229,6 @@ def test_the_script_of_yade_writes_tables_that_are_read(tmp_path, monkeypatch, f
     assert found.graph.contact_count == told.graph.contact_count
 
 
-def test_recorders_of_yade_write_what_the_page_reads():
-    """Names of their files; values of an exporter are there at an interaction of Yade."""
-    recorder, exporter = blocks("yade")[1:]
-    kept = {}
-    exec(recorder, {"VTKRecorder": lambda **named: kept.update(named)})
-    assert f"grainloops snapshot {kept['fileName']}spheres.1000.vtu" in PAGES["yade"]
-    calls = {}
-
-    class Exporter:
-        def __init__(self, base):
-            calls["base"] = base
-
-        def __getattr__(self, name):
-            return lambda what: calls.update({name: what})
-
-    exec(exporter, {"export": types.SimpleNamespace(VTKExporter=Exporter)})
-    assert f"grainloops snapshot {calls['base']}-spheres-00000000.vtk" in PAGES["yade"]
-    sample = stand_in(BOX)
-    (i, *_), (b, *_) = sample.interactions, sample.bodies
-    for what in (calls["exportSpheres"], calls["exportInteractions"]):
-        for value in what.values():
-            eval(value, {"i": i, "b": b})
-    assert {"fn", "fs", "kn", "ks", "mu"} == calls["exportInteractions"].keys()
-
-
 def test_lines_of_lammps_name_columns_that_its_readers_know():
     """The options of a block of its own are options of `snapshot`."""
     from studies.cli import snapshot_command

@@ -177,10 +177,8 @@ def tables(folder, ending, name):
 AT_REST = {
     ("lammps", faults.much_friction),
     ("liggghts", faults.much_friction),
-    ("yade-exporter", faults.exchange_stiffness),
 }
 PLAIN = ("grains", "contacts")
-PAIR = ("spheres", "intrs")
 DECKS = {
     "csv": lambda: tables("yade-small", "csv", "grains_08.csv.gz"),
     "parquet": lambda: tables("yade-medium", "parquet", "grains_05.parquet"),
@@ -191,9 +189,6 @@ DECKS = {
     ),
     "liggghts": lambda: liggghts_of("liggghts", "40000"),
     "yade-xml": lambda: faults.Save(FOLDER / "yade-small/native/state_08.xml.gz"),
-    "yade-exporter": lambda: faults.Legacy(
-        *(FOLDER / f"yade-small/native/legacy08-{what}-00000000.vtk" for what in PAIR), **SOFT
-    ),
 }
 
 

@@ -90,18 +90,10 @@ def test_yade_turns_shear_by_the_radii_in_the_whole_sample():
     [
         frame_of(FORMATS["yade-xml"], BOX / "state.xml.gz"),
         frame_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz"),
-        frame_of(FORMATS["yade-vtk"], BOX / "exporter-spheres-00000000.vtk"),
     ],
 )
 def test_files_of_yade_have_the_increment_radii(frame):
     assert frame.shear_increment == "radii"
-
-
-def test_recorder_has_the_increment_radii():
-    pytest.importorskip("vtkmodules")
-    assert (
-        frame_of(FORMATS["yade-vtk"], BOX / "appended-spheres.77504.vtu").shear_increment == "radii"
-    )
 
 
 def test_save_without_the_default_has_the_increment_branch(tmp_path):

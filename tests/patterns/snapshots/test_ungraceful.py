@@ -30,20 +30,6 @@ def refusal(path, **options):
     return message
 
 
-@pytest.mark.parametrize("share", np.linspace(0.01, 0.999, 60))
-@pytest.mark.parametrize("name", ["spheres-00000000.vtk", "intrs-00000000.vtk.gz"])
-def test_truncated_legacy_vtk(tmp_path, name, share):
-    for file in BOX.glob("exporter-*"):
-        content = file.read_bytes()
-        if file.name == f"exporter-{name}":
-            content = gzip.decompress(content) if file.suffix == ".gz" else content
-            content = content[: int(share * len(content))]
-            content = gzip.compress(content) if file.suffix == ".gz" else content
-        (tmp_path / file.name).write_bytes(content)
-    with pytest.raises(InputError):
-        read_snapshot(tmp_path / "exporter-spheres-00000000.vtk", mu=0.5)
-
-
 @pytest.mark.parametrize("encoding", ["martian", "utf-7", "", "rot13"])
 def test_unknown_encoding_of_xml(tmp_path, encoding):
     text = gzip.decompress((BOX / "state.xml.gz").read_bytes())
@@ -251,4 +237,4 @@ def test_a_bomb_of_gzip(tmp_path, monkeypatch):
 
 def test_the_sample_is_not_a_case():
     assert read_snapshot(sample_path()).graph.grain_count == 600
-    assert frame_of(FORMATS["yade-vtk"], BOX / "exporter-spheres-00000000.vtk").step == 0
+    assert frame_of(FORMATS["yade-xml"], BOX / "state.xml.gz").step == 77504

@@ -35,9 +35,6 @@ def write_samples(folder: Path) -> list[Sample]:
     law = {"kn": 1e6, "kt": 5e5, "mu": 0.5}
     for name, inner, pattern, options in (
         ("csv.gz", "", "*_biaxial.csv.gz", {}),
-        ("yade-vtk", "yade_native/box", "appended-*", law),
-        ("yade-vtk-ascii", "yade_native/box", "ascii-*", law),
-        ("yade-exporter", "yade_native/box", "exporter-*", {"mu": 0.5}),
         ("yade-xml", "yade_native/box", "state.xml.gz", {}),
         ("lammps", "lammps", "dump.*", law),
         ("liggghts", "liggghts", "*.dump.gz", law),

@@ -1,4 +1,4 @@
-"""One packing through every file that Yade writes of it."""
+"""One packing through the save and the tables that Yade writes of it."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,6 @@ from tests.patterns.snapshots.yade_samples import (
     snapshot_of,
     table_of,
 )
-
-RECORDED = [
-    BOX / "appended-spheres.77504.vtu",
-    BOX / "ascii-spheres.77504.vtu",
-    BOX / "multi-77504.vtm",
-]
-EXPORTED = BOX / "exporter-spheres-00000000.vtk"
 
 
 def names(path):
@@ -76,47 +69,3 @@ def test_walls_hold_the_grains():
     """Forces of the walls cancel, as the sample is at rest; along x and along y."""
     walls = table_of(BOX).walls
     assert np.abs(walls.force.sum(axis=0)).max() < 1e-6 * np.abs(walls.force).sum()
-
-
-@pytest.mark.parametrize("path", RECORDED, ids=names)
-def test_recorder_has_the_normal_forces_of_the_tables(path):
-    table, recorded = table_of(BOX), snapshot_of(FORMATS["yade-vtk"], path)
-    assert cycles(recorded) == cycles(table)
-    assert (pairs_of(recorded) == pairs_of(table)).all()
-    expected = by_pair(table, table.graph.normal_force)
-    # Sizes are in double precision; Yade's shear force leans out of the tangent by 1e-9 of N.
-    normal = by_pair(recorded, recorded.graph.normal_force)
-    assert np.abs(normal - expected).max() < 2e-9 * expected.max()
-    assert recorded.law is None and not recorded.graph.shear_force.any()
-    # Centres in single precision.
-    assert 0 < np.abs(recorded.graph.x - table.graph.x).max() < 2**-24
-
-
-def test_recorder_notes_name_missing_data():
-    recorded = snapshot_of(FORMATS["yade-vtk"], RECORDED[0])
-    assert recorded.wall_contacts == 0
-    assert recorded.step == 77504
-    text = "; ".join(recorded.notes)
-    lacks = "the size of shear forces without their direction"
-    for words in ("no stiffness", "no wall contacts", "single precision", lacks, "docs/yade.md"):
-        assert words in text
-
-
-def test_exporter_has_the_forces_of_the_tables():
-    table, exported = table_of(BOX), snapshot_of(FORMATS["yade-vtk"], EXPORTED)
-    assert cycles(exported) == cycles(table)
-    assert (pairs_of(exported) == pairs_of(table)).all()
-    assert exported.wall_contacts == table.wall_contacts
-    # Six digits: forces to 5e-6 of their size, directions to the same of centres over branches.
-    scale = np.abs(table.graph.normal_force).max()
-    for name in ("normal_force", "shear_force"):
-        given = by_pair(exported, getattr(exported.graph, name))
-        assert np.abs(given - by_pair(table, getattr(table.graph, name))).max() < 2e-5 * scale
-    assert (
-        np.abs(by_pair(exported, exported.law.kn) / by_pair(table, table.law.kn) - 1).max() < 6e-6
-    )
-    total, expected = exported.walls.force.sum(axis=0), table.walls.force.sum(axis=0)
-    assert np.abs(total - expected).max() < 2e-5 * np.abs(table.walls.force).sum()
-    moments = [np.einsum("wi,wj->ij", s.walls.force, s.walls.branch) for s in (exported, table)]
-    # A branch is a difference of coordinates ten times its size.
-    assert np.abs(moments[0] - moments[1]).max() < 1e-4 * np.abs(moments[1]).max()

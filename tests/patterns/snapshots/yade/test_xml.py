@@ -14,7 +14,6 @@ from patterns.snapshots.yade_save import frame_of_save, read_save
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
-    changed,
     cycles,
     frame_of,
     snapshot_of,
@@ -44,14 +43,6 @@ def test_step_and_notes():
     assert frame.cell is None
     assert frame.notes == ("bodies taken as walls: Wall",)
     assert frame_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz").notes == ()
-
-
-def test_positions_of_another_snapshot_are_noted(tmp_path):
-    position = TEXT[TEXT.index(b"<position>") : TEXT.index(b"</position>")]
-    x = position[position.index(b"<x>") + 3 : position.index(b"</x>")]
-    moved = position.replace(x, f"{float(x) + 1e-7:.17e}".encode())
-    frame = frame_of(FORMATS["yade-xml"], changed(SAVE, tmp_path, position, moved))
-    assert any("one step older" in note for note in frame.notes)
 
 
 @pytest.mark.parametrize("share", [0.001, 0.2, 0.5, 0.9, 0.9999])
