@@ -29,7 +29,7 @@ The weakest effect worth telling, the geometric stiffness of stiff grains, is ab
 
 def as_operator(K: ArrayLike, size: int | None = None) -> Floats:
     """Read an operator or a batch of them: real, square in the last two axes."""
-    remedy = "Pass the tangent or its restriction, batch axes first: gl.traction_tangent(loop)."
+    remedy = "Pass gl.restrict(tangent, 'diagonal') of gl.traction_tangent(loop), batch axes first."
     array = real("operator", K, remedy=remedy)
     size = max(array.shape[-1:], default=0) if size is None else size
     require_shape("operator", array, ..., size or 1, size or 1)

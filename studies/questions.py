@@ -252,8 +252,8 @@ class Tracking:
     Parameters
     ----------
     in_packing
-        Predict each interval with the tangent of the whole packing (rates, also without a word), or
-        also with its path by events and a replay (events).
+        Predict each interval with the tangent of the whole packing (rates, the default), or also
+        with its path by events and a replay (events).
     programme
         How paths and replays reach the later strain: straight, 1-first, 2-first (that axis, then
         the rest), mixed-1, mixed-2 (strain of that axis, stress across), or a table of time and

@@ -128,7 +128,7 @@ class Reading:
     mu
         Coefficient of friction, if the input has none.
     shear_increment
-        Arm of the branch's rotation in the shear increment: branch, or radii (Yade).
+        Lever arm in the shear increment: branch length, or sum of the radii (Yade).
     law
         Contact law: linear, hertz, cohesive (attraction while grains touch), bonded (until a bond
         breaks). Default: the input's.
@@ -349,4 +349,4 @@ def spread_words(spread: float | None, converged: bool = True) -> str:
     """A spread in words."""
     if not converged:
         return " (not converged)"
-    return "" if spread is None else f" (spread {100 * spread:.1g} %)"
+    return "" if spread is None else f" (spread {100 * spread:.3g} %)"

@@ -61,12 +61,12 @@ def _evolve_lines(summary: Summary) -> list[str]:
         ways = ", ".join(
             f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
         )
-        told = "ask for it by --spread"
+        told = "not computed (use --spread)"
         if summary["stress_spread"] is not None:
             told = f"{100 * summary['stress_spread']:.2g} % of its change"
         lines.append(
             f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}; spread of "
-            f"the stress behind the first: {told}"
+            f"the stress after the first instability: {told}"
         )
     if summary["replay"] is not None:
         rate = summary["replay"]
@@ -85,10 +85,10 @@ def _evolve_lines(summary: Summary) -> list[str]:
             )
         )
     lines += [
-        f"{FORECAST_WORDS[name]}: error of the driven stress {row['error']:.4g}, of the stress of "
-        f"the start {row['persistence_error']:.4g}, over {row['snapshots']} snapshots; below half "
-        f"of it up to {row['holds_to']:.3g}; drops of stress: {row['drops_predicted']} of "
-        f"{row['drops']} predicted, {row['drops_false']} false"
+        f"{FORECAST_WORDS[name]}: P{summary['driven'][1:]} misses the DEM by {row['error']:.4g}, "
+        f"assuming no change misses by {row['persistence_error']:.4g}, over {row['snapshots']} "
+        f"snapshots; below half of that up to {row['holds_to']:.3g}; drops of stress: "
+        f"{row['drops_predicted']} of {row['drops']} predicted, {row['drops_false']} false"
         for name, row in (summary["forecast"] or {}).items()
         if row["error"] is not None
     ]
@@ -142,7 +142,7 @@ def evolve_command(
     return answer(writing.json, out, _evolve_lines(summary), summary["notes"])
 
 
-COUNTED_WORDS = {"opens": "that lose a contact", "lost": "lost", "unstable": "with W2 < 0"}
+COUNTED_WORDS = {"opens": "loses a contact", "lost": "lost", "unstable": "W2 < 0"}
 
 
 def _forecast_lines(summary: Summary) -> list[str]:
@@ -153,15 +153,15 @@ def _forecast_lines(summary: Summary) -> list[str]:
         for name, one in summary["ways"].items()
     ]
     for kind, row in summary["kinds"].items():
-        told = "no probabilities"
+        told = f"no probabilities for {summary['loops']} loops"
         if row["expected"] is not None:
             told = (
-                f"{row['expected']:.1f} expected, {row['likely']} likely (p > 0.5); base rate "
-                f"{100 * row['base']:.2g} %"
+                f"{row['expected']:.1f} of {summary['loops']} loops expected, {row['likely']} "
+                f"likely (p > 0.5); base rate {100 * row['base']:.2g} %"
             )
         ways = ("no answer" if row[way] is None else row[way] for way in ("path", "replay"))
         said = "{}; by the path {}, by the replay {}".format(told, *ways)
-        lines.append(f"of {summary['loops']} loops {COUNTED_WORDS[kind]}: {said}")
+        lines.append(f"{COUNTED_WORDS[kind]}: {said}")
     for what, one in summary["next"].items():
         told = f"next {what}: found by {one['found']} of {one['ways']} ways"
         if one["found"]:

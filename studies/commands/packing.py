@@ -179,9 +179,9 @@ def _sustain_lines(summary: Summary) -> list[str]:
         lines.append("the equilibrium was lost in no direction")
     elif weakest["first_large_load"] is not None:
         lines.append(
-            f"first large motion: under {weakest['first_large_load']:.4g}, by a strain of "
-            f"{weakest['first_large_strain']:.2g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{spread_words(weakest['first_large_spread'])}"
+            f"weakest direction {weakest['theta_deg']:.1f} degrees: first large motion by "
+            f"{weakest['first_large_strain']:.2g} at an added load of "
+            f"{weakest['first_large_load']:.4g}{spread_words(weakest['first_large_spread'])}"
         )
         lines.append(
             f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"

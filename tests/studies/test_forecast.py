@@ -311,7 +311,7 @@ def test_the_command_writes_what_the_call_returns(grains, found, tmp_path, monke
     for column in found.loops.select_dtypes("number"):
         # The file keeps its digits, but a chain of contacts in motion doubles what they round.
         np.testing.assert_allclose(loops[column], found.loops[column], rtol=1e-4, err_msg=column)
-    assert "path: finished at H22 = -0.003" in said and "of 15 loops lost: " in said
+    assert "path: finished at H22 = -0.003" in said and " of 15 loops expected, " in said
     told = summary["kinds"]["lost"]
     assert told["path"] == 2 and told["expected"] == pytest.approx(loops["lost_probability"].sum())
     assert summary["ways"]["path, interval halved"]["residual"] < 1e-5

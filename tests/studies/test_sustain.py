@@ -69,7 +69,7 @@ def test_printed_lines_of_large_motions_and_of_lost_equilibria(results):
     assert first.startswith("4 directions of the stress rate (diagonal), load up to 0.0022: ")
     for status, count in summary["statuses"].items():
         assert f"{count} {status}" in first
-    assert f"first large motion: under {weakest['first_large_load']:.4g}, by" in second
+    assert f"at an added load of {weakest['first_large_load']:.4g}" in second
     assert f"equilibrium in this direction: {weakest['limit']:.4g}" in _sustain_lines(summary)[2]
     own, more = summary["seconds"], summary["spread_seconds"]
     said = f"processor time a direction: {own / 4:.2g} s, {more / 4:.2g} s more for its spreads"

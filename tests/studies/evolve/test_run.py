@@ -97,8 +97,8 @@ def test_a_path_past_instabilities_says_how_far_another_way_is(tmp_path, monkeyp
     asked = ["--axis", "2", "--to", "-0.0152", "--interval", "1e-4", "--shear-increment", "branch"]
     asked += ["--no-figures", "--out", out]
     assert run(monkeypatch, "evolve", grains, *asked) == 0
-    said = "spread of the stress behind the first: "
-    assert said + "ask for it by --spread" in capsys.readouterr().out
+    said = "spread of the stress after the first instability: "
+    assert said + "not computed (use --spread)" in capsys.readouterr().out
     assert json.loads((out / "summary.json").read_text())["stress_spread"] is None
     assert run(monkeypatch, "evolve", grains, *asked, "--spread", "--force") == 0
     summary = json.loads((out / "summary.json").read_text())
