@@ -275,14 +275,16 @@ def with_gear_mode(
     From grain to grain all contacts roll but the last, which slips by next to nothing. The square
     of that resists the mode: below rounding of the matrix, and noise for an integrator. The slip
     follows from the depths of the rims beneath the contacts, to rounding of its own; as unknown it
-    is of order one. On modes that roll everywhere no moments act, see `loops.closures.system`.
+    is of order one. On modes of a whole ring that roll everywhere no moments act, see
+    `loops.closures.system`; those of a chain are loaded by the contact that slides, and stay.
     """
     law, n, ring = model.law, model.grain_count, np.arange(model.grain_count)
+    if not (law.local_stiffness(contacts, regime)[:, :, 1] != 0.0).any(axis=1).all():
+        return equations
     projector, soft = gear_projector(model.contacts, model.radii, contacts, law, regime)
     equations.matrix[-n:, -n:] += projector
     plain = np.array_equal(model.contacts.T, [ring, np.roll(ring, -1)]) and n % 2 == 0
-    felt = (law.local_stiffness(contacts, regime)[:, :, 1] != 0.0).any(axis=1).all()
-    if projector.any() or not (soft and plain and felt) or model.symmetry is not None:
+    if projector.any() or not (soft and plain) or model.symmetry is not None:
         return equations
     d, radii = 0.5 * contacts.overlap, model.radii[model.contacts].T
     own, arms = law.shear_kinematics(contacts)[1:], (contacts.arm_i, contacts.arm_j)

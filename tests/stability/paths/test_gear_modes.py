@@ -59,6 +59,27 @@ def test_a_path_from_the_first_touch_leaves_the_gear_mode():
     np.testing.assert_allclose(path.A[row], here.matrix, rtol=0, atol=float(here.error))
 
 
+@pytest.mark.parametrize("order", [3, 5])
+def test_a_moment_that_nothing_balances_is_no_motion(order):
+    """Spins of a chain roll along; the friction of its sliding end turns them, and they don't rest.
+
+    Only where all contacts stick is there a motion.
+    """
+    graph = gl.regular_polygon(order, strain=0.02)
+    graph = graph.replace(shear_force=MU * graph.normal_force * (np.arange(order) == 0))
+    scene, seen = gl.Scene(graph, LAW), set()
+    for angle in np.radians(np.arange(0, 360, 20) + 3):
+        e = np.array([np.cos(angle), np.sin(angle)])
+        rates = np.array([e[0], 0, 0, e[1]])
+        control = gl.programmes.combination(np.zeros((4, 4)), np.eye(4), rates)
+        found = gl.rates_at(scene, control, closure="traction", spins="free")
+        work = gl.directional_work(graph, LAW, e[None], closure="traction", spins="free")
+        seen.add(found.status)
+        assert work.status[0] == found.status
+        assert all((one.rates.mode.regime != gl.Regime.SLIDING).all() for one in found.solutions)
+    assert seen == {"unique", "none"}
+
+
 def graph_of(path, row):
     """The loop of a row, with the forces it has there."""
     start = ring(0.0)
