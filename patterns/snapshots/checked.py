@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops import FrictionalLaw, GrainGraph, HertzMindlin, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
-from patterns.snapshots.findings import rounding
+from patterns.snapshots.findings import few, rounding
 
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
 LOADED = 0.1
@@ -176,8 +176,7 @@ class Checked:
 
     def names(self, contacts: Integers) -> str:
         """Grains of the first three of some contacts."""
-        pairs = self.ids[self.contacts[contacts[:3]]].tolist()
-        return ", ".join(f"{one} and {two}" for one, two in pairs) + ", ..." * (len(contacts) > 3)
+        return few(self.ids[self.contacts[contacts]], lambda pair: f"{pair[0]} and {pair[1]}")
 
     @cached_property
     def rounded(self) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
 from loops.compiled import given, on_parts, use_passes
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
-from patterns.snapshots.findings import Finding, power_of_ten, rounding
+from patterns.snapshots.findings import Finding, few, power_of_ten, rounding
 from patterns.snapshots.missing import cell, lost_contacts, walls
 from patterns.snapshots.stiffness_checks import (
     needed_stiffness,
@@ -107,12 +107,13 @@ def unbalanced(state: Checked) -> Finding:
         return found
     size = np.hypot(state.normal[rows], state.shear[rows])
     rows, typical = rows[np.argsort(-size)], median(np.hypot(state.normal, state.shear))
-    each = [
-        f"{'' if state.rows is None else f'row {state.rows[c]}, '}grains "
-        f"{state.names(np.array([c]))} (N = {state.normal[c]:.4g}, T = {state.shear[c]:.4g})"
-        for c in rows[:3].tolist()
-    ]
-    found = found._replace(says=f"{found.says}: {', '.join(each)}{', ...' * (len(rows) > 3)}")
+
+    def each(c: int) -> str:
+        row = "" if state.rows is None else f"row {state.rows[c]}, "
+        force = f"(N = {state.normal[c]:.4g}, T = {state.shear[c]:.4g})"
+        return f"{row}grains {state.names(np.array([c]))} {force}"
+
+    found = found._replace(says=f"{found.says}: {few(rows, each)}")
     times = f", {size.max() / typical:.3g} times a typical one"
     each_part = np.abs([state.normal[rows], state.shear[rows]])
     if np.isclose(each_part[..., None], MISSING, rtol=1e-9).any():

@@ -102,7 +102,7 @@ def components(name: str, values: Floats) -> dict[str, NDArray[Any]]:
 NONE = "none"  # entry of a column map for a column that the file lacks
 
 # Vectors among them, and axial ones: `@` is the axis.
-VECTORS = (*("@", "v@", "branch_@", "c@", "n@", "cell_d@", "fs@", "f@_on_2", "f@", "fn@", "ft@"),)
+VECTORS = ("@", "v@", "branch_@", "c@", "n@", "cell_d@", "fs@", "f@_on_2", "f@", "fn@", "ft@")
 AXIAL = ("theta_@", "omega_@", "m@_on_2")
 # What codes call a grain: `Particle ID`, `ball.pos.x`, `Element 1 ID`.
 NOUNS = re.compile("(grain|particle|body|atom|ball|sphere|disc|disk|node|element)s?")
@@ -226,7 +226,7 @@ def plain_tables(
         found[kind] = table.renamed(names | left)
     for kind, name, factor in _factors(units, notes):
         table = found[kind]
-        found[kind] = table.replaced(name, name, factor * table.column(name))
+        found[kind] = table.with_column(name, factor * table.column(name))
     return found, notes, unused
 
 

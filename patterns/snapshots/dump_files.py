@@ -397,9 +397,6 @@ def ids_in(table: Table, name: str, rows: Integers, atoms: Atoms) -> Integers | 
 
     Some unknown ids are reported as a fault later; a column of few known ids holds something else.
     """
-    values = table.column(name)[rows]
-    if (np.rint(values) != values).any():
-        return None
     try:
         ids = table.integers(name)[rows]
     except InputError:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple, get_args
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -68,6 +68,11 @@ def rounding(values: Floats) -> float:
         if all(float(f"{value:.{digits}g}") == value for value in shown.tolist()):
             return 0.5 * size * 10.0 ** (1 - digits)
     return 1e-15 * size
+
+
+def few(items: Any, text: Callable[[Any], str] = str, most: int = 3, mark: str = ", ") -> str:
+    """The first of some items, an array or a list, for a message."""
+    return mark.join(text(one) for one in items[:most]) + f"{mark}..." * (len(items) > most)
 
 
 def power_of_ten(ratio: float) -> str:

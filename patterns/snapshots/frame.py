@@ -29,7 +29,7 @@ from patterns.snapshots.columns import (
     read_as,
 )
 from patterns.snapshots.files import Text, beside, head_of, unpacked_name
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.geometry import as_periodic
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
@@ -190,8 +190,7 @@ def paired(
             continue
         same = np.flatnonzero(np.abs(steps - own.step) <= tolerance * abs(own.step))
         if not len(same):
-            shown = ", ".join(f"{step:.15g}" for step in steps[:3]) + (", ..." * (len(steps) > 3))
-            received = f"{by}s {shown}" if good else f"no {by}"
+            received = f"{by}s {few(steps, '{:.15g}'.format)}" if good else f"no {by}"
             expected = f"{by} {own.step:.15g} of {own.where}"
             remedy = f"Take both files from the same {by}s of one run."
             missing = InputError(str(contacts_path), received, expected, remedy)
@@ -329,9 +328,9 @@ def frame_of_tables(source: Source, tables: Mapping[str, Table], **told: Any) ->
         if grains.has(name) and not np.ptp(when := grains.column(name)):
             told.setdefault(name, float(when[0]))
     if grains.has("type") and (of_walls := grains.are("type", "wall")) is not None:
-        grains = grains.replaced("type", "type", of_walls.astype(float))
+        grains = grains.with_column("type", of_walls.astype(float))
     if grains.has("diameter") and not grains.has("radius"):
-        grains = grains.replaced("diameter", "radius", 0.5 * grains.column("diameter"))
+        grains = grains.with_column("radius", 0.5 * grains.column("diameter"))
         notes.append(f"radius is half the column 'diameter' of {grains.path}")
     if found["contacts"].has(*YADE_COLUMNS):
         told.setdefault("shear_increment", "radii")

@@ -107,15 +107,13 @@ def axis_across(place: Mapping[str, Floats], radii: Floats, where: str) -> int:
 
 def _turned_into_plane(table: Table, left: str) -> Table:
     """The table with its vectors in the plane across the axis `left`, named as in x and y."""
-    kept = "xyz".replace(left, "")
-    names = [(v.replace("@", new), v.replace("@", old)) for v in VECTORS
-             for new, old in zip("xy", kept, strict=True)]  # fmt: skip
-    turned = [(v.replace("@", "z"), v.replace("@", left)) for v in AXIAL]
-    table = table.selected(dict(names + turned))
+    axes = list(zip("xyz", "xyz".replace(left, "") + left, strict=True))
+    names = {v.replace("@", new): v.replace("@", old) for v in VECTORS + AXIAL for new, old in axes}
+    table = table.renamed(names)
     # x, z and -y are right-handed.
-    for name, _ in turned if left == "y" else ():
+    for name in [v.replace("@", "z") for v in AXIAL] if left == "y" else ():
         if table.has(name):
-            table = table.replaced(name, name, -table.column(name))
+            table = table.with_column(name, -table.column(name))
     return table
 
 

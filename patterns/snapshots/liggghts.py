@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ from patterns.snapshots.dump_files import (
 )
 from patterns.snapshots.files import beside, head_of
 from patterns.snapshots.frame import Frame, Frames, Notes, Source
-from patterns.snapshots.lammps import AS_WRITTEN, TOLERANCE, shares, with_columns
+from patterns.snapshots.lammps import TOLERANCE, shares
 from patterns.snapshots.tables import Table
 
 NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
@@ -180,36 +181,15 @@ def _force(
         _find_force(table, axes, pairs, columns, first)
     if NONE in (columns.get("fx"), columns.get("fnx")):
         return None
-    for group in (("fx", "fy"), FORCE_PARTS):
-        found = [name for name in group if name in columns]
-        if found and len(found) < len(group):
-            where = f"--columns for the force of {table.path}"
-            raise InputError(where, ", ".join(found), ", ".join(group), "Give the others as well.")
-    if "fnx" in columns:
-        normal, shear = (table.columns(columns[f"f{p}x"], columns[f"f{p}y"]) for p in "nt")
-        for names, vector, wanted in (
-            (FORCE_PARTS[:2], normal, "along"),
-            (FORCE_PARTS[2:], shear, "across"),
-        ):
-            kind = _kind(pairs, vector)
-            if kind not in (wanted, "zero"):
-                raise InputError(
-                    f"columns {with_columns(columns, names)} of {table.path}",
-                    f"vectors {kind} to the branches of the grains",
-                    f"vectors {wanted} them",
-                    AS_WRITTEN,
-                )
-        force = normal + shear
-    else:
-        force = table.columns(columns["fx"], columns["fy"])
-    if np.sum(force * pairs.d) > 0:
-        raise InputError(
-            f"columns {with_columns(columns, columns)} of {table.path}",
-            "forces that pull the grains together",
-            "forces on the first atom that push it away from the second",
-            "Name the columns: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN.",
+    names = FORCE_PARTS if "fnx" in columns else ("fx", "fy")
+    if not {*names} <= {*columns}:
+        where, given = (
+            f"--columns for the force of {table.path}",
+            [n for n in names if n in columns],
         )
-    return force
+        raise InputError(where, ", ".join(given), ", ".join(names), "Give the others as well.")
+    vectors = table.columns(*(columns[name] for name in names))
+    return np.asarray(vectors.reshape(len(table), -1, 2).sum(axis=1))
 
 
 def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, first: int) -> None:
@@ -226,26 +206,22 @@ def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, 
             "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",
         )
     kinds = [_kind(pairs, vector) for vector in vectors]
-    if kinds[:1] == ["oblique"]:
+    if kinds == ["oblique", "along", "across"]:
+        off = np.hypot(*(vectors[0] - vectors[1] - vectors[2]).T)
+        if off.max() > TOLERANCE * float(np.abs(vectors[0]).max()) >= np.median(off):
+            raise InputError(
+                f"columns {' '.join(chain(*groups))} of {table.path}, row {np.argmax(off)}",
+                "a force that is not the sum of its normal and tangential part",
+                "the sum, as in the other rows",
+                "Columns of the dump disagree: dump again.",
+            )
+    # Of frictionless grains the whole force is along the branch, as its normal part.
+    whole = kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0])
+    if kinds[:1] == ["oblique"] or whole:
         columns |= {"fx": groups[0][0], "fy": groups[0][1]}
-        if kinds[1:] == ["along", "across"]:
-            off = np.hypot(*(vectors[0] - vectors[1] - vectors[2]).T)
-            limit = TOLERANCE * float(np.abs(vectors[0]).max())
-            if off.max() > limit >= np.median(off):
-                every = " ".join(" ".join(group) for group in groups)
-                raise InputError(
-                    f"columns {every} of {table.path}, row {np.argmax(off)}",
-                    "a force that is not the sum of its normal and tangential part",
-                    "the sum, as in the other rows",
-                    "Columns of the dump disagree: dump again.",
-                )
-            if off.max() <= limit:
-                columns |= dict(zip(FORCE_PARTS, groups[1] + groups[2], strict=True))
     elif sorted(kinds[:2]) == ["across", "along"]:
-        groups = sorted(groups[:2], key=lambda group: kinds[groups.index(group)], reverse=True)
-        columns |= dict(zip(FORCE_PARTS, groups[0] + groups[1], strict=True))
-    elif kinds[:2] == ["along", "along"] and _small(vectors[0] - vectors[1], vectors[0]):
-        columns |= {"fx": groups[0][0], "fy": groups[0][1]}
+        normal, shear = groups[:2] if kinds[0] == "along" else groups[1::-1]
+        columns |= dict(zip(FORCE_PARTS, normal + shear, strict=True))
     elif kinds[:1] == ["along"]:
         raise InputError(
             f"columns {' '.join(groups[0])} of {table.path}",

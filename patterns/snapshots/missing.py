@@ -9,7 +9,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.compiled import given, use_compiled, use_passes
 from patterns.snapshots.checked import ROUNDINGS, Checked
-from patterns.snapshots.findings import Finding, rounding
+from patterns.snapshots.findings import Finding, few, rounding
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
 
 # Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
@@ -46,16 +46,16 @@ def lost_contacts(state: Checked) -> Finding | None:
     listed = np.searchsorted(rows, touching, "right") - np.searchsorted(rows, touching)
     lost = place[found > listed]
     lost = lost[np.argsort(-overlap[lost])]
-    named = zip(state.ids[pairs[lost[:3]]].tolist(), overlap[lost[:3]] / typical, strict=True)
-    each = [f"{one} and {two} (by {share:.3g} typical overlaps)" for (one, two), share in named]
-    more = ", ..." if len(lost) > 3 else ""
+
+    def by(k: int) -> str:
+        one, two = state.ids[pairs[k]].tolist()
+        return f"{one} and {two} (by {overlap[k] / typical:.3g} typical overlaps)"
+
     says = f"{len(lost)} pairs of grains overlap and have no contact"
     remedy = "Export these contacts too, or correct the radii or the cell."
     if state.walls is not None and state.graph.cell is not None and all(state.periodic):
         remedy += " Between walls the sample is periodic one way: --periodic x, or y."
-    return Finding("lost", len(lost), says).doubt(
-        f": {', '.join(each)}{more}", remedy, len(lost) > 0
-    )
+    return Finding("lost", len(lost), says).doubt(f": {few(lost, by)}", remedy, len(lost) > 0)
 
 
 def repeated_cell(state: Checked) -> Floats | None:
@@ -223,7 +223,7 @@ def walls(state: Checked) -> Finding | None:
     if len(grains) < max(FEWEST_BARE, BARE_SHARE * count):
         pushed_out = f"{len(grains)} of {count} grains out of balance are pushed outward"
         return found._replace(says=f"{says}; {pushed_out}, too few for a missing wall")
-    named = ", ".join(map(str, state.ids[grains[:3]].tolist())) + ", ..." * (len(grains) > 3)
+    named = few(state.ids[grains])
     return found.doubt(
         f", and {len(grains)} grains at the outline are pushed outward with nothing to push back, "
         f"by up to {size[grains[0]] / mean:.3g} mean normal forces: grains {named}",

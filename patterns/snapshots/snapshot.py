@@ -34,13 +34,11 @@ from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.validation import checked_regimes, integers
-from patterns.snapshots.findings import MOST_CROSSINGS, Finding
+from patterns.snapshots.findings import MOST_CROSSINGS, Finding, few
 from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
 # Options that give the law of the contacts.
 STIFFNESS = ("kn", "kt", "young", "poisson", "adhesion")
-# Pairs of them that an error names.
-NAMED_CROSSINGS = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -438,12 +436,11 @@ def planar(
         return snapshot
     graph, law, regime = snapshot.graph, snapshot.law, snapshot.regime
     if not drop:
-        named = snapshot.ids[graph.contacts[pairs[:NAMED_CROSSINGS]]]
-        shown = "; ".join(f"{a[0]}-{a[1]} and {b[0]}-{b[1]}" for a, b in named.tolist())
-        more = "; ..." if len(pairs) > NAMED_CROSSINGS else ""
+        named = snapshot.ids[graph.contacts[pairs]]
+        shown = few(named, lambda ab: "{0[0]}-{0[1]} and {1[0]}-{1[1]}".format(*ab), mark="; ")
         raise InputError(
             f"contacts of {where}",
-            f"{len(pairs)} pairs of crossing branches (grains {shown}{more})",
+            f"{len(pairs)} pairs of crossing branches (grains {shown})",
             "a planar network",
             "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
             "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded "
@@ -451,11 +448,10 @@ def planar(
         )
     dropped = crossing_contacts_to_drop(graph, pairs)
     kept = np.delete(np.arange(graph.contact_count), dropped)
-    ten = ", ".join(f"{a}-{b}" for a, b in snapshot.ids[graph.contacts[dropped[:10]]].tolist())
-    more = ", ..." if len(dropped) > 10 else ""
+    ten = few(snapshot.ids[graph.contacts[dropped]], lambda pair: "{}-{}".format(*pair), 10)
     note = (
         f"{len(pairs)} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
-        f"{ten}{more}; their forces are missing in every stress"
+        f"{ten}; their forces are missing in every stress"
     )
     images = None if graph.images is None else graph.images[kept]
     regime = None if regime is None else regime[kept]

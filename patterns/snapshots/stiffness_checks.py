@@ -7,7 +7,7 @@ import numpy as np
 from loops.arrays import Floats, Integers, median
 from loops.laws.hertz_mindlin import HertzMindlin
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
-from patterns.snapshots.findings import NEAR_ROUND, Finding, power_of_ten, rounding
+from patterns.snapshots.findings import NEAR_ROUND, Finding, few, power_of_ten, rounding
 
 # N over the force that kn and the overlap give, less one (median): clean 4e-5, which is damping in
 # a sample that moves; scatter and rounding of the file come on top.
@@ -133,17 +133,14 @@ def one_radius(state: Checked) -> Finding | None:
         return None
     grains, change = wrong_radii(state)
     says = f"{len(grains)} grains have a radius that does not fit the forces of their contacts"
-    radius, few = state.radii[grains], slice(3)
-    needed = (radius + change)[few].tolist()
-    ids = state.ids[grains[few]].tolist()
-    more = ", ..." if len(grains) > len(ids) else ""
-    each = [
-        f"that of grain {one} is {old / new:.6g} times what they need"
-        for one, old, new in zip(ids, radius[few].tolist(), needed, strict=True)
-    ]
-    right = [f"grain {one} the radius {new:.8g}" for one, new in zip(ids, needed, strict=True)]
+    old, ids = state.radii[grains], state.ids[grains]
+    new, rows = old + change, range(len(grains))
+    each = few(
+        rows, lambda g: f"that of grain {ids[g]} is {old[g] / new[g]:.6g} times what they need"
+    )
+    right = few(rows, lambda g: f"grain {ids[g]} the radius {new[g]:.8g}")
     return Finding("radius", len(grains), says).doubt(
-        f": {', '.join(each)}{more}", f"Give {', '.join(right)}{more}.", len(grains) > 0
+        f": {each}", f"Give {right}.", len(grains) > 0
     )
 
 
@@ -157,25 +154,16 @@ def one_contact(state: Checked) -> Finding | None:
     # Of a wrong radius another check tells.
     rows = rows[~np.isin(state.contacts[rows], wrong_radii(state)[0]).any(axis=1)]
     says = f"{len(rows)} contacts have a kn that does not fit their force and overlap"
-    few = rows[:3]
-    overlap, needed = state.overlap[few].tolist(), fit.needed[few].tolist()
-    ratios = [
-        f"N is {n / o:.4g} times what they give" if o > 0 else "N acts across a gap"
-        for n, o in zip(needed, overlap, strict=True)
-    ]
-    kn = state.stiffnesses[0][few].tolist()
-    right = [
-        f"kn = {k * n / o:.4g}" if o > 0 else "N = 0"
-        for k, n, o in zip(kn, needed, overlap, strict=True)
-    ]
-    pairs = state.ids[state.contacts[few]].tolist()
-    each = [f"grains {a} and {b} ({ratio})" for (a, b), ratio in zip(pairs, ratios, strict=True)]
-    more = ", ..." if len(rows) > len(few) else ""
-    return Finding("kn", len(rows), says).doubt(
-        f": {', '.join(each)}{more}",
-        f"Correct N, kn or the overlap of these contacts: {', '.join(right)}{more} would fit.",
-        len(rows) > 0,
-    )
+    touches, kn = state.overlap > 0, state.stiffnesses[0]
+    ratio = fit.needed / np.where(touches, state.overlap, 1.0)
+
+    def each(c: int) -> str:
+        what = f"N is {ratio[c]:.4g} times what they give" if touches[c] else "N acts across a gap"
+        return f"grains {state.names(np.array([c]))} ({what})"
+
+    right = few(rows, lambda c: f"kn = {kn[c] * ratio[c]:.4g}" if touches[c] else "N = 0")
+    remedy = f"Correct N, kn or the overlap of these contacts: {right} would fit."
+    return Finding("kn", len(rows), says).doubt(f": {few(rows, each)}", remedy, len(rows) > 0)
 
 
 # Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.

@@ -227,10 +227,6 @@ def _layout(path: Path, first: Line, names: list[str], fields: list[str], mark: 
     return Layout(names, mark, ".", first.start)
 
 
-def _has_number(fields: Sequence[str]) -> bool:
-    return any(NUMBER.fullmatch(word) for word in fields)
-
-
 def split(line: str, delimiter: str) -> list[str]:
     """Fields of a line, without blanks around them."""
     if delimiter == " " and '"' not in line:
@@ -320,20 +316,10 @@ class Table:
         found = {new.get(n, n): self._columns[n] for n in kept if n in self._columns}
         return Table(self.path, found, [new.get(name, name) for name in kept], rows=self._rows)
 
-    def selected(self, columns: Mapping[str, str]) -> Table:
-        """Return the table with `{name: column}`, and the columns that are neither."""
-        gone = {*columns, *columns.values()}
-        kept = {new: old for new, old in columns.items() if old in self._known}
-        kept |= {name: name for name in self.names if name not in gone}
-        found = {new: self._columns[old] for new, old in kept.items() if old in self._columns}
-        return Table(self.path, found, list(kept), rows=self._rows)
-
-    def replaced(self, name: str, new: str, values: Floats) -> Table:
-        """Return the table with the column `new` in place of the column `name`."""
-        stored = self._columns.items()
-        found = {new if n == name else n: values if n == name else v for n, v in stored}
-        names = [new if n == name else n for n in self.names]
-        return Table(self.path, found, names, rows=self._rows)
+    def with_column(self, name: str, values: Floats) -> Table:
+        """Return the table with a column more, or with other numbers in it."""
+        names = self.names if name in self._known else [*self.names, name]
+        return Table(self.path, self._columns | {name: values}, names, rows=self._rows)
 
     def take(self, rows: Flags | Integers) -> Table:
         """Return some of the rows."""

@@ -10,7 +10,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, median
 from patterns.snapshots.checks import SAME_FORCE
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.forces import Forces
 from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Bodies, index_of
 from patterns.snapshots.tables import Table
@@ -180,9 +180,8 @@ def _branches(branch: Floats, force: Floats, radii: Floats, good: Flags, ids: In
     remedy = "Give the vector from the foot on the wall to the centre, and the force on the grain."
     if good.all():
         return found
-    odd = ids[~good].tolist()
-    named = ", ".join(map(str, odd[:3])) + (", ..." if len(odd) > 3 else "")
-    cause = f", {len(odd)} of {len(good)} not as long, or against the force: grains {named}"
+    odd = ids[~good]
+    cause = f", {len(odd)} of {len(good)} not as long, or against the force: grains {few(odd)}"
     return found.doubt(cause, remedy) if good.mean() >= FITTING else found.error(cause, remedy)
 
 

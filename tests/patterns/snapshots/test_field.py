@@ -871,3 +871,37 @@ def test_photoelastic_data_as_published():
     assert counts == (1772, 738, 23)
     told = {one.check for one in found.findings if one.severity != "ok"}
     assert "unbalanced" in told and "directions" not in told
+
+
+# Forces that are all zero, and strains that are no compression.
+
+
+@pytest.mark.filterwarnings("error")
+def test_forces_that_are_all_zero_give_no_verdict(tmp_path, capsys):
+    sample = resting(BOX)
+    contacts = sample.contacts() | {"fn": 0 * sample.force, "ft": 0 * sample.force}
+    path = put(tmp_path, sample, contacts=contacts, walls=False)
+    stress = gl.stress(read(path, sample, mu=0.5, kt=KN))
+    assert stress.p == stress.q == 0.0 and np.isnan(stress.q_over_p)
+    law = ("--kn", KN, "--kt", KN, "--mu", 0.5)
+    assert run("snapshot", path, *law, "--figures", "none", "--out", tmp_path / "r") == 0
+    printed = capsys.readouterr().out
+    assert "all contact forces are zero: no verdict on the loops" in printed
+    assert "unstable" not in printed
+
+
+@pytest.mark.slow
+def test_a_series_of_simple_shear_prints_its_shear(tmp_path, capsys):
+    sample = resting(BOX)
+    for k, shear in enumerate((0.0, 1e-3)):
+        grains = sample.grains()
+        grains["x"] = grains["x"] - shear * grains["y"]
+        (tmp_path / f"grains_{k}.csv").write_text(text(grains))
+        pairs = {name: sample.contacts()[name] for name in ("id1", "id2")}
+        (tmp_path / f"contacts_{k}.csv").write_text(text(pairs))
+    files = [tmp_path / f"grains_{k}.csv" for k in (0, 1)]
+    assert run("series", *files, "--figures", "none", "--out", tmp_path / "r") == 0
+    (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith("strain between"))
+    strains = dict(part.split(" = ") for part in line.partition(": ")[2].split("  "))
+    assert float(strains["H12"]) == pytest.approx(1e-3, rel=1e-5)
+    assert all(abs(float(strains[name])) < 1e-12 for name in ("H11", "H21", "H22"))

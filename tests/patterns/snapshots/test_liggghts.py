@@ -118,8 +118,8 @@ def test_a_map_comes_before_the_order(tmp_path):
     assert_same(read(path, columns=parts), own, 1e-13)
     assert not read(path, columns=columns | {"fx": "none"}).mechanical
     for wrong, message in (
-        (columns | {"id1": columns["id2"], "id2": columns["id1"]}, "pull the grains together"),
-        (parts | {"fnx": parts["ftx"], "fny": parts["fty"]}, "vectors across to the branches"),
+        (columns | {"id1": columns["id2"], "id2": columns["id1"]}, "they pull"),
+        (parts | {"fnx": parts["ftx"], "fny": parts["fty"]}, "forces of other contacts"),
         (parts | {"delta": columns["fx"]}, "other values than the overlaps"),
         ({**columns, "fx": "c_d[1]"}, r"--columns fx=c_d\[1\]: got no such column"),
         ({name: columns[name] for name in ("id1", "id2", "fx")}, "Give the others as well"),
