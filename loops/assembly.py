@@ -93,19 +93,6 @@ def translational_compliances(state: ContactState, law: ContactLaw, regime: Regi
         return _to_global(state, inverse / det[..., None, None])
 
 
-def compliance_growth(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """(..., C) factor by which the inversion of each block amplifies rounding.
-
-    The sum of the terms of its determinant over the determinant: 1 where nothing cancels, large
-    where `kt` and `N/l` nearly do, infinite where the block is singular.
-    """
-    a, size = local_blocks(state, law, regime), local_sizes(state, law, regime)
-    det = np.abs(a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0])
-    terms = size[..., 0, 0] * size[..., 1, 1] + size[..., 0, 1] * size[..., 1, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(det > 0, terms / det, np.inf)
-
-
 def contact_tangent(
     state: ContactState, law: ContactLaw, regime: Regimes, arms: tuple[Floats, Floats] | None = None
 ) -> Floats:

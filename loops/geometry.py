@@ -45,7 +45,7 @@ def polygon_area(x: Floats) -> Floats:
 
 def area_growth(x: Floats) -> Floats:
     """(...) sum of the sizes of the terms of `polygon_area` over the area: large if flat."""
-    r = x - x[..., :1, :]
+    r = from_centroid(x)
     s = np.roll(r, -1, axis=-2)
     terms = np.abs(r[..., 0] * s[..., 1]) + np.abs(r[..., 1] * s[..., 0])
     with np.errstate(divide="ignore"):

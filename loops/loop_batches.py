@@ -9,20 +9,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from loops.arrays import (
-    ROUNDING,
-    Flags,
-    Floats,
-    Integers,
-    Regimes,
-    available_cores,
-    frobenius,
-    one_blas_thread,
-)
-from loops.assembly import turning_block
+from loops.arrays import Floats, Integers, Regimes, available_cores, one_blas_thread
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
-from loops.closures.system import HasLaw, with_law
-from loops.closures.tangents import solved
+from loops.closures.ring import GIVEN
+from loops.closures.rings import Rings, contact_rows, kernels, solve_by_numpy, solve_compiled
+from loops.closures.system import HasLaw, named_closure, with_law
+from loops.closures.tangents import of_ring
 from loops.compiled import given, use_compiled
 from loops.errors import InputError, check_type
 from loops.faces import Faces, faces_by_order, find_faces
@@ -169,19 +161,11 @@ def tangents_of_loops(
     graph: GrainGraph, law: ContactLaw, faces: Faces, closure: Closure | None, spins: Spins
 ) -> MacroTangent:
     """Return the tangents of all loops in the order of `Faces.loops`, see `loop_tangents`."""
-    rows, tangents = [], list[MacroTangent]()
-    for loops in _by_closures(graph, faces, law, None, faces.loops, [(closure, spins)]):
-        rows.append(loops.at)
-        tangents += loops.tangents.values()
-    if not tangents:
+    rule = named_closure(closure), spins
+    if len(faces.loops) == 0:
         raise InputError("faces", "no loops", "one at least", "Look at the contacts.")
-    order = np.argsort(np.concatenate(rows))
-    fields = ("matrix", "volume", "condition", "residual", "trusted", "sensitivity")
-    arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(tangent, name) for tangent in tangents])[order]
-        for name in fields
-    }
-    return replace(tangents[0], **arrays)
+    packing = loops_of_packing(graph, faces, law)
+    return packing.tangents(slice(None), [rule], use_compiled(None, graph.contact_count))[0]
 
 
 TANGENTS: tuple[tuple[Closure, Spins], ...] = (
@@ -200,15 +184,13 @@ class LoopNumbers(NamedTuple):
     `at` are their places in `Faces.loops`; `shape` (6, L) has centroid, area, perimeter, elongation
     and the angle of the long axis; `sliding` (L,) counts sliding contacts; `stress` (L, 4) is Love
     and Weber's with contacts counted whole; `tangents` by closure and spins.
-    `compiled`: by kernels, which give a triangle one tangent under both closures.
     """
 
     at: Any
-    tangents: dict[tuple[Any, Spins], MacroTangent]
-    shape: Floats | None = None
+    tangents: dict[tuple[Closure, Spins], MacroTangent]
+    shape: Floats
     sliding: Floats | Integers | None = None
     stress: Floats | None = None
-    compiled: bool = False
 
 
 def loop_numbers(
@@ -223,180 +205,134 @@ def loop_numbers(
 ) -> Iterator[Used]:
     """Compute the loops of a packing part by part; yield what `use` makes of each, in threads.
 
-    The kernels take all loops of a large packing; closures take those that the kernels leave as
-    ill-conditioned, or all loops of a small packing. Without a law there are shapes alone.
+    Kernels take the loops of a large packing, numpy those of a small one. Without a law there are
+    shapes alone.
     """
-    loops, threads = faces.loops, threads or available_cores()
-    wanted = TANGENTS if law is not None else ()
-    tasks = [(loops, wanted, True)]
+    threads = threads or available_cores()
+    packing = loops_of_packing(graph, faces, law, regime, threads)
+    if not use_compiled(compiled, graph.contact_count):
+        for batch in loop_batches(graph, faces):
+            yield use(packing.batch_numbers(batch))
+        return
+    kernels()
     with ThreadPoolExecutor(threads) as pool:
-        if use_compiled(compiled, graph.contact_count):
-            packing = compiled_packing(graph, faces, law, regime, threads)
-            poor = np.zeros((2, len(loops)), dtype=bool)
 
-            def by_kernels(start: int) -> Used:
-                block = slice(start, start + LOOPS_AT_ONCE)
-                found, poor[:, block] = packing.numbers(loops, block)
-                return use(found)
+        def part(start: int) -> Used:
+            return use(packing.numbers(slice(start, start + LOOPS_AT_ONCE)))
 
-            yield from pool.map(by_kernels, range(0, len(loops), LOOPS_AT_ONCE))
-            blocked, free = poor
-            # Most have a gear mode, which only spins that are free have.
-            some, gears = (np.array_split(loops[k], threads) for k in (blocked, free & ~blocked))
-            tasks = [(part, wanted, False) for part in some]
-            tasks += [(part, wanted[2:], False) for part in gears]
-
-        def by_closures(task: tuple[Integers, Sequence[tuple[Closure, Spins]], bool]) -> list[Used]:
-            return [use(found) for found in _by_closures(graph, faces, law, regime, *task)]
-
-        for part in pool.map(by_closures, tasks):
-            yield from part
-
-
-def _by_closures(
-    graph: GrainGraph,
-    faces: Faces,
-    law: ContactLaw | None,
-    regime: Regimes | None,
-    loops: Integers,
-    wanted: Sequence[tuple[Closure | None, Spins]],
-    whole: bool = False,
-) -> Iterator[LoopNumbers]:
-    """Yield the wanted tangents of loops, order by order; if `whole` shape and stress besides."""
-    for batch in loop_batches(graph, faces, loops=loops):
-        cut, found = batch.graph, LoopNumbers(batch.row, {})
-        if whole:
-            x = cut.x
-            place = (*(polygon_centroid(x) + batch.origin).T, polygon_area(x))
-            shape = np.stack([*place, polygon_perimeter(x), *polygon_shape(x)])
-            found = found._replace(shape=shape)
-        if law is not None:
-            own = law.take(batch.contacts)
-            regimes = None if regime is None else regime[batch.contacts]
-            if whole and regimes is not None:
-                sliding = np.count_nonzero(regimes == Regime.SLIDING, axis=1)
-                stress = love_weber_stress(cut).reshape(-1, 4)
-                found = found._replace(sliding=sliding, stress=stress)
-            for closure, spins in wanted:
-                tangent = macroscopic_tangent(cut, own, closure, spins=spins, regime=regimes)
-                found.tangents[closure, spins] = tangent
-        yield found
+        yield from pool.map(part, range(0, len(faces.loops), LOOPS_AT_ONCE))
 
 
 @dataclass(frozen=True, eq=False)
-class CompiledPacking:
-    """Arrays shared by the kernels, contiguous and read-only.
+class PackingLoops:
+    """Loops of a packing as rings, and what else their numbers need.
 
-    `rows` (C, 8): branch vector, tangent block in the frame (n, t) row by row (zero without a law),
-    N and T; `length` (C,) those of the branches; `shear` (C,) the shear stiffness; `regime` (C,).
-    `by_radii`: whether spins shear by the radii (or by the arms to the contact point); None for a
-    law that does neither, which the kernel does not treat. `faces`: offsets, grains, contacts and
-    forward of `Faces`.
+    `regime` (C,); `rolls`: rolling springs act, which the equations of a ring leave out.
     """
 
+    graph: GrainGraph
+    faces: Faces
     law: ContactLaw | None
-    by_radii: bool | None
-    rows: Floats
-    length: Floats
-    shear: Floats
+    rings: Rings
     regime: Regimes
-    x: Floats
-    radii: Floats
-    faces: tuple[Integers, Integers, Integers, Flags]
+    rolls: bool
 
-    def numbers(self, loops: Integers, at: slice) -> tuple[LoopNumbers, Flags]:
-        """Shape, stress and tangents of a part of the loops; which are poor, see `tangents`."""
-        from loops.compiled import tangents as kernel
+    def numbers(self, at: slice) -> LoopNumbers:
+        """Shape, stress and tangents of a part of the loops, by the kernels."""
+        from loops.compiled import shapes
 
-        chosen = given(loops[at], np.int64)
-        rows = self.rows, self.length, self.x, self.regime
-        shape = kernel.loop_shapes(*rows, *self.faces, chosen).T
-        found = LoopNumbers(at, {}, shape[: kernel.S11], compiled=True)
+        rings, graph = self.rings, self.graph
+        forces = (given(f, np.float64) for f in (graph.normal_force, graph.shear_force))
+        length, chosen = given(rings.rows[:, 0], np.float64), given(self.faces.loops[at], np.int64)
+        state = rings.branches, length, *forces, given(graph.x, np.float64), self.regime
+        shape = shapes.loop_shapes(*state, *rings[4:], chosen).T
         if self.law is None:
-            return found, np.zeros((2, len(chosen)), dtype=bool)
-        tangents, poor = self.tangents(chosen)
-        found.tangents.update(zip(TANGENTS, tangents, strict=True))
-        stress = shape[kernel.S11 : kernel.S22 + 1].T
-        return found._replace(sliding=shape[kernel.SLIDING], stress=stress), poor
+            return LoopNumbers(at, {}, shape[: shapes.S11])
+        tangents = dict(zip(TANGENTS, self.tangents(at, TANGENTS, True), strict=True))
+        stress = shape[shapes.S11 : shapes.S22 + 1].T
+        return LoopNumbers(at, tangents, shape[: shapes.S11], shape[shapes.SLIDING], stress)
 
-    def tangents(self, loops: Integers) -> tuple[list[MacroTangent], Flags]:
-        """Affine and traction tangents with spins blocked, traction with spins free; poor loops.
+    def batch_numbers(self, batch: LoopBatch) -> LoopNumbers:
+        """Shape, stress and tangents of loops of one order, by numpy."""
+        x = batch.graph.x
+        place = (*(polygon_centroid(x) + batch.origin).T, polygon_area(x))
+        shape = np.stack([*place, polygon_perimeter(x), *polygon_shape(x)])
+        if self.law is None:
+            return LoopNumbers(batch.row, {}, shape)
+        tangents = dict(zip(TANGENTS, self.tangents(batch.row, TANGENTS, False), strict=True))
+        sliding = np.count_nonzero(self.regime[batch.contacts] == Regime.SLIDING, axis=1)
+        stress = love_weber_stress(batch.graph).reshape(-1, 4)
+        return LoopNumbers(batch.row, tangents, shape, sliding, stress)
 
-        Conditions are estimates, the rest is as by `macroscopic_tangent`. In poor loops, (2, L) by
-        traction with spins blocked and free, rounding could turn a sign by these conditions: use
-        `macroscopic_tangent` for them.
-        """
-        from loops.compiled.tangents import tangents_of_faces
+    def tangents(
+        self, at: slice | Integers, wanted: Sequence[tuple[Closure, Spins]], compiled: bool
+    ) -> list[MacroTangent]:
+        """Tangents of a part of the loops, by the kernels or by numpy."""
+        loops = given(self.faces.loops[at], np.int64)
+        left = [rule for rule in wanted if self.rolls and rule[1] == "free"]
+        rules = [rule for rule in wanted if rule not in left]
+        solve = solve_compiled if compiled else solve_by_numpy
+        # The spin of a loop in its reference.
+        turn = np.array([[[0.0, 0.5, -0.5, 0.0], [0.0, 0.5, 0.5, 0.0]]])
+        found = {
+            rule: of_ring(one, *rule, None, one.growth)
+            for rule, one in zip(rules, solve(self.rings, loops, rules, turn), strict=True)
+        }
+        found |= {rule: self._tangents_with_rolling_springs(loops, *rule) for rule in left}
+        return [found[rule] for rule in wanted]
 
-        rows = self.rows, self.length, self.shear, self.radii
-        matrices, conditions, smallest, sensitivity, area = tangents_of_faces(
-            *rows, *self.faces, loops, self.by_radii is True
-        )
-        if self.by_radii is None:
-            conditions[2] = np.inf
-        rounding = ROUNDING * conditions[1:] * frobenius(matrices[1:])
-        poor = ~(np.abs(smallest) > rounding)
-        # An eigenvalue that the choice of spin arms can turn has no sign, however exact.
-        poor[1] &= ~((np.abs(smallest[1]) <= sensitivity) & np.isfinite(conditions[2]))
-        change = (0.0, 0.0, sensitivity)
-        tangents = [
-            solved(matrices[k], *TANGENTS[k], area, conditions[k], sensitivity=change[k])
-            for k in range(3)
-        ]
-        return tangents, poor
+    def _tangents_with_rolling_springs(
+        self, loops: Integers, closure: Closure, spins: Spins
+    ) -> MacroTangent:
+        assert self.law is not None
+        places, tangents = [], list[MacroTangent]()
+        for batch in loop_batches(self.graph, self.faces, loops=loops):
+            own, regime = self.law.take(batch.contacts), self.regime[batch.contacts]
+            places.append(np.searchsorted(loops, batch.face))
+            tangents.append(
+                macroscopic_tangent(batch.graph, own, closure, spins=spins, regime=regime)
+            )
+        order = np.argsort(np.concatenate(places))
+        fields = ("matrix", "volume", "condition", "residual", "trusted", "sensitivity")
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(tangent, name) for tangent in tangents])[order]
+            for name in fields
+        }
+        return replace(tangents[0], **arrays)
 
 
-def compiled_packing(
+def loops_of_packing(
     graph: GrainGraph,
     faces: Faces,
     law: ContactLaw | None = None,
     regime: Regimes | None = None,
     threads: int = 1,
-) -> CompiledPacking:
-    """Prepare a packing, one state, for the kernels; without a law for shapes alone.
+) -> PackingLoops:
+    """Prepare the loops of a packing, one state; without a law for shapes alone.
 
     Regimes are the graph's, or read from the state by the law, if left out.
     """
     count = graph.contact_count
     regime = graph.regime if regime is None else regime
-    rows, length, shear = np.zeros((count, 8)), np.empty(count), np.zeros(count)
-    regimes = np.zeros(count, dtype=np.int8)
+    rows, regimes = np.zeros((count, GIVEN)), np.zeros(count, dtype=np.int8)
 
-    def fill(start: int) -> tuple[bool, bool]:
+    def fill(start: int) -> bool:
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
-        rows[part, :2] = graph.branches[part]
         state = state_of(graph, part)
-        length[part] = state.length
         if law is None:
-            return True, True
+            rows[part, 0] = state.length
+            return False
         own = law.take(part)
         regimes[part] = own.regime(state) if regime is None else regime[part]
-        stiffness = own.local_stiffness(state, regimes[part])
-        shear[part] = stiffness[:, 1, 1]
-        coupled = stiffness[:, 0, 1].any() or np.any(own.rolling_stiffness(state, regimes[part]))
-        g, arm, _ = own.shear_kinematics(state)
-        rows[part, 2:6] = turning_block(stiffness, g, state).reshape(-1, 4)
-        rows[part, 6], rows[part, 7] = state.normal_force, state.shear_force
-        if coupled:
-            return False, False
-        return np.array_equal(arm, state.radii_i), np.array_equal(arm, state.arm_i)
+        rows[part] = contact_rows(state, own, regimes[part])
+        return bool(np.any(own.rolling_stiffness(state, regimes[part])))
 
     with ThreadPoolExecutor(threads) as pool:
-        ways = np.array(list(pool.map(fill, range(0, count, CONTACTS_AT_ONCE)))).reshape(-1, 2)
-    by_radii, by_arms = bool(ways[:, 0].all()), bool(ways[:, 1].all())
-    return CompiledPacking(
-        law=law,
-        by_radii=by_radii if by_radii or by_arms else None,
-        rows=given(rows, np.float64),
-        length=given(length, np.float64),
-        shear=given(shear, np.float64),
-        regime=given(regimes, np.int8),
-        x=given(graph.x, np.float64),
-        radii=given(graph.radii, np.float64),
-        faces=(
-            given(faces.offsets, np.int64),
-            given(faces.grains, np.int64),
-            given(faces.contacts, np.int64),
-            given(faces.forward, np.bool_),
-        ),
-    )
+        rolls = any(list(pool.map(fill, range(0, count, CONTACTS_AT_ONCE))))
+    branches = given(graph.branches, np.float64)
+    rings = Rings(
+        given(rows, np.float64), branches, branches, given(graph.radii, np.float64),
+        given(faces.offsets, np.int64), given(faces.grains, np.int64),
+        given(faces.contacts, np.int64), given(faces.forward, np.bool_),
+    )  # fmt: skip
+    return PackingLoops(graph, faces, law, rings, given(regimes, np.int8), rolls)

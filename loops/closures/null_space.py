@@ -23,6 +23,9 @@ from loops.arrays import ROUNDING, Flags, Floats, Integers, all_finite, frobeniu
 # Singular values below this fraction of the largest count as zero. Rounding leaves about
 # size * eps = 1e-15 to 1e-13 there (loops of 3 to 200 grains).
 NULL_TOLERANCE = 1e-13
+# Limits within which a solve is trusted; see `MacroTangent`.
+RESIDUAL_LIMIT = 1e-8
+AMBIGUITY_LIMIT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

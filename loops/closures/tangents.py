@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import ROUNDING, Flags, Floats, all_finite, frobenius
-from loops.assembly import (
-    compliance_growth,
-    contact_regime,
-    local_sizes,
-    translational_blocks,
-    translational_compliances,
-)
+from loops.assembly import contact_regime, local_sizes, translational_blocks
+from loops.closures.null_space import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
+from loops.closures.ring import ERROR_LIMIT
+from loops.closures.rings import Solved, is_ring, tangents_of_rings
 from loops.closures.system import (
     Closure,
     HasLaw,
     Relaxed,
     Spins,
-    closure_form,
-    contact_springs,
     named_closure,
-    relax,
     relaxed_loop,
-    spring_sizes,
     with_law,
 )
 from loops.errors import InputError, check_choice
 from loops.geometry import (
     area_growth,
     checked_volume,
-    from_centroid,
-    outward,
     polygon_area,
     reference_volume,
     require_loop,
@@ -44,12 +35,6 @@ from loops.geometry import (
 from loops.graph import GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
-
-# Limits within which a solve is trusted; see `MacroTangent`.
-RESIDUAL_LIMIT = 1e-8
-AMBIGUITY_LIMIT = 1e-6
-# Beyond this share of the operator a bound of first order in rounding means nothing.
-ERROR_LIMIT = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,16 +153,6 @@ def solved(
     return MacroTangent(matrix, closure, spins, volume, condition, residual, trusted, sensitivity)
 
 
-TractionMethod = Literal["auto", "force", "saddle"]
-# Beyond this amplification of the force method the saddle system is solved as well.
-FORCE_METHOD_LIMIT = 1e4
-# The saddle system replaces the force method if its error is smaller by this factor: the force
-# method keeps the directions of soft operators.
-SADDLE_GAIN = 100.0
-# Fields of the tangent that it replaces.
-REPLACED = ("matrix", "condition", "residual", "trusted")
-
-
 def affine_tangent(
     graph: GrainGraph | HasLaw,
     law: ContactLaw | None = None,
@@ -230,6 +205,9 @@ def affine_tangent(
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
     growth = volume_growth(graph) if volume is None else 0.0
+    if is_ring(graph, law, spins, state, regimes):
+        found = tangents_of_rings(graph, law, "affine", spins, state, regimes)
+        return of_ring(found, "affine", spins, v0, 0.0 if volume is not None else found.growth)
     if spins != "blocked":
         require_plane(graph.x, "centres of the grains")
         relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
@@ -252,7 +230,6 @@ def traction_tangent(
     spins: Spins = "blocked",
     regime: ArrayLike | None = None,
     volume: ArrayLike | None = None,
-    method: TractionMethod = "auto",
 ) -> MacroTangent:
     """Macroscopic tangent under the traction closure.
 
@@ -272,10 +249,6 @@ def traction_tangent(
         Regime of each contact; the graph's, or read from the state by the law, if left out.
     volume : (...) array, optional
         Reference area V0 that `P` is taken over (length squared); the polygon's if left out.
-    method : {'auto', 'force', 'saddle'}
-        `force` needs a plain ring with blocked spins and invertible blocks, and costs O(n);
-        `saddle` solves any loop through its null vectors; `auto` takes the force method where it
-        applies and the saddle system for the rest.
 
     Returns
     -------
@@ -286,8 +259,7 @@ def traction_tangent(
     ------
     InputError
         If the graph is no loop, its polygon has no area, a volume is not positive, a regime is
-        none of `Regime`, the law's parameters don't fit the contacts, or the force method is asked
-        for where it does not apply.
+        none of `Regime`, or the law's parameters don't fit the contacts.
 
     Examples
     --------
@@ -300,7 +272,6 @@ def traction_tangent(
     """
     graph, law = with_law(graph, law)
     check_choice("spins", spins, get_args(Spins))
-    check_choice("method", method, get_args(TractionMethod))
     require_loop(graph)
     polygon = np.abs(polygon_area(graph.x0))
     if not np.all(polygon > 0):
@@ -308,50 +279,15 @@ def traction_tangent(
         remedy = "Uniform traction needs a polygon: the centres must not lie on a line."
         raise InputError(where, f"area {np.min(polygon)}", "a positive area", remedy)
     v0 = polygon if volume is None else checked_volume(volume, graph)
-    applies = spins == "blocked" and graph.contact_count == graph.grain_count
-    if method == "force" and not applies:
-        raise InputError(
-            "method 'force'",
-            f"spins {spins!r} and {graph.contact_count} contacts of {graph.grain_count} grains",
-            "blocked spins and a plain ring",
-            "Use 'auto' or 'saddle'.",
-        )
     state = contact_state(graph)
     regimes = contact_regime(state, law, regime)
     # The area of the polygon stands in the strain, and in V0 once more where that is not its own.
-    growth = area_growth(graph.x0) * (1.0 if volume is None else 2.0)
-    if method == "saddle" or not applies:
-        relaxed, turned = relaxed_loop(graph, law, "traction", spins, state, regimes, v0)
-        return of_relaxed(relaxed, "traction", spins, v0, growth, turned)
-    compliance = translational_compliances(state, law, regimes)
-    batch = np.broadcast_shapes(compliance.shape[:-3], graph.x0.shape[:-2])
-    compliance = np.broadcast_to(compliance, (*batch, *compliance.shape[-3:]))
-    x0, v0 = np.broadcast_to(graph.x0, (*batch, *graph.x0.shape[-2:])), np.broadcast_to(v0, batch)
-    matrix, condition = force_method(compliance, x0, compliance_growth(state, law, regimes))
-    matrix = matrix * (np.abs(polygon_area(x0)) / v0)[..., None, None]
-    found = solved(matrix, "traction", "blocked", v0, condition + (growth - area_growth(x0)))
-    poor = ~(condition <= FORCE_METHOD_LIMIT)
-    if method == "force" or not poor.any():
-        return found
-    radii = np.broadcast_to(graph.radii, x0.shape[:-1])[poor]
-    form = closure_form("blocked", graph.contacts, radii, v0[poor], x0=x0[poor])
-    S, sizes = (
-        np.broadcast_to(of(state, law, regimes, "blocked"), (*batch, graph.contact_count, 4, 4))
-        for of in (contact_springs, spring_sizes)
-    )
-    part = np.broadcast_to(growth, batch)[poor]
-    relaxed = relax(form, S[poor], sizes[poor])
-    other = of_relaxed(relaxed, "traction", "blocked", v0[poor], part)
-    answered = other.residual <= RESIDUAL_LIMIT
-    # Without an answer of the force method, the status by the saddle system is kept.
-    better = answered & (SADDLE_GAIN * other.condition < found.condition[poor])
-    better |= ~np.isfinite(found.condition[poor])
-    place = np.zeros(batch, dtype=bool)
-    place[poor] = better
-    fields: dict[str, Any] = {name: np.array(getattr(found, name)) for name in REPLACED}
-    for name, values in fields.items():
-        values[place] = getattr(other, name)[better]
-    return replace(found, **fields)
+    times = 1.0 if volume is None else 2.0
+    if is_ring(graph, law, spins, state, regimes):
+        found = tangents_of_rings(graph, law, "traction", spins, state, regimes)
+        return of_ring(found, "traction", spins, v0, times * found.growth)
+    relaxed, turned = relaxed_loop(graph, law, "traction", spins, state, regimes, v0)
+    return of_relaxed(relaxed, "traction", spins, v0, times * area_growth(graph.x0), turned)
 
 
 def macroscopic_tangent(
@@ -402,67 +338,18 @@ def macroscopic_tangent(
     return tangent(graph, law, spins=spins, regime=regime, volume=volume)
 
 
-def force_method(compliance: Floats, x0: Floats, growth: Floats) -> tuple[Floats, Floats]:
-    """Traction tangent (..., 4, 4) of rings with spins blocked, and its condition (...).
-
-    Equilibrium leaves one unknown vector per loop, `f_c = f^ - P m_c` with
-    `m_c = R (x0_c + x0_{c+1})/2`; closure of the ring gives the compliance
-
-        C = (1/V0) [sum k^-1_ik m_j m_l - (sum k^-1 m_j)(sum k^-1)^-1(sum k^-1 m_l)]
-
-    and `A = C^-1`, from 2x2 inverses alone; not finite if a block or C is singular.
-    Theory, equation (4.11). `compliance` (..., n, 2, 2) and `growth` (..., n) are those of
-    `translational_compliances`.
-
-    A change of one compliance changes C by itself times `(m_c - g)^2`, `g` the change of the
-    redundant force: the condition is the sum of these sizes over V0, times `|A|`. Each axis has a
-    length unit of its own, so that a flat loop has no larger condition but by the rounding of V0.
-    """
-    centred, volume = from_centroid(x0), np.abs(polygon_area(x0))
-    m = outward(x0, 0.5 * (centred + np.roll(centred, -1, axis=-2)))
-    scale = np.sqrt((m * m).mean(axis=-2))
-    m = m / scale[..., None, :]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # single[i, a, j] = sum k^-1_ia m_j, and the ring's own compliance, sum k^-1.
-        single = np.einsum("...cik,...cj->...ikj", compliance, m, optimize=True)
-        total = compliance.sum(axis=-3)
-        det = total[..., 0, 0] * total[..., 1, 1] - total[..., 0, 1] * total[..., 1, 0]
-        adjugate = np.swapaxes(total[..., ::-1, ::-1], -1, -2) * [[1.0, -1.0], [-1.0, 1.0]]
-        closure = np.asarray(adjugate / det[..., None, None])
-        pair = m[..., :, None] * m[..., None, :]
-        double = np.einsum("...cik,...cjl->...ijkl", compliance, pair, optimize=True)
-        left = np.einsum("...iaj,...ab->...ijb", single, closure)
-        right = np.einsum("...ijb,...bkl->...ijkl", left, single)
-        c = (double - right).reshape(*compliance.shape[:-3], 4, 4) / volume[..., None, None]
-        # NaN where C is singular or not finite.
-        usable = all_finite(c) & (np.linalg.det(np.nan_to_num(c)) != 0)
-        safe = np.where(usable[..., None, None], c, np.eye(4))
-        scaled = np.where(usable[..., None, None], np.linalg.inv(safe), np.nan)
-        size = frobenius(scaled)
-        columns = np.concatenate([scale, scale], axis=-1)
-        matrix = scaled / (columns[..., :, None] * columns[..., None, :])
-        lever = frobenius(closure) * np.sqrt((single * single).sum(axis=(-3, -2, -1)))
-        # The midpoints err by their mean distance from the centroid, one in these units.
-        reach = np.linalg.norm(m, axis=-1) + lever[..., None] + 1.0
-        terms = growth * frobenius(compliance) * reach * reach
-        # The error of the scaled operator, in the norm of the operator itself.
-        share = size / (scale.min(axis=-1) ** 2 * frobenius(matrix))
-        condition = size * terms.sum(axis=-1) / volume * share + area_growth(x0)
-    return matrix, np.where(np.isfinite(condition), condition, np.inf)
-
-
-def ring_equations(compliance: Floats, m: Floats) -> tuple[Floats, Floats]:
-    """Equations of the force method for `(H', P', f^')`, (6, 10), and the motions of the contacts.
-
-    `d' = -k^-1 (f^' - P' m)`, (n, 4, 10) with the spins, which are blocked; `V0 H' = sum d' (x) m`
-    and `sum d' = 0`. For one ring, `m` (n, 2) over `sqrt(V0)`.
-    """
-    motion = np.zeros((len(m), 4, 10))
-    pressed = compliance[:, :, :, None] * m[:, None, None, :]
-    motion[:, :2, 4:8], motion[:, :2, 8:] = pressed.reshape(-1, 2, 4), -compliance
-    gradient = np.einsum("cir,cj->ijr", motion[:, :2], m).reshape(4, 10)
-    gradient[:, :4] -= np.eye(4)
-    return np.concatenate([gradient, motion[:, :2].sum(axis=0)]), motion
+def of_ring(
+    found: Solved, closure: Closure, spins: Spins, volume: Floats | None, growth: Floats | float
+) -> MacroTangent:
+    """Tangent of loops that were solved over the areas of their polygons, over another `volume`."""
+    matrix, error, sensitivity, area = found.matrix, found.error, found.sensitivity, found.area
+    if volume is not None:
+        share = area / volume
+        matrix, error = share[..., None, None] * matrix, share * error
+        sensitivity, area = share * sensitivity, volume + 0.0 * area
+    condition = amplification(error, matrix) + growth
+    status = found.residual, found.ambiguity, sensitivity
+    return solved(matrix, closure, spins, area, condition, *status)
 
 
 def of_relaxed(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 from threading import Thread
+from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,21 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 def inlined_sum(function: Callable[..., Any]) -> Callable[..., Any]:
     """As `inlined`; the function adds up, and the order of its sums may change."""
     return kernel(function, forceinline=True, fastmath={"reassoc"})
+
+
+def compiled(module: ModuleType, called: tuple[str, ...]) -> Any:
+    """Return the functions of a module compiled: they call each other, and no other kernel.
+
+    As they stand numpy runs them, for what is too small to load numba. All are compiled into those
+    that call them but the `called` ones.
+    """
+    functions = dict(vars(module))
+    for name, function in vars(module).items():
+        if isinstance(function, FunctionType) and function.__module__ == module.__name__:
+            own = FunctionType(function.__code__, functions, name, function.__defaults__)
+            own.__module__ = module.__name__
+            functions[name] = kernel(own, forceinline=name not in called)
+    return SimpleNamespace(**functions)
 
 
 def given(values: ArrayLike, dtype: Any) -> NDArray[Any]:

@@ -32,9 +32,9 @@ from loops import (
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import contact_kinematics, motions
 from loops.closures import Closure, Spins
+from loops.closures.null_space import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.closures.spins import affine_spin
 from loops.closures.system import contact_springs, drive, form_of, relax, spring_sizes
-from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
 from loops.geometry import checked_volume, reference_volume
 from loops.graph import require_one_state
 from loops.laws.frictional import edge_of, with_sides

@@ -13,10 +13,14 @@ from loops.assembly import (
     translational_blocks,
     translational_compliances,
 )
-from loops.closures.null_space import LeastSquares, solve_through_null_space
+from loops.closures.null_space import (
+    AMBIGUITY_LIMIT,
+    RESIDUAL_LIMIT,
+    LeastSquares,
+    solve_through_null_space,
+)
 from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
-from loops.closures.tangents import AMBIGUITY_LIMIT, RESIDUAL_LIMIT, ring_equations
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_rates
 from stability.paths.model import Kind, PathModel, Unknowns
@@ -312,6 +316,20 @@ def with_gear_mode(
     growth = 0.5 * (contacts.shear_force * growth)[:, None] * contacts.n
     matrix[place] = D[1] @ relative[-1] + np.einsum("cm,cmk->k", growth, motion[:, :2])
     return Equations(matrix, motion, relative)
+
+
+def ring_equations(compliance: Floats, m: Floats) -> tuple[Floats, Floats]:
+    """Equations of a ring for `(H', P', f^')`, (6, 10), and the motions of the contacts.
+
+    `d' = -k^-1 (f^' - P' m)`, (n, 4, 10) with the spins, which are blocked; `V0 H' = sum d' (x) m`
+    and `sum d' = 0`. For one ring, `m` (n, 2) over `sqrt(V0)`.
+    """
+    motion = np.zeros((len(m), 4, 10))
+    pressed = compliance[:, :, :, None] * m[:, None, None, :]
+    motion[:, :2, 4:8], motion[:, :2, 8:] = pressed.reshape(-1, 2, 4), -compliance
+    gradient = np.einsum("cir,cj->ijr", motion[:, :2], m).reshape(4, 10)
+    gradient[:, :4] -= np.eye(4)
+    return np.concatenate([gradient, motion[:, :2].sum(axis=0)]), motion
 
 
 def solve_rates(

@@ -60,12 +60,12 @@ def rolling_threshold(order: int, kappa: float, k_r: float) -> float:
 
 
 def tangent_seconds(orders: tuple[int, ...] = SIZES, grains: int = 400_000) -> Floats:
-    """Seconds for the traction tangent of one loop by the force method, within a batch."""
+    """Seconds for the traction tangent of one loop, within a batch."""
     found = []
     for order in orders:
         count = max(grains // order, 1)
         loop = regular_polygon(order, strain=np.linspace(0.01, 0.1, count))
-        tangent = partial(traction_tangent, loop, LINEAR, method="force")
+        tangent = partial(traction_tangent, loop, LINEAR)
         found.append(
             min(timeit.repeat(tangent, timer=time.process_time, number=1, repeat=5)) / count
         )

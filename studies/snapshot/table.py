@@ -19,6 +19,7 @@ from loops import (
     Regime,
 )
 from loops.arrays import Flags, Floats, Integers
+from loops.compiled import use_compiled
 from loops.loop_batches import LoopNumbers, loop_numbers
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
@@ -39,7 +40,8 @@ MECHANICS = (
     *STRESS_COLUMNS,
     *(f"{closure}_{name}" for closure in CLOSURES for name in STABILITY),
     "traction_condition",
-    *(f"{FREE}_{name}" for name in EIGENVALUES),
+    "traction_error",
+    *(f"{FREE}_{name}" for name in (*EIGENVALUES, "error")),
 )
 
 # Loops of this order and beyond form one group, in every table, figure and report.
@@ -68,9 +70,9 @@ def loop_columns(
       (degrees, 0 if there is none); `*_soft_angle`, the direction of the mode of the smallest
       eigenvalue: the axis of compression, with the sign that makes the principal strain of larger
       size a compression (degrees in (-90, 90]; of a pure shear either axis);
-    - `traction_condition`, see `MacroTangent`;
-    - `traction_free_lambda_min`, `*_mid`, `*_max`: the same eigenvalues under the traction closure
-      with spins free, as if the loop were cut out of its packing.
+    - `traction_condition` and `traction_error`, see `MacroTangent`; the error over the mean kn;
+    - `traction_free_lambda_min`, `*_mid`, `*_max`, `*_error`: the same eigenvalues under the
+      traction closure with spins free, as if the loop were cut out of its packing, and their error.
 
     Eigenvalues, fractions and angles are nan where the tangent's error leaves no sign: rounding, or
     the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
@@ -84,9 +86,10 @@ def loop_columns(
     kn = snapshot.mean_kn if snapshot.mechanical else np.nan
 
     def columns(loops: LoopNumbers) -> tuple[Any, Columns]:
-        return loops.at, _columns(loops, order[loops.at], kn)
+        return loops.at, _columns(loops, order[loops.at], kn, by_kernels)
 
-    how: dict[str, Any] = {"compiled": compiled, "threads": threads}
+    by_kernels = use_compiled(compiled, graph.contact_count)
+    how: dict[str, Any] = {"compiled": by_kernels, "threads": threads}
     with ThreadPoolExecutor(1) as other:
         grains = other.submit(_grain_lists, snapshot, order)
         for at, values in loop_numbers(graph, faces, law, regime, columns, **how):
@@ -104,26 +107,26 @@ def _grain_lists(snapshot: Snapshot, order: Integers) -> pa.LargeListArray:
     return pa.LargeListArray.from_arrays(as_arrow(offsets), as_arrow(ids))
 
 
-def _columns(loops: LoopNumbers, order: Integers, kn: float) -> Columns:
+def _columns(loops: LoopNumbers, order: Integers, kn: float, compiled: bool) -> Columns:
     """Columns of the numbers of some loops, tangents over `kn`."""
-    columns: Columns = {}
-    if loops.shape is not None:
-        columns = dict(zip(SHAPE, loops.shape, strict=True))
-        columns["orientation"] = np.degrees(columns["orientation"])
+    columns: Columns = dict(zip(SHAPE, loops.shape, strict=True))
+    columns["orientation"] = np.degrees(columns["orientation"])
     if loops.stress is not None:
         columns |= {"sliding_contacts": np.asarray(loops.sliding), **_stress(loops.stress)}
     for (closure, spins), tangent in loops.tangents.items():
         name = FREE if spins == "free" else closure
-        if name == "traction" and loops.compiled:
+        error = tangent.error / kn
+        if name == "traction":
             # Both closures give the same tangent for a triangle.
             own = order != 3
-            over_kn = tangent.matrix[own] / kn, tangent.error[own] / kn
-            for key, values in _judged(name, *over_kn, compiled=True).items():
+            judged = _judged(name, tangent.matrix[own] / kn, error[own], compiled=compiled)
+            for key, values in judged.items():
                 columns[key] = columns[key.replace("traction", "affine")].copy()
                 columns[key][own] = values
         else:
-            over_kn = tangent.matrix / kn, tangent.error / kn
-            columns |= _judged(name, *over_kn, compiled=loops.compiled)
+            columns |= _judged(name, tangent.matrix / kn, error, compiled=compiled)
+        if name != "affine":
+            columns[f"{name}_error"] = error
         if name == "traction":
             columns["traction_condition"] = tangent.condition
     return columns

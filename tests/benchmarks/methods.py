@@ -13,6 +13,7 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from time import process_time
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from loops import (
     boundary_of,
     find_faces,
     macroscopic_tangent,
-    traction_tangent,
 )
 from loops.arrays import Floats, Regimes
 from loops.closures import Closure, Spins
@@ -244,28 +244,26 @@ def irregular_rings(loops: int, order: int, seed: int) -> Rings:
 
 
 def closure_methods(quick: bool) -> list[Row]:
-    """The traction closure of rings, soft and stiff together, by every `method`."""
+    """The traction closure of rings, soft and stiff together, by numpy and by kernels."""
     cases = ((6, 200, 8),) if quick else ((6, 2000, 60), (20, 300, 12))
     found: list[Row] = []
     for order, loops, checked in cases:
         batch = irregular_rings(loops, order, seed=7)
         rows = Rows(f"closures, n = {order}", "primal system, 50 digits", quick)
         exact = np.array([batch.exact(k, "traction") for k in range(checked)])
-        for method, name in (
-            ("force", "force method"),
-            ("saddle", "dense saddle"),
-            ("auto", "both"),
-        ):
-            call = partial(by_method, batch, method)
+        for name, least in (("numpy", 10**9), ("kernels", 1)):
+            call = partial(solved_from, least, batch)
             error = relative_error(call(), exact)
-            rows.add(name, f"method='{method}'", call, error, loops, method == "auto")
+            setting = f"{'below' if name == 'numpy' else 'from'} 40,000 contacts"
+            rows.add(name, setting, call, error, loops, name == "numpy")
         found += rows
     return found
 
 
-def by_method(batch: Rings, method: Any) -> Floats:
-    """(L, 4, 4) traction tangents."""
-    return traction_tangent(batch.graph, batch.law, regime=batch.regime, method=method).matrix
+def solved_from(least: int, batch: Rings) -> Floats:
+    """(L, 4, 4) traction tangents, kernels taken from so many contacts on."""
+    with patch("loops.compiled.COMPILED_FROM", least):
+        return batch.tangents("traction")
 
 
 def relative_error(found: Floats, exact: Floats) -> float:

@@ -143,7 +143,7 @@ def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
     assert run(monkeypatch, "bench", "--out", out, "--quick", "--only", "closures") == 0
     assert "closures, n = 6" in capsys.readouterr().out
     closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
-    assert closures["closures, n = 6"]["defaults"][0]["method"] == "both"
+    assert closures["closures, n = 6"]["defaults"][0]["method"] == "numpy"
 
 
 def test_outside_a_checkout_the_command_says_so_in_one_line(tmp_path, monkeypatch, capsys):

@@ -16,8 +16,7 @@ from loops import (
     macroscopic_tangent,
     polygon_shape,
 )
-from loops.compiled import given
-from loops.loop_batches import compiled_packing
+from loops.loop_batches import TANGENTS, loops_of_packing
 from patterns import regular_polygon, synthetic_network
 from stability import Stage, follow, programmes
 from tests.oracles.rings import random_rings, slide
@@ -76,8 +75,7 @@ def test_loops_of_packings_and_their_kernels(periodic, shift):
         a, b = (macroscopic_tangent(g, law, "traction") for g in (one.graph, two.graph))
         np.testing.assert_array_equal(a.matrix, b.matrix)
     fast = [
-        compiled_packing(g, faces, LAW).tangents(given(faces.loops, np.int64))[0]
-        for g in (here, there)
+        loops_of_packing(g, faces, LAW).tangents(slice(None), TANGENTS, True) for g in (here, there)
     ]
     for a, b in zip(*fast, strict=True):
         np.testing.assert_array_equal(a.matrix, b.matrix)

@@ -9,6 +9,7 @@ from loops import (
     affine_tangent,
     assemble_tangent,
     boundary_vectors,
+    contact_state,
     macroscopic_tangent,
     nominal_stress,
     reference_branch_vectors,
@@ -29,18 +30,31 @@ def relative(a, b):
     return np.linalg.norm(a - b, axis=(-2, -1)) / np.linalg.norm(b, axis=(-2, -1))
 
 
-@pytest.mark.parametrize("order", range(3, 13))
-def test_force_method_equals_the_saddle_system(order):
+def with_open_chord(graph, law, regime=None):
+    """Traction tangent by the saddle system: of the loop with a chord that carries nothing."""
+    batch, n = graph.normal_force.shape[:-1], graph.grain_count
+    regime = law.regime(contact_state(graph)) if regime is None else np.asarray(regime)
+    added = np.zeros((*batch, 1))
+    braced = GrainGraph(
+        x=graph.x, x0=graph.x0, radii=graph.radii, contacts=np.vstack([graph.contacts, [[0, n // 2]]]),
+        normal_force=np.concatenate([graph.normal_force, added], axis=-1),
+        shear_force=np.concatenate([graph.shear_force, added], axis=-1),
+    )  # fmt: skip
+    regime = np.concatenate([np.broadcast_to(regime, (*batch, n)), added], axis=-1)
+    return traction_tangent(braced, law, regime=regime.astype(np.int8))
+
+
+@pytest.mark.parametrize("order", range(4, 13))
+def test_equations_of_a_ring_equal_the_saddle_system(order):
     """100 irregular loops of each order, elastic: below 1e-12."""
     graph = random_rings(np.random.default_rng(order), 100, order)
-    force = traction_tangent(graph, LAW, method="force")
-    saddle = traction_tangent(graph, LAW, method="saddle")
-    assert force.trusted.all()
+    ring_of, saddle = traction_tangent(graph, LAW), with_open_chord(graph, LAW)
+    assert ring_of.trusted.all()
     assert saddle.trusted.all()
-    assert relative(force.matrix, saddle.matrix).max() < 1e-12
+    assert relative(ring_of.matrix, saddle.matrix).max() < 1e-12
     # The two conditions bound the difference; rounding cannot be less than one unit.
-    bound = np.finfo(float).eps * (force.condition + saddle.condition)
-    assert (relative(force.matrix, saddle.matrix) < bound).all()
+    bound = np.finfo(float).eps * (ring_of.condition + saddle.condition)
+    assert (relative(ring_of.matrix, saddle.matrix) < bound).all()
 
 
 @pytest.mark.parametrize("overlap", [1e-1, 1e-3, 1e-5, 1e-8, 1e-10])
@@ -208,30 +222,25 @@ def test_chord_stiffens_the_diamond():
     plain, stiff = traction_tangent(diamond, LAW).matrix, traction_tangent(braced, LAW).matrix
     # The chord lies along axis 2 and adds its block there: kn l0^2 / V0 = 1.3 * 2 / 1.
     np.testing.assert_allclose((stiff - plain)[3, 3], 1.3 * 2.0, atol=1e-12)
-    with pytest.raises(InputError, match="method 'force'"):
-        traction_tangent(braced, LAW, method="force")
 
 
-def test_singular_contact_goes_to_the_saddle_system():
-    """kt = 0 and N = 0 leave k_c singular: no force method, yet a trusted answer or none."""
+def test_a_triangle_of_contacts_without_shear_has_an_answer():
+    """kt = 0 and N = 0 leave k_c singular."""
     triangle = regular_polygon(3)
     tangent = traction_tangent(triangle, LinearFrictional(kn=1.0, kt=0.0))
     assert tangent.trusted
     # A frictionless triangle is a truss: exactly the affine one.
     exact = affine_tangent(triangle, LinearFrictional(kn=1.0, kt=0.0)).matrix
     np.testing.assert_allclose(tangent.matrix, exact, atol=1e-13)
-    with pytest.raises(InputError, match="force"):
-        traction_tangent(triangle, LAW, spins="free", method="force")
 
 
-@pytest.mark.parametrize("method", ["force", "saddle"])
-def test_at_a_pole_no_number_is_given_without_its_condition(method):
+def test_at_a_pole_no_number_is_given_without_its_condition():
     """A pentagon's traction tangent runs through infinity where the affine one loses a mode."""
     law = LinearFrictional(kn=1.0, kt=0.3)
     pole = 1.3 / 2.3
 
     def at(strain):
-        return traction_tangent(regular_polygon(5, strain=strain), law, method=method)
+        return traction_tangent(regular_polygon(5, strain=strain), law)
 
     assert at(pole - 1e-3).trusted
     assert at(pole + 1e-3).trusted
@@ -251,7 +260,7 @@ def test_condition_of_the_saddle_system_counts_the_softness_of_the_loop(overlap)
     """Stiff contacts that all slide make a loop as soft as N/l: K's rounding weighs 1/softness."""
     rng = np.random.default_rng(18)
     graph, regime = slide(rng, random_rings(rng, 6, 6, overlap=overlap), 1.0)
-    found = traction_tangent(graph, LAW, regime=regime, method="saddle")
+    found = with_open_chord(graph, LAW, regime)
     worst = 0.0
     for b in range(6):
         state = (graph.x[b], graph.x0[b], graph.normal_force[b], graph.shear_force[b])
@@ -307,11 +316,10 @@ def test_a_mirrored_loop_gives_the_mirrored_operator():
 
 def test_two_hundred_grains():
     graph = regular_polygon(200, strain=0.1)
-    force = traction_tangent(graph, LAW, method="force")
-    saddle = traction_tangent(graph, LAW, method="saddle")
-    assert force.trusted
+    ring_of, saddle = traction_tangent(graph, LAW), with_open_chord(graph, LAW)
+    assert ring_of.trusted
     assert saddle.trusted
-    assert relative(force.matrix, saddle.matrix) < 1e-10
+    assert relative(ring_of.matrix, saddle.matrix) < 1e-10
 
 
 def test_unknown_choices_are_refused():
@@ -320,8 +328,6 @@ def test_unknown_choices_are_refused():
         macroscopic_tangent(graph, LAW, "uniform")
     with pytest.raises(InputError, match=r"spins.*'rolling'"):
         affine_tangent(graph, LAW, spins="rolling")
-    with pytest.raises(InputError, match=r"method.*'magic'"):
-        traction_tangent(graph, LAW, method="magic")
     flat = GrainGraph(x=[[0, 0], [1, 0], [2, 0]], radii=[1, 1, 1], contacts=ring(3))
     with pytest.raises(InputError, match=r"polygon of the loop: got area 0\.0"):
         traction_tangent(flat, LAW)

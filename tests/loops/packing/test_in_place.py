@@ -80,9 +80,10 @@ def test_surroundings_are_what_the_loop_alone_lacks():
     found = loops_in_place(Scene(graph, law), faces)
     row = {face: k for k, face in enumerate(faces.loops)}
     for batch in loop_batches(graph, faces):
-        alone = traction_tangent(batch.graph, law, spins="free").matrix
+        alone = traction_tangent(batch.graph, law, spins="free")
         rows = [row[face] for face in batch.face]
-        assert np.array_equal(found.alone[rows], alone, equal_nan=True)
+        gap = np.linalg.norm(found.alone[rows] - alone.matrix, axis=(1, 2))
+        assert (gap <= alone.rounding + found.alone_error[rows])[alone.trusted].all()
     assert np.allclose(found.surroundings, found.matrix - found.alone, equal_nan=True)
     # Springs without shear forces: whatever stands around a loop can only stiffen it.
     values = np.linalg.eigvalsh(found.surroundings + np.swapaxes(found.surroundings, 1, 2))

@@ -22,7 +22,7 @@ import loops.compiled
 from loops import LinearFrictional, Scene, find_crossings, find_faces
 from loops.compiled.network import following_half_edges
 from loops.in_place import loops_in_place
-from loops.loop_batches import compiled_packing
+from loops.loop_batches import TANGENTS, loops_of_packing
 from patterns.diamond import TABLE_1
 from patterns.snapshots.missing import overlapping_pairs
 from patterns.synthetic import synthetic_network
@@ -113,12 +113,10 @@ def kernels() -> Answers:
         for size in (1e-1, 1e-3, 1e-8):
             graph, law, regime = stiff_network(size)
             faces = find_faces(graph)
-            packing = compiled_packing(graph, faces, law, regime)
-            tangents, poor = packing.tangents(loops.compiled.given(faces.loops, np.int64))
-            for k, tangent in enumerate(tangents):
-                bad = ~tangent.trusted | (poor.any(axis=0) if k else False)
+            packing = loops_of_packing(graph, faces, law, regime)
+            for k, tangent in enumerate(packing.tangents(slice(None), TANGENTS, True)):
                 found[f"{size:g} tangents {k}"] = np.nan_to_num(tangent.matrix)
-                found[f"{size:g} tangents {k}~"] = np.where(bad, np.inf, tangent.error)
+                found[f"{size:g} tangents {k}~"] = tangent.error
         for count in (15, 17, 33):
             found[f"wheel {count}"] = find_faces(rim(10.0, count)).grains
         slope = 1.7 * (1 + np.arange(-4, 5) * 2.0**-52)

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from studies.study import study
 from tests.benchmarks.methods import Row, machine
 from tests.benchmarks.run import UNITS, knee, pareto
-from tests.tools.settled.closures import closure_switch, least_squares_methods
+from tests.tools.settled.closures import least_squares_methods
 from tests.tools.settled.eigenvalues import eigenvalue_methods
 from tests.tools.settled.fractions import fraction_methods
 from tests.tools.settled.half_edges import half_edge_methods
@@ -23,7 +23,6 @@ from tests.tools.settled.precision import precisions
 
 GROUPS: dict[str, Callable[[bool], list[Row]]] = {
     "integrators": integrator_methods,
-    "closure switch": closure_switch,
     "least squares": least_squares_methods,
     "eigenvalues": eigenvalue_methods,
     "cone fractions": fraction_methods,

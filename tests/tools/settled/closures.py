@@ -1,4 +1,4 @@
-"""Traction closure: the limit of the force method, and least squares in its place."""
+"""Traction closure: least squares in place of the equations of a ring."""
 
 from __future__ import annotations
 
@@ -6,43 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from loops import assemble_tangent, boundary_vectors, polygon_area, traction_tangent
+from loops import assemble_tangent, boundary_vectors, polygon_area
 from loops.arrays import Floats
-from loops.closures.tangents import FORCE_METHOD_LIMIT, SADDLE_GAIN
-from tests.benchmarks.methods import (
-    Rings,
-    Row,
-    Rows,
-    by_method,
-    irregular_rings,
-    least_seconds,
-    relative_error,
-)
+from tests.benchmarks.methods import Rings, Rows, irregular_rings, relative_error
 
 ORACLE = "primal system, 50 digits"
-LIMITS = (1.0, 1e2, 1e4, 1e6, 1e8, 1e10)
-
-
-def closure_switch(quick: bool) -> list[Row]:
-    """`method="auto"` with other limits, put together from both methods' results and times."""
-    batch = irregular_rings(200 if quick else 2000, 6, seed=7)
-    exact = np.array([batch.exact(k, "traction") for k in range(8 if quick else 60)])
-    force = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="force")
-    saddle = traction_tangent(batch.graph, batch.law, regime=batch.regime, method="saddle")
-    seconds = [
-        least_seconds(partial(by_method, batch, name), quick=quick) for name in ("force", "saddle")
-    ]
-    rows = []
-    for limit in LIMITS:
-        poor = ~(force.condition <= limit)
-        taken = poor & (SADDLE_GAIN * saddle.condition < force.condition)
-        matrix = np.where(taken[:, None, None], saddle.matrix, force.matrix)
-        time = seconds[0] + seconds[1] * float(poor.mean())
-        named = ("closure switch", "force, saddle beyond the limit", f"condition {limit:.0e}")
-        count, error = len(poor), relative_error(matrix, exact)
-        default = limit == FORCE_METHOD_LIMIT
-        rows.append(Row(*named, count, time / count, error, float("nan"), ORACLE, default))
-    return rows
 
 
 def least_squares_methods(quick: bool) -> Rows:

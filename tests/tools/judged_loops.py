@@ -1,0 +1,170 @@
+"""Tangents of random loops against balls of 260 bits: broken bounds and withheld answers.
+
+    python -m tests.tools.judged_loops --loops 10000 --seed 0
+
+Loops of 3 to 60 grains under a closure and a rule of spins drawn for each: plain, flat, stiff, of
+sizes up to 1:1000, away from their reference; with contacts that slide, are open, or have a shear
+stiffness of 1e-12 to 1e3 of the normal one; loads driven to a pole of the operator, or to where Ks
+loses definiteness; rings of equal, alternating or mirrored grains with gear modes. An answer is
+withheld if it is not trusted or its bound exceeds a tenth of the operator.
+"""
+
+import argparse
+from collections import Counter
+from unittest.mock import patch
+
+import numpy as np
+
+from loops import GrainGraph, LinearFrictional, Regime, contact_state, macroscopic_tangent
+from stability import restrict, symmetric_spectrum
+from tests.oracles.loop_balls import ball_tangent
+from tests.oracles.rings import ring
+from tests.tools.near_singular import closed_loops, random_loops, usable
+
+RULES = [(c, s) for c in ("affine", "traction") for s in ("blocked", "affine", "free")]
+KINDS = ("plain", "flat", "stiff", "unequal", "all", "gear", "closed")
+WITHHELD = 0.1
+STEPS = 30
+
+
+def drawn(rng, kind):
+    """One loop and its law, the closure and the rule of the spins."""
+    n = int(round(3.0 * 20.0 ** rng.random() ** 2))
+    increment = str(rng.choice(["branch", "radii"]))
+    if kind == "gear":
+        graph = gear_ring(rng, 2 * max(2, n // 2))
+        loops = None
+    else:
+        make = closed_loops if kind == "closed" else random_loops
+        loops = (
+            make(rng, 1, max(n, 4), increment)
+            if kind == "closed"
+            else usable(make(rng, 1, n, kind, increment))
+        )
+        if not len(loops.kn):
+            return None
+        graph = GrainGraph(
+            x=loops.x[0], x0=loops.x0[0], radii=loops.radii[0], contacts=ring(loops.radii.shape[1]),
+            normal_force=loops.normal[0], shear_force=loops.shear[0] * loops.mu[0],
+        )  # fmt: skip
+    count = graph.contact_count
+    kt = 10.0 ** rng.uniform(-12, 3, count) if rng.random() < 0.2 else rng.uniform(0.05, 1.0)
+    law = LinearFrictional(rng.uniform(0.5, 2.0, count), kt, rng.uniform(0.1, 1.0), increment)
+    share = rng.choice([0.0, 0.3, 1.0])
+    slides = rng.random(count) < share
+    side = np.where(graph.shear_force < 0.0, -1.0, 1.0)
+    T = np.where(slides, side * law.mu * graph.normal_force, graph.shear_force)
+    opened = rng.random(count) < rng.choice([0.0, 0.0, 1.5 / count])
+    regime = np.where(opened, Regime.OPEN, np.where(slides, Regime.SLIDING, Regime.ELASTIC))
+    graph = graph.replace(
+        normal_force=np.where(opened, 0.0, graph.normal_force),
+        shear_force=np.where(opened, 0.0, T), regime=regime,
+    )  # fmt: skip
+    rule = RULES[rng.integers(len(RULES))]
+    driven = rng.choice(["as it comes", "pole", "verge"])
+    if driven != "as it comes":
+        graph = graph_at(rng, graph, law, rule, str(driven))
+    return graph, law, rule
+
+
+def gear_ring(rng, n):
+    """An even ring that turns without shear: equal, alternating or mirrored grains."""
+    kind = rng.integers(3)
+    radii = np.ones(n)
+    if kind == 1:
+        radii = np.tile([1.0, rng.uniform(0.3, 1.0)], n // 2)
+    elif kind == 2:
+        half = rng.uniform(0.4, 1.0, n // 2 + 1)
+        radii = np.concatenate([half, half[-2:0:-1]])
+    angles = 2 * np.pi * (np.arange(n) + 0.5) / n
+    x = n / np.pi * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if kind != 2:
+        x += rng.uniform(-0.2, 0.2, x.shape)
+    length = np.linalg.norm(np.roll(x, -1, axis=0) - x, axis=1)
+    normal = 10.0 ** rng.uniform(-8, -1) * length * rng.uniform(0.2, 1.8, n)
+    return GrainGraph(
+        x=x, radii=radii, contacts=ring(n), normal_force=normal,
+        shear_force=0.3 * normal * rng.uniform(-1, 1, n),
+    )  # fmt: skip
+
+
+def loaded(graph, load):
+    """The loop with its forces times a load."""
+    return graph.replace(
+        normal_force=load * graph.normal_force, shear_force=load * graph.shear_force,
+        regime=graph.regime,
+    )  # fmt: skip
+
+
+def graph_at(rng, graph, law, rule, driven):
+    """The loop at a load next to a pole of its operator or a loss of definiteness of Ks."""
+
+    def number(load):
+        tangent = macroscopic_tangent(loaded(graph, load), law, rule[0], spins=rule[1])
+        values = symmetric_spectrum(restrict(np.nan_to_num(tangent.matrix), "symmetric"))
+        with np.errstate(divide="ignore"):
+            return 1.0 / values[np.abs(values).argmax()] if driven == "pole" else values[0]
+
+    loads = 10.0 ** np.linspace(-1, 2.5, 12)
+    numbers = [number(load) for load in loads]
+    for k in range(len(loads) - 1):
+        if numbers[k] * numbers[k + 1] < 0.0:
+            low, high, first = loads[k], loads[k + 1], numbers[k]
+            for _ in range(STEPS):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if number(middle) * first > 0.0 else (low, middle)
+            return loaded(graph, low * (1.0 + 10.0 ** rng.uniform(-16, -6) * rng.choice([-1, 1])))
+    return graph
+
+
+def judged(count, seed):
+    """Counts of loops, and errors over their bounds, of single loops and of the kernels."""
+    rng, total, ratios = np.random.default_rng(seed), Counter(), {"numpy": [], "kernels": []}
+    relative = {"numpy": [], "kernels": []}
+    while total["loops"] < count:
+        found = drawn(rng, KINDS[rng.integers(len(KINDS))])
+        if found is None:
+            continue
+        graph, law, (closure, spins) = found
+        blocks = law.local_stiffness(contact_state(graph), graph.regime)
+        by_radii = law.shear_increment == "radii"
+        try:
+            exact, radius = ball_tangent(graph, blocks, by_radii, closure, spins)
+        except ZeroDivisionError:
+            total["singular"] += 1
+            continue
+        size = np.linalg.norm(exact)
+        if not radius < 1e-20 * size:
+            total["singular"] += 1
+            continue
+        total["loops"] += 1
+        for way in ratios:
+            with patch("loops.compiled.COMPILED_FROM", 1 if way == "kernels" else 10**9):
+                tangent = macroscopic_tangent(graph, law, closure, spins=spins)
+            if not (tangent.trusted and tangent.rounding <= WITHHELD * size):
+                total[f"withheld, {way}"] += 1
+                continue
+            error = np.linalg.norm(tangent.matrix - exact)
+            total[f"broken, {way}"] += error > tangent.rounding
+            ratios[way].append(error / tangent.rounding)
+            relative[way].append(error / size)
+    return total, ratios, relative
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--loops", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    total, ratios, relative = judged(options.loops, options.seed)
+    print(dict(total))
+    for way, values in ratios.items():
+        at = np.quantile(values, [0.5, 0.99, 1.0])
+        print(way, "error over bound, median, 99 %, largest:", at)
+        print(
+            way, "error over the operator, median, largest:", np.quantile(relative[way], [0.5, 1.0])
+        )
+
+
+if __name__ == "__main__":
+    main()
