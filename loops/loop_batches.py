@@ -11,7 +11,7 @@ import numpy as np
 
 from loops.arrays import Floats, Integers, Regimes, available_cores, one_blas_thread
 from loops.closures import Closure, MacroTangent, Spins, macroscopic_tangent
-from loops.closures.ring import GIVEN
+from loops.closures.ring import GIVEN, LENGTH
 from loops.closures.rings import Rings, contact_rows, kernels, solve_by_numpy, solve_compiled
 from loops.closures.system import HasLaw, named_closure, with_law
 from loops.closures.tangents import of_ring
@@ -220,18 +220,20 @@ def loop_numbers(
         def part(start: int) -> Used:
             return use(packing.numbers(slice(start, start + LOOPS_AT_ONCE)))
 
-        yield from pool.map(part, range(0, len(faces.loops), LOOPS_AT_ONCE))
+        yield from pool.map(part, range(0, len(packing.loops), LOOPS_AT_ONCE))
 
 
 @dataclass(frozen=True, eq=False)
 class PackingLoops:
     """Loops of a packing as rings, and what else their numbers need.
 
-    `regime` (C,); `rolls`: rolling springs act, which the equations of a ring leave out.
+    `loops` (L,) are `Faces.loops`; `regime` (C,); `rolls`: rolling springs act, which the equations
+    of a ring leave out.
     """
 
     graph: GrainGraph
     faces: Faces
+    loops: Integers
     law: ContactLaw | None
     rings: Rings
     regime: Regimes
@@ -241,11 +243,9 @@ class PackingLoops:
         """Shape, stress and tangents of a part of the loops, by the kernels."""
         from loops.compiled import shapes
 
-        rings, graph = self.rings, self.graph
-        forces = (given(f, np.float64) for f in (graph.normal_force, graph.shear_force))
-        length, chosen = given(rings.rows[:, 0], np.float64), given(self.faces.loops[at], np.int64)
-        state = rings.branches, length, *forces, given(graph.x, np.float64), self.regime
-        shape = shapes.loop_shapes(*state, *rings[4:], chosen).T
+        rings, x = self.rings, given(self.graph.x, np.float64)
+        parts = rings.rows, rings.branches, x, self.regime
+        shape = shapes.loop_shapes(*parts, *rings[4:], self.loops[at]).T
         if self.law is None:
             return LoopNumbers(at, {}, shape[: shapes.S11])
         tangents = dict(zip(TANGENTS, self.tangents(at, TANGENTS, True), strict=True))
@@ -268,7 +268,7 @@ class PackingLoops:
         self, at: slice | Integers, wanted: Sequence[tuple[Closure, Spins]], compiled: bool
     ) -> list[MacroTangent]:
         """Tangents of a part of the loops, by the kernels or by numpy."""
-        loops = given(self.faces.loops[at], np.int64)
+        loops = given(self.loops[at], np.int64)
         left = [rule for rule in wanted if self.rolls and rule[1] == "free"]
         rules = [rule for rule in wanted if rule not in left]
         solve = solve_compiled if compiled else solve_by_numpy
@@ -320,7 +320,7 @@ def loops_of_packing(
         part = slice(start, min(start + CONTACTS_AT_ONCE, count))
         state = state_of(graph, part)
         if law is None:
-            rows[part, 0] = state.length
+            rows[part, LENGTH] = state.length
             return False
         own = law.take(part)
         regimes[part] = own.regime(state) if regime is None else regime[part]
@@ -335,4 +335,5 @@ def loops_of_packing(
         given(faces.offsets, np.int64), given(faces.grains, np.int64),
         given(faces.contacts, np.int64), given(faces.forward, np.bool_),
     )  # fmt: skip
-    return PackingLoops(graph, faces, law, rings, given(regimes, np.int8), rolls)
+    loops = given(faces.loops, np.int64)
+    return PackingLoops(graph, faces, loops, law, rings, given(regimes, np.int8), rolls)

@@ -51,6 +51,8 @@ GIVEN, COLUMNS = 10, 37
 SOFT, NO_NORMAL = 0.05, 1e-3
 # Of a scaled system; below it null vectors are looked for.
 LEAST_PIVOT = 1e-12
+# With larger pivots rounding of the tangent by other arms is nothing beside what the arms change.
+POOR = 1e-4
 # Beyond this share of the operator a bound of first order in rounding means nothing.
 ERROR_LIMIT = 0.1
 # Rows of equations are treated in multiples of so many numbers: the processor's vectors.
@@ -502,18 +504,12 @@ def invert_stress(E: Floats, N: int, solver: Solver) -> None:
 
 
 def solve_ring(
-    ring: Ring, A: Floats, n: int, N: int, closure: int, gear: int, turn: Floats, solver: Solver,
-    out: Floats,
-) -> float:  # fmt: skip
-    """Tangent of a ring, (4, 4), in its units; return the bound on its error.
-
-    To first order in rounding, `|E^-1| sizes(E) |x|`, with the rows of the solution and of the
-    inverse by their norms over the four components; or a quarter of `|E^-1| |L| |U| |x|`
-    where that is larger.
-    """
-    bound, eliminated = 0.0, 0.0
+    ring: Ring, A: Floats, n: int, N: int, closure: int, gear: int, solver: Solver, out: Floats
+) -> float:
+    """Tangent of a ring, (4, 4), in its units; return the least pivot, 0 without an answer."""
+    least = 1.0
     if gear == UNSURE:
-        return np.inf
+        return 0.0
     if closure == AFFINE and N == 4:
         # P alone: its equations read P + A H = 0.
         for i in range(4):
@@ -523,17 +519,32 @@ def solve_ring(
     else:
         E = solver.E[: N * A.shape[1]].reshape((N, A.shape[1]))
         balance_rolls(ring, A, n, N, gear, E)
-        if not factor(E, N, solver) > LEAST_PIVOT:
-            return np.inf
+        least = factor(E, N, solver)
+        if not least > LEAST_PIVOT:
+            return 0.0
         solve(E, N, solver)
-        invert_stress(E, N, solver)
-        eliminated = elimination_terms(E, N, solver)
-    unknowns, sizes = solver.sizes[0], solver.sizes[1]
-    for i in range(N):
-        unknowns[i] = _norm4(solver.X, i)
     for i in range(4):
         for k in range(4):
             out[i, k] = solver.X[N - 4 + i, k]
+    return least
+
+
+def bound_error(
+    ring: Ring, A: Floats, n: int, N: int, closure: int, gear: int, turn: Floats, solver: Solver
+) -> float:
+    """Return the bound on the error of a ring that was just solved, in its units.
+
+    To first order in rounding, `|E^-1| sizes(E) |x|`, with the rows of the solution and of the
+    inverse by their norms over the four components; or a quarter of `|E^-1| |L| |U| |x|`
+    where that is larger.
+    """
+    bound, eliminated, unknowns, sizes = 0.0, 0.0, solver.sizes[0], solver.sizes[1]
+    if not (closure == AFFINE and N == 4):
+        E = solver.E[: N * A.shape[1]].reshape((N, A.shape[1]))
+        invert_stress(E, N, solver)
+        eliminated = elimination_terms(E, N, solver)
+    for i in range(N):
+        unknowns[i] = _norm4(solver.X, i)
     sum_sizes(ring, n, closure, gear, unknowns, (1.0, 1.0, 1.0, 1.0), turn, sizes)
     for i in range(N):
         row = solver.order[i]
@@ -621,16 +632,20 @@ def tangents(
             height, width = N + n if free else N, (N + 3 + LANES) // LANES * LANES
             A = equations[: height * width].reshape((height, width))
             assemble(ring, A, n, closure, spins, spin[0])
-            error = solve_ring(ring, A, n, N, closure, gear, spin[1], solver, own)
+            if not solve_ring(ring, A, n, N, closure, gear, solver, own) > 0.0:
+                continue
+            error = bound_error(ring, A, n, N, closure, gear, spin[1], solver)
             if free and n % 2 == 0:
                 share_otherwise(ring, n, arms)
                 gear = prepare(ring, n, free)
                 place_unknowns(ring, n, closure)
-                doubt = solve_ring(ring, A, n, N, closure, gear, spin[1], solver, other)
+                pivot, doubt = solve_ring(ring, A, n, N, closure, gear, solver, other), 0.0
+                if 0.0 < pivot < POOR:
+                    doubt = bound_error(ring, A, n, N, closure, gear, spin[1], solver)
                 for c in range(n):
                     ring.contacts[c, BI], ring.contacts[c, BJ] = arms[c, 0], arms[c, 1]
                 sensitivity[k, at] = unit * (change(own, other) + doubt)
-                if not doubt < np.inf:
+                if not pivot > 0.0:
                     continue
             square = 0.0
             for i in range(4):
@@ -680,9 +695,9 @@ def rotated(
     if pq == 0.0:
         return pp, qq, pq, rp, rq
     turn = 0.5 * (qq - pp) / pq
-    tangent = 1.0 / (abs(turn) + math.hypot(turn, 1.0))
+    tangent = 1.0 / (abs(turn) + math.sqrt(turn * turn + 1.0))
     tangent = tangent if turn > 0.0 else -tangent
-    cosine = 1.0 / math.hypot(tangent, 1.0)
+    cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)
     sine = tangent * cosine
     return (
         pp - tangent * pq,

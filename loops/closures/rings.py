@@ -284,7 +284,10 @@ def _eliminate_poor(
         out, alone = np.empty((4, 4)), Ring(contacts[..., at], ring.places)
         spin = turn[:, at % turn.shape[1]]
         mode = gear[at] if gear[at] == equations.NO_GEAR else equations.GEAR
-        bound = equations.solve_ring(alone, A[..., at], n, N, closure, mode, spin, solver, out)
+        one = alone, A[..., at], n, N, closure, mode
+        if not equations.solve_ring(*one, solver, out) > 0.0:
+            continue
+        bound = equations.bound_error(*one, spin, solver)
         if gear[at] == equations.UNSURE:
             # By symmetry such a mode may have no stiffness and no load either: it stands still.
             unknowns, sizes = np.linalg.norm(solver.X, axis=1), solver.sizes[1]

@@ -9,6 +9,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.compiled import inlined, kernel
 
+# Columns of `contact_rows`: those of `loops.closures.ring`, whose changes the cache would not see.
+LENGTH, FN, FT = 0, 3, 4
 # Columns of `loop_shapes`.
 X, Y, AREA, PERIMETER, ELONGATION, ORIENTATION = range(6)
 S11, S12, S21, S22, SLIDING = range(6, 11)
@@ -17,18 +19,9 @@ COLUMNS = 11
 
 @kernel
 def loop_shapes(
-    branches: Floats,
-    length: Floats,
-    normal: Floats,
-    shear: Floats,
-    x: Floats,
-    regime: Regimes,
-    offsets: Integers,
-    grains: Integers,
-    contacts: Integers,
-    forward: Flags,
-    loops: Integers,
-) -> Floats:
+    rows: Floats, branches: Floats, x: Floats, regime: Regimes, offsets: Integers,
+    grains: Integers, contacts: Integers, forward: Flags, loops: Integers,
+) -> Floats:  # fmt: skip
     """(L, 11) of the given faces, each counter-clockwise; arrays as in `Rings`.
 
     Centroid, area, perimeter, elongation, orientation (radians), the stress 11, 12, 21, 22 over the
@@ -49,13 +42,14 @@ def loop_shapes(
             out[loop, Y] += weight * (y0 + y1)
             x0, y0 = x1, y1
             c = contacts[h]
-            dx, dy, fn, ft = branches[c, 0], branches[c, 1], normal[c], shear[c]
-            f0, f1 = (fn * dx - ft * dy) / length[c], (fn * dy + ft * dx) / length[c]
+            dx, dy, length = branches[c, 0], branches[c, 1], rows[c, LENGTH]
+            fn, ft = rows[c, FN] / length, rows[c, FT] / length
+            f0, f1 = fn * dx - ft * dy, fn * dy + ft * dx
             out[loop, S11] += f0 * dx
             out[loop, S12] += f0 * dy
             out[loop, S21] += f1 * dx
             out[loop, S22] += f1 * dy
-            out[loop, PERIMETER] += length[c]
+            out[loop, PERIMETER] += length
             out[loop, SLIDING] += regime[contacts[h]] == 2
         out[loop, AREA] = 0.5 * double
         out[loop, X] /= 3.0 * double
