@@ -107,16 +107,16 @@ class MacroTangent(Shown):
     def facts(self) -> dict[str, object]:
         """Names and values shown at the prompt and in a notebook."""
         good = f"{int(np.count_nonzero(self.trusted))} of {self.trusted.size}"
-        condition = f"{np.max(self.condition, initial=1.0):.1e}"
+        error = np.max(self.error, initial=0.0, where=self.trusted)
         shape = self.matrix.shape
         return {"closure": self.closure, "spins": self.spins, "shape": shape, "trusted": good,
-                "unit": "force/length", "condition up to": condition}  # fmt: skip
+                "unit": "force/length", "error up to": f"{error:.1e} force/length"}  # fmt: skip
 
     def __str__(self) -> str:
         good = int(np.count_nonzero(self.trusted))
         return (
             f"{self.closure} tangent, spins {self.spins}: {good} of {self.trusted.size} trusted, "
-            f"condition up to {np.max(self.condition, initial=1.0):.1e}"
+            f"error up to {np.max(self.error, initial=0.0, where=self.trusted):.1e} force/length"
         )
 
 
@@ -332,7 +332,7 @@ def macroscopic_tangent(
     >>> x = [[0, 0], [1, 0], [1, 1], [0, 1]]
     >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> str(macroscopic_tangent(square, LinearFrictional(kn=1.0, kt=0.5), "affine"))
-    'affine tangent, spins blocked: 1 of 1 trusted, condition up to 2.4e+00'
+    'affine tangent, spins blocked: 1 of 1 trusted, error up to 2.2e-14 force/length'
     """
     tangent = affine_tangent if named_closure(closure) == "affine" else traction_tangent
     return tangent(graph, law, spins=spins, regime=regime, volume=volume)

@@ -38,9 +38,8 @@ FREE = "traction_free"
 MECHANICS = (
     "sliding_contacts",
     *STRESS_COLUMNS,
-    *(f"{closure}_{name}" for closure in CLOSURES for name in STABILITY),
+    *(f"{closure}_{name}" for closure in CLOSURES for name in (*STABILITY, "error")),
     "traction_condition",
-    "traction_error",
     *(f"{FREE}_{name}" for name in (*EIGENVALUES, "error")),
 )
 
@@ -70,7 +69,8 @@ def loop_columns(
       (degrees, 0 if there is none); `*_soft_angle`, the direction of the mode of the smallest
       eigenvalue: the axis of compression, with the sign that makes the principal strain of larger
       size a compression (degrees in (-90, 90]; of a pure shear either axis);
-    - `traction_condition` and `traction_error`, see `MacroTangent`; the error over the mean kn;
+    - `affine_error`, `traction_error`: bound on the error of these tangents over the mean kn;
+      `traction_condition`, see `MacroTangent`;
     - `traction_free_lambda_min`, `*_mid`, `*_max`, `*_error`: the same eigenvalues under the
       traction closure with spins free, as if the loop were cut out of its packing, and their error.
 
@@ -125,8 +125,7 @@ def _columns(loops: LoopNumbers, order: Integers, kn: float, compiled: bool) -> 
                 columns[key][own] = values
         else:
             columns |= _judged(name, tangent.matrix / kn, error, compiled=compiled)
-        if name != "affine":
-            columns[f"{name}_error"] = error
+        columns[f"{name}_error"] = error
         if name == "traction":
             columns["traction_condition"] = tangent.condition
     return columns

@@ -24,7 +24,8 @@ def ball_tangent(graph, blocks, by_radii, closure, spins):
     radii, D = balls(graph.radii), balls(blocks)
     B = [[(x0[(i + 1) % n][1] - x0[i - 1][1]) / 2, (x0[i - 1][0] - x0[(i + 1) % n][0]) / 2]
          for i in range(n)]  # fmt: skip
-    area = sum((x0[i][0] * x0[(i + 1) % n][1] - x0[i][1] * x0[(i + 1) % n][0] for i in range(n)), arb(0)) / 2  # fmt: skip
+    after = [x0[(i + 1) % n] for i in range(n)]
+    area = sum((x0[i][0] * after[i][1] - x0[i][1] * after[i][0] for i in range(n)), arb(0)) / 2
     # Columns: P, centres but the first, spins; at last H.
     first_spin = 4 + 2 * (n - 1) if traction else 0
     unknowns = first_spin + n * free
@@ -72,11 +73,11 @@ def ball_tangent(graph, blocks, by_radii, closure, spins):
     if traction:
         out = [[found[i, k] for k in range(4)] for i in range(4)]
     else:
-        out = [[sum((force[p // 2][unknowns + k] * d0[p % 2] for force, _, d0, *_ in contacts), arb(0))
-                / area for k in range(4)] for p in range(4)]  # fmt: skip
+        out = [[arb(0)] * 4 for _ in range(4)]
         for p in range(4):
             for k in range(4):
                 for force, _, d0, *_ in contacts:
+                    out[p][k] += force[p // 2][unknowns + k] * d0[p % 2] / area
                     for h in range(unknowns):
                         out[p][k] += force[p // 2][h] * found[h, k] * d0[p % 2] / area
     middle = np.array([[float(value.mid()) for value in row] for row in out])
@@ -151,8 +152,8 @@ def solution(rows, unknowns):
 
 def combine(*parts):
     """Sum of multiples of rows."""
-    return [sum((factor * value for factor, value in zip([f for f, _ in parts], column, strict=True)), arb(0))
-            for column in zip(*(row for _, row in parts), strict=True)]  # fmt: skip
+    columns = zip(*([factor * value for value in row] for factor, row in parts), strict=True)
+    return [sum(column, arb(0)) for column in columns]
 
 
 def balls(a):

@@ -29,7 +29,7 @@ STEPS = 30
 
 def drawn(rng, kind):
     """One loop and its law, the closure and the rule of the spins."""
-    n = int(round(3.0 * 20.0 ** rng.random() ** 2))
+    n = round(3.0 * 20.0 ** rng.random() ** 2)
     increment = str(rng.choice(["branch", "radii"]))
     if kind == "gear":
         graph = gear_ring(rng, 2 * max(2, n // 2))
@@ -159,10 +159,9 @@ def main():
     total, ratios, relative = judged(options.loops, options.seed)
     print(dict(total))
     for way, values in ratios.items():
-        at = np.quantile(values, [0.5, 0.99, 1.0])
-        print(way, "error over bound, median, 99 %, largest:", at)
+        print(way, "error over bound, median, 99 %, largest:", np.quantile(values, [0.5, 0.99, 1]))
         print(
-            way, "error over the operator, median, largest:", np.quantile(relative[way], [0.5, 1.0])
+            way, "error over the operator, median, largest:", np.quantile(relative[way], [0.5, 1])
         )
 
 

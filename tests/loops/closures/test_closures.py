@@ -35,8 +35,9 @@ def with_open_chord(graph, law, regime=None):
     batch, n = graph.normal_force.shape[:-1], graph.grain_count
     regime = law.regime(contact_state(graph)) if regime is None else np.asarray(regime)
     added = np.zeros((*batch, 1))
+    contacts = np.vstack([graph.contacts, [[0, n // 2]]])
     braced = GrainGraph(
-        x=graph.x, x0=graph.x0, radii=graph.radii, contacts=np.vstack([graph.contacts, [[0, n // 2]]]),
+        x=graph.x, x0=graph.x0, radii=graph.radii, contacts=contacts,
         normal_force=np.concatenate([graph.normal_force, added], axis=-1),
         shear_force=np.concatenate([graph.shear_force, added], axis=-1),
     )  # fmt: skip
