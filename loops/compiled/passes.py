@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, Integers
 from loops.compiled import kernel
 
 
@@ -59,13 +59,6 @@ def fill_branches(
         size = size if size > 0.0 else 1.0
         n[c, 0], n[c, 1] = d0 / size, d1 / size
         reach[c] = size / (radii[i] + radii[j])
-
-
-@kernel
-def fill_reach(radii: Floats, contacts: Integers, reach: Floats) -> None:
-    """Fill in the sum of the radii of both grains."""
-    for c in range(len(contacts)):
-        reach[c] = radii[contacts[c, 0]] + radii[contacts[c, 1]]
 
 
 @kernel
@@ -118,61 +111,3 @@ def stresses_at_end(
         total[g, 2] += f1 * (arm * n0)
         total[g, 3] += f1 * (arm * n1)
     return total
-
-
-@kernel
-def fill_turned(
-    contacts: Integers,
-    d: Floats,
-    length: Floats,
-    normal: Floats,
-    shear: Floats,
-    judged: Flags,
-    rest: Floats,
-    least: float,
-    share: float,
-    turned: Flags,
-) -> None:
-    """Flag contacts whose force, or its normal or shear part, balances both grains if turned.
-
-    `rest` (G, 2) are the resultants, which count on the `judged` grains alone: both are then left
-    with less than a `share` of the change, which is more than `least`.
-    """
-    for c in range(len(contacts)):
-        i, j = contacts[c, 0], contacts[c, 1]
-        turned[c] = False
-        if not (judged[i] or judged[j]):
-            continue
-        n0, n1 = d[c, 0] / length[c], d[c, 1] / length[c]
-        push0, push1 = normal[c] * n0, normal[c] * n1
-        drag0, drag1 = shear[c] * -n1, shear[c] * n0
-        for part in range(3):
-            f0, f1 = push0 + drag0, push1 + drag1
-            if part == 1:
-                f0, f1 = push0, push1
-            elif part == 2:
-                f0, f1 = drag0, drag1
-            change, left = math.hypot(f0, f1) * 2.0, 0.0
-            if not change > least:
-                continue
-            if judged[i]:
-                left = math.hypot(rest[i, 0] + 2.0 * f0, rest[i, 1] + 2.0 * f1)
-            if judged[j]:
-                left = max(left, math.hypot(rest[j, 0] - 2.0 * f0, rest[j, 1] - 2.0 * f1))
-            turned[c] = turned[c] or left < share * change
-
-
-@kernel
-def mark_stopped(
-    contacts: Integers, d: Floats, length: Floats, pushed: Flags, force: Floats, cosine: float
-) -> Flags:
-    """Flag the pushed grains that have a contact in the direction of their force, (G,)."""
-    stopped = np.zeros(len(pushed), dtype=np.bool_)
-    for c in range(len(contacts)):
-        for side in range(2):
-            g, sign = contacts[c, side], 1.0 - 2.0 * side
-            if pushed[g]:
-                f0, f1 = force[g, 0], force[g, 1]
-                along = f0 * (sign * d[c, 0]) + f1 * (sign * d[c, 1])
-                stopped[g] |= along > cosine * math.hypot(f0, f1) * length[c]
-    return stopped

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from loops import GrainGraph, InputError
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Integers
 from loops.compiled import load_ahead, use_compiled
 from patterns.snapshots.checked import Checked
 from patterns.snapshots.checks import check_state
@@ -20,6 +21,7 @@ from patterns.snapshots.geometry import (
     Bodies,
     as_cell,
     check_cell,
+    high_cell,
     in_plane,
     named_rows,
     read_bodies,
@@ -32,7 +34,7 @@ from patterns.snapshots.geometry import (
 )
 from patterns.snapshots.laws import COHESIVE, Parameters, lacks_of, law_of, told_law
 from patterns.snapshots.snapshot import Snapshot
-from patterns.snapshots.tables import Table, require_columns
+from patterns.snapshots.tables import require_columns
 from patterns.snapshots.wall_contacts import Walls, height_between, walls_of_rows, walls_of_table
 from patterns.snapshots.walls import WallContacts
 
@@ -102,9 +104,19 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     elif not lacks:
         grains, both, increment = (bodies.radii, pairs), (normal, shear), frame.shear_increment
         law, regime = law_of(table, rows, grains, both, parameters, increment, notes)
+    for array in (bodies.x, bodies.radii, pairs, normal, shear):
+        array.flags.writeable = False  # not copied then
+    of_grains: dict[str, Any] = {
+        "x": bodies.x,
+        "radii": bodies.radii,
+        "cell": cell,
+        "contacts": pairs,
+    }
+    of_contacts: dict[str, Any] = {"normal_force": normal, "shear_force": shear, "regime": regime}
+    if table.has("mz_on_2"):
+        of_contacts["rolling_moment"] = some(table.column("mz_on_2"), rows)
     try:
-        contacts = pairs, normal, shear, branches.images, cell, regime
-        graph = _graph(table, rows, bodies, contacts)
+        graph = GrainGraph(**of_grains, **of_contacts, images=branches.images)
     except InputError:
         twice = once(table, rows, pairs, branches.images, forces, bodies.ids)
         if twice is None:
@@ -165,21 +177,15 @@ def _strip(
     Without walls on both sides that of the given cell, or of the grains if it is less.
     """
     free = periodic.index(False)
-    along, cell = "xy"[1 - free], cell.copy()
+    along = "xy"[1 - free]
     height = height_between(bodies.x, walls, free)
     if height is not None:
-        cell[:, free] *= height / abs(cell[free, free])
-        return (
-            cell,
-            f"periodic along {along} alone: stress refers to the height {height:.6g} between walls",
-        )
-    reach = np.linalg.solve(cell, bodies.x.T)[free]
-    margin = 2 * bodies.radii.max() * np.linalg.norm(np.linalg.inv(cell)[free])
-    cell[:, free] *= max(1.0, float(np.ptp(reach) + margin))
-    return cell, (
-        f"periodic along {along} alone: stress refers to the cell {cell.tolist()}, which may hold "
-        "more than the packing"
-    )
+        cell = cell * np.where(np.arange(2) == free, height / abs(cell[free, free]), 1.0)
+        of = f"the height {height:.6g} between walls"
+    else:
+        cell = high_cell(cell, free, bodies.x, 2 * float(bodies.radii.max()))
+        of = f"the cell {cell.tolist()}, which may hold more than the packing"
+    return cell, f"periodic along {along} alone: stress refers to {of}"
 
 
 def _unused(columns: Sequence[str], known: bool) -> list[Finding]:
@@ -189,29 +195,6 @@ def _unused(columns: Sequence[str], known: bool) -> list[Finding]:
     found = Finding("columns", len(columns), f"columns not used: {', '.join(columns)}")
     remedy = "If they hold forces, name them: --columns fn=COLUMN,ft=COLUMN."
     return [found.doubt("", remedy, not known)]
-
-
-def _graph(
-    table: Table,
-    rows: Integers,
-    bodies: Bodies,
-    contacts: tuple[Integers, Floats, Floats, Integers | None, Floats | None, Regimes | None],
-) -> GrainGraph:
-    """The graph of contacts, cell and regimes."""
-    pairs, normal, shear, images, cell, regime = contacts
-    for array in (bodies.x, bodies.radii, pairs, normal, shear):
-        array.flags.writeable = False  # not copied then
-    return GrainGraph(
-        x=bodies.x,
-        radii=bodies.radii,
-        contacts=pairs,
-        normal_force=normal,
-        shear_force=shear,
-        images=images,
-        cell=cell,
-        regime=regime,
-        rolling_moment=some(table.column("mz_on_2"), rows) if table.has("mz_on_2") else None,
-    )
 
 
 def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: bool) -> list[str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from loops import FrictionalLaw, GrainGraph, HertzMindlin, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
-from loops.compiled import given, on_parts, use_passes
+from loops.compiled import given, use_passes
 from patterns.snapshots.findings import few, rounding
 
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
@@ -234,12 +234,11 @@ class Checked:
         every = (self.d, self.length, self.normal, self.shear)
         return tuple(given(values, np.float64) for values in every)
 
-    @cached_property
-    def parts(self) -> tuple[Floats, Floats]:
-        """Normal and shear force on grain 2 of each contact, (C, 2) each."""
-        n = self.d / self.length[:, None]
+    def parts(self, rows: Integers | slice = slice(None)) -> tuple[Floats, Floats]:
+        """Normal and shear force on grain 2 of some contacts, (C, 2) each."""
+        n = self.d[rows] / self.length[rows, None]
         t = np.column_stack([-n[:, 1], n[:, 0]])
-        return self.normal[:, None] * n, self.shear[:, None] * t
+        return self.normal[rows, None] * n, self.shear[rows, None] * t
 
     def _sums(self) -> list[Floats]:
         """Sums of the normal and of the shear forces on each grain, (G, 2) each."""
@@ -256,7 +255,7 @@ class Checked:
         one, two = contacts.T
         return [
             np.column_stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in part])
-            for part in (force.T for force in self.parts)
+            for part in (force.T for force in self.parts())
         ]
 
     @cached_property
@@ -284,14 +283,8 @@ class Checked:
 
 def touching_lengths(radii: Floats, contacts: Integers) -> Floats:
     """Return the sum of the radii of both grains of each contact, (C,)."""
-    if not use_passes(len(contacts)):
-        return np.asarray(radii[contacts].sum(axis=1))
-    from loops.compiled.passes import fill_reach
-
-    radii, contacts = given(radii, np.float64), given(contacts, np.int64)
-    reach = np.empty(len(contacts))
-    on_parts(lambda part: fill_reach(radii, contacts[part], reach[part]), len(contacts))
-    return reach
+    one, two = contacts.T
+    return radii[one] + radii[two]
 
 
 def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:

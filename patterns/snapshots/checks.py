@@ -10,8 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
-from loops.compiled import given, on_parts, use_passes
+from loops.arrays import Floats, Integers, in_threads, median, quantiles
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, power_of_ten, rounding
 from patterns.snapshots.missing import cell, lost_contacts, walls
@@ -233,7 +232,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
     rest = np.add(*state.residuals)
     size = np.hypot(*rest.T)
     least = max(JUDGED * median(size[state.inner]), WEAKEST * state.mean_force)
-    rows = np.flatnonzero(_turned(state, rest, least))
+    rows = _turned(state, rest, least)
     count = len(rows)
     found = Finding(
         "turned", count, f"{count} contacts balance their grains if their sign is changed"
@@ -245,36 +244,25 @@ def one_contact_turned(state: Checked) -> Finding | None:
     )
 
 
-def _turned(state: Checked, rest: Floats, least: float) -> Flags:
-    """Return (C,) contacts that balance both grains turned, of those that change more than `least`.
+def _turned(state: Checked, rest: Floats, least: float) -> Integers:
+    """Return the contacts that balance both grains turned, of those that change more than `least`.
 
     `rest` (G, 2) are the resultants.
     """
-    turned = np.zeros(len(state.contacts), dtype=bool)
-    if use_passes(len(turned)):
-        from loops.compiled.passes import fill_turned
-
-        pairs, columns = given(state.contacts, np.int64), state.columns
-        inner, left = given(state.inner, np.bool_), given(rest, np.float64)
-
-        def fill(part: slice) -> None:
-            own = (pairs[part], *(values[part] for values in columns))
-            fill_turned(*own, inner, left, least, CONTACT_TURNED, turned[part])
-
-        on_parts(fill, len(turned))
-        return turned
     one, two = state.contacts.T
-    rows = np.flatnonzero(state.inner[one] | state.inner[two])
-    one, two = one[rows], two[rows]
-    normal, shear = (part[rows] for part in state.parts)
+    # Only between grains that are left with nearly such a change.
+    left = ~state.inner | (np.hypot(*rest.T) > (1 - CONTACT_TURNED) * least)
+    rows = np.flatnonzero(left[one] & left[two] & (state.inner[one] | state.inner[two]))
+    one, two, turned = one[rows], two[rows], np.zeros(len(rows), dtype=bool)
+    normal, shear = state.parts(rows)
     for force in (normal + shear, normal, shear):
         change = np.hypot(*force.T) * 2
         rests = [
             np.where(state.inner[end], np.hypot(*(rest[end] - sign * force).T), 0.0)
             for end, sign in ((one, -2), (two, 2))
         ]
-        turned[rows] |= (change > least) & (np.maximum(*rests) < CONTACT_TURNED * change)
-    return turned
+        turned |= (change > least) & (np.maximum(*rests) < CONTACT_TURNED * change)
+    return rows[turned]
 
 
 # Angles of friction in degrees; tangents are smaller.

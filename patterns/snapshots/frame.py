@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 import pyarrow
@@ -31,6 +31,7 @@ from patterns.snapshots.columns import (
 from patterns.snapshots.files import Text, beside, head_of, unpacked_name
 from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.geometry import as_periodic
+from patterns.snapshots.laws import LawName
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.tables import (
     ARRAY_FILES,
@@ -97,7 +98,7 @@ class Frame:
     periodic: tuple[bool, bool] = (True, True)
     unused: Notes = ()
     has_types: bool = False
-    law: Literal["linear", "hertz", "cohesive", "bonded"] | None = None
+    law: LawName | None = None
     shear_history: ShearHistory | None = None
 
 
@@ -243,7 +244,10 @@ def table_frames(source: Source) -> Frames:
             return read_table(path, lambda name: is_column(name) or name in wanted)
 
         read = {"grains": own(source.path)}
-        read["contacts"] = own(source.contacts or contacts_beside(source.path))
+        names, hint = names_beside(source.path, "contacts"), "Name it by --contacts."
+        expected = few(names) or "contacts_... beside grains_..., particles_, nodes_, ..."
+        lacks = "no table of contacts beside it"
+        read["contacts"] = own(contacts_path(source, names, lacks, expected, hint))
         if walls := beside(source.path, *names_beside(source.path, "walls")):
             read["walls"] = own(walls)
         told.update(_cell_beside(source.path))
@@ -344,16 +348,6 @@ def frame_of_tables(source: Source, tables: Mapping[str, Table], **told: Any) ->
     return Frame(grains, found["contacts"], walls=walls, unused=tuple(unused), **told)
 
 
-def contacts_beside(path: Path) -> Path:
-    """Path of the contacts beside the grains, by the words of `columns.WORDS`."""
-    names = names_beside(path, "contacts")
-    if not names:
-        expected = "grains_... with contacts_... beside it, or particles_, atoms_, nodes_, ..."
-        remedy = "Name the table of contacts explicitly."
-        raise InputError(f"name of {path}", "no word for grains in it", expected, remedy)
-    return beside(path, *names) or path.with_name(names[0])
-
-
 def _cell_beside(path: Path) -> dict[str, Any]:
     """Fields of a `Frame` that `cell_....json` beside the grains tells."""
     name = unpacked_name(path.name)
@@ -366,17 +360,12 @@ def _cell_beside(path: Path) -> dict[str, Any]:
         given = json.loads(file.read_text())
         found: dict[str, Any] = {}
         found["cell"] = None if given["cell"] is None else np.array(given["cell"], dtype=float)
-        for name, field in (("iteration", "step"), ("time", "time")):
+        fields: dict[str, Callable[[Any], Any]] = {"iteration": float, "time": float}
+        fields |= {"periodic": as_periodic, "shear_increment": checked_increment}
+        for name, of in fields.items():
             if given.get(name) is not None:
-                found[field] = float(given[name])
-        if given.get("periodic") is not None:
-            found["periodic"] = as_periodic(given["periodic"])
-        if given.get("shear_increment") is not None:
-            found["shear_increment"] = checked_increment(given["shear_increment"])
-        for name, known in (
-            ("law", ("linear", "hertz", "cohesive", "bonded")),
-            ("shear_history", get_args(ShearHistory)),
-        ):
+                found["step" if name == "iteration" else name] = of(given[name])
+        for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
             if given.get(name) is not None:
                 check_choice(f"{name} of {file}", given[name], known)
                 found[name] = given[name]

@@ -379,6 +379,13 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
     return matrix
 
 
+def high_cell(cell: Floats, free: int, x: Floats, margin: float) -> Floats:
+    """The cell, in the direction `free` at least as high as the centres and a margin (length)."""
+    inverse = np.linalg.inv(cell)[free]
+    height = float(np.ptp(x @ inverse) + margin * np.linalg.norm(inverse))
+    return np.asarray(cell * np.where(np.arange(2) == free, max(1.0, height), 1.0))
+
+
 class ContactBranches(NamedTuple):
     """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
 

@@ -53,7 +53,6 @@ CONTACT_NAMES = {
 # Relative tolerance of positions, sizes and directions: dumps have six digits or more.
 TOLERANCE = 1e-3
 AGREEING = 0.5  # least share of rows that fit, by which a column is recognised
-AS_WRITTEN = "Give --columns as the dump was written, and both dumps of one step."
 
 
 def with_columns(columns: Map, names: Iterable[str]) -> str:
@@ -95,63 +94,50 @@ class ColumnSearch:
         known = [self.columns.get(name) for name in names]
         if NONE in known:
             return False
-        if None not in known:
-            self._check(names, error(self.vector(names), np.arange(len(self.table))))
-            self._size(names, size)
-            return True
-        ones, twos = ([name] if name else self.free() for name in known)
-        found = [
-            pair
-            for one in ones
-            for two in twos
-            if one != two
-            and (vector := self._sample(pair := (one, two))).any()
-            and error(vector, self.rows) <= TOLERANCE
-        ]
-        known_size = self.columns.get(size)
-        sized = []
-        for pair in found if size else []:
-            others = [name for name in self.free() if name not in pair]
-            length = np.hypot(*self._sample(pair).T)
-            if self._equal(length, [known_size] if known_size else others):
-                sized.append(pair)
-        found = sized or found
-        if not found:
-            return False
+        if None in known:
+            ones, twos = ([name] if name else self.free() for name in known)
+            found = [
+                pair
+                for one in ones
+                for two in twos
+                if one != two
+                and (vector := self._sample(pair := (one, two))).any()
+                and error(vector, self.rows) <= TOLERANCE
+            ]
+            sizes = [self.columns[size]] if size in self.columns else self.free() if size else []
+            sized = [p for p in found if self._equal(np.hypot(*self._sample(p).T), sizes)]
+            found = sized or found
+            if not found:
+                return False
+            self._require_one(names, found)
+            self.columns |= dict(zip(names, found[0], strict=True))
+        if (off := error(self.vector(names), np.arange(len(self.table)))) > TOLERANCE:
+            raise InputError(
+                f"columns {with_columns(self.columns, names)} of {self.table.path}",
+                f"vectors {off:.2g} off the branches of the grains",
+                " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
+                "Give --columns as the dump was written, and both dumps of one step.",
+            )
+        if size:
+            self.find_size(size, np.hypot(*self.vector(names).T))
+        return True
+
+    def _require_one(self, names: tuple[str, str], found: list[tuple[str, str]]) -> None:
+        """Raise `InputError` for several vectors; the same one up to its sign is accepted."""
         first = self._sample(found[0])
         for other in map(self._sample, found[1:]):
-            # Further columns with the same vector, up to its sign, are accepted.
             off = min(np.abs(first - other).max(), np.abs(first + other).max())
-            if off <= TOLERANCE * np.abs(first).max():
-                continue
-            raise InputError(
-                f"columns of {self.table.path}",
-                f"several that may be {names[0]}, {names[1]}: "
-                + " or ".join(" ".join(pair) for pair in found),
-                f"one choice ({CONTACT_NAMES[names[0]]}, {CONTACT_NAMES[names[1]]})",
-                f"Name them: --columns {names[0]}=COLUMN,{names[1]}=COLUMN, or none.",
-            )
-        self.columns |= dict(zip(names, found[0], strict=True))
-        self._check(names, error(self.vector(names), np.arange(len(self.table))))
-        self._size(names, size)
-        return True
+            if off > TOLERANCE * np.abs(first).max():
+                raise InputError(
+                    f"columns of {self.table.path}",
+                    f"several that may be {names[0]}, {names[1]}: "
+                    + " or ".join(" ".join(pair) for pair in found),
+                    f"one choice ({CONTACT_NAMES[names[0]]}, {CONTACT_NAMES[names[1]]})",
+                    f"Name them: --columns {names[0]}=COLUMN,{names[1]}=COLUMN, or none.",
+                )
 
     def _sample(self, pair: tuple[str, str]) -> Floats:
         return np.column_stack([self.data[column][self.rows] for column in pair])
-
-    def _check(self, names: tuple[str, str], error: float) -> None:
-        if error > TOLERANCE:
-            raise InputError(
-                f"columns {with_columns(self.columns, names)} of {self.table.path}",
-                f"vectors {error:.2g} off the branches of the grains",
-                " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
-                AS_WRITTEN,
-            )
-
-    def _size(self, names: tuple[str, str], size: str) -> None:
-        """Add the column of the vector's size, if there is one."""
-        if size:
-            self.find_size(size, np.hypot(*self.vector(names).T))
 
     def find_size(self, name: str, length: Floats) -> None:
         """Add the column whose sizes are `length` (C,) to the map, if there is one.

@@ -7,9 +7,10 @@ from itertools import product
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, median, quantiles
-from loops.compiled import given, use_compiled, use_passes
+from loops.compiled import given, use_compiled
 from patterns.snapshots.checked import ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, rounding
+from patterns.snapshots.geometry import high_cell
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
 
 # Overlap of a pair without a contact over the typical one of the contacts: clean none. A contact
@@ -63,11 +64,7 @@ def repeated_cell(state: Checked) -> Floats | None:
     cell = state.graph.cell
     if cell is None or all(state.periodic):
         return cell
-    cell, free = cell.copy(), state.periodic.index(False)
-    reach = np.linalg.solve(cell, state.x.T)[free]
-    margin = 4 * state.radii.max() * np.linalg.norm(np.linalg.inv(cell)[free])
-    cell[:, free] *= max(1.0, float(np.ptp(reach) + margin))
-    return cell
+    return high_cell(cell, state.periodic.index(False), state.x, 4 * float(state.radii.max()))
 
 
 def overlapping_pairs(
@@ -234,12 +231,6 @@ def walls(state: Checked) -> Finding | None:
 
 def _stopped(state: Checked, grains: Flags, force: Floats) -> Flags:
     """(G,) whether some of the grains have a contact in the direction of a force (G, 2)."""
-    if use_passes(len(state.contacts)):
-        from loops.compiled.passes import mark_stopped
-
-        pairs, (d, length, *_) = given(state.contacts, np.int64), state.columns
-        marks = given(grains, np.bool_), given(force, np.float64)
-        return np.asarray(mark_stopped(pairs, d, length, *marks, AGAINST))
     stopped = np.zeros(len(state.x), dtype=bool)
     for end, sign in zip(state.contacts.T, (1.0, -1.0), strict=True):
         rows = np.flatnonzero(grains[end])

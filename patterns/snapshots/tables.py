@@ -66,19 +66,14 @@ def read_body(
         )
     wanted = list(dict.fromkeys(wanted))
     # A blank before the line end is a column without a name.
-    all_names = [*names, ""] if first.endswith(b" ") else list(names)
+    body, all_names = memoryview(text)[start:stop], [*names, *[""] * first.endswith(b" ")]
     try:
-        return _parse(memoryview(text)[start:stop], all_names, wanted, kind)
-    except MemoryError:
-        raise
-    except (pyarrow.ArrowException, UnicodeDecodeError):
-        # Columns may be padded with blanks, which costs another pass.
-        pass
-    try:
-        return _parse(single_blanks(text[start:stop]), list(names), wanted, kind)
-    except MemoryError:
-        raise
-    except (pyarrow.ArrowException, UnicodeDecodeError) as error:
+        try:
+            return _parse(body, all_names, wanted, kind)
+        except (pyarrow.ArrowInvalid, UnicodeDecodeError):
+            # Columns may be padded with blanks, which costs another pass.
+            return _parse(single_blanks(text[start:stop]), list(names), wanted, kind)
+    except (pyarrow.ArrowInvalid, UnicodeDecodeError) as error:
         received = f"lines that are no table ({str(error)[:200]})"
         raise InputError(where, received, "numbers in columns", "Dump it again.") from None
 

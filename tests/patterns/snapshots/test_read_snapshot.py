@@ -232,10 +232,10 @@ def test_missing_and_truncated_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_snapshot(tmp_path / "grains_none.csv")
     (tmp_path / "positions.csv").write_text("id,x,y\n1,0,0\n")
-    with pytest.raises(InputError, match=r"contacts\.csv: got no such file"):
+    with pytest.raises(InputError, match=r"no table of contacts beside it, expected contacts\.csv"):
         read_snapshot(tmp_path / "positions.csv")
     (tmp_path / "positions.csv").rename(tmp_path / "sample.csv")
-    with pytest.raises(InputError, match="no word for grains in it"):
+    with pytest.raises(InputError, match=r"expected contacts_\.\.\. beside grains_"):
         read_snapshot(tmp_path / "sample.csv")
     for ending in ("csv", "csv.gz", "parquet"):
         path = write(tmp_path, ending=ending)
@@ -415,7 +415,7 @@ def test_contacts_elsewhere(tmp_path):
     other = tmp_path / "elsewhere.csv"
     (tmp_path / "contacts_1.csv").rename(other)
     assert read_snapshot(path, other).graph.contact_count == 4
-    with pytest.raises(InputError, match=r"contacts_1\.csv: got no such file"):
+    with pytest.raises(InputError, match=r"beside it, expected contacts_1\.csv"):
         read_snapshot(path)
 
 
