@@ -44,7 +44,7 @@ def test_result_of_an_example(tmp_path, monkeypatch, capsys):
 def test_every_example_runs_whole(tmp_path, example):
     numbers = example.main(tmp_path / "out")
     # Means by packing, and the table without them.
-    assert numbers and len(files(tmp_path / "out")) == (7 if example is indicators else 5)
+    assert numbers and len(files(tmp_path / "out")) == (6 if example is indicators else 4)
 
 
 def test_an_example_without_a_folder_says_what_it_takes(monkeypatch):
