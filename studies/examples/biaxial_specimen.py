@@ -29,28 +29,21 @@ from stability.material import LoopMaterial, march, oriented
 from studies.examples import run_example, save
 from studies.style import BLUE, GREY, SEQUENTIAL, new_panels, styled
 
-# Elements of the mesh.
-MESH_COLUMNS = 5
-MESH_ROWS = 8
-# Size of the specimen.
-WIDTH = 1.0
-HEIGHT = 1.6
+# Elements of the mesh, columns and rows, and size of the specimen.
+MESH = 5, 8
+WIDTH, HEIGHT = 1.0, 1.6
 # Confining pressure, over kn.
 CONFINING = 1e-2
 # Centre and side of the weak square: one element of the default mesh.
-WEAK = 0.3, 0.9
-WEAK_SIZE = 0.2
+WEAK, WEAK_SIZE = (0.3, 0.9), 0.2
 # Axial strain at the end, and steps up to it.
-END_STRAIN = 0.068
-STRAIN_STEPS = 68
+END_STRAIN, STRAIN_STEPS = 0.068, 68
 # Share of a step to which it is halved where there is no equilibrium.
 SHORTEST = 1.0 / 16.0
-# Residual over the first one of a step at which it is solved.
-NEWTON_SOLVED = 1e-9
+# Residual over the first one of a step at which it is solved, and one that is rounding, over kn.
+NEWTON_SOLVED, NEWTON_ROUNDING = 1e-9, 1e-13
 # Newton steps of a step, at most.
 MOST_NEWTON = 12
-# Residual that is rounding, over kn.
-NEWTON_ROUNDING = 1e-13
 
 
 def law(phi: float) -> LinearFrictional:
@@ -67,32 +60,30 @@ def weak_elements(mesh: skfem.MeshQuad) -> NDArray[np.intp]:
 class Specimen:
     """The mesh, its two materials and the state of their points."""
 
-    def __init__(
-        self, columns: int = MESH_COLUMNS, rows: int = MESH_ROWS, orientations: int = 36
-    ) -> None:
-        mesh = skfem.MeshQuad.init_tensor(
-            np.linspace(0.0, WIDTH, columns + 1), np.linspace(0.0, HEIGHT, rows + 1)
+    def __init__(self, columns: int = MESH[0], rows: int = MESH[1], orientations: int = 36) -> None:
+        sides = (
+            np.linspace(0.0, end, count + 1) for end, count in ((WIDTH, columns), (HEIGHT, rows))
         )
+        mesh = skfem.MeshQuad.init_tensor(*sides)
         element = skfem.ElementVector(skfem.ElementQuad1())
-        self.basis = skfem.Basis(mesh, element, intorder=2)
-        sides = skfem.FacetBasis(
-            mesh, element, facets=mesh.facets_satisfying(lambda x: (x[0] - 0.5 * WIDTH) ** 2
-                                                         > 0.2499 * WIDTH**2), intorder=2
-        )  # fmt: skip
+        self.basis = basis = skfem.Basis(mesh, element, intorder=2)
+        upright = mesh.facets_satisfying(lambda x: np.abs(x[0] - 0.5 * WIDTH) > 0.4999 * WIDTH)
         # A nominal stress, constant on the sides as they were.
-        self.load = skfem.LinearForm(lambda v, w: -CONFINING * (w.n[0] * v[0] + w.n[1] * v[1]))
-        self.load = self.load.assemble(sides)
+        load = skfem.LinearForm(lambda v, w: -CONFINING * (w.n[0] * v[0] + w.n[1] * v[1]))
+        self.load = load.assemble(skfem.FacetBasis(mesh, element, facets=upright, intorder=2))
         self.weak = weak_elements(mesh)
-        weak = np.zeros(self.basis.dx.shape, dtype=bool)
+        weak = np.zeros(basis.dx.shape, dtype=bool)
         weak[self.weak] = True
         loops = oriented(regular_polygon(6), orientations)
         self.rows = [np.flatnonzero(weak.ravel() == is_weak) for is_weak in (False, True)]
         self.materials = [LoopMaterial(loops, None, law(phi)) for phi in (30.0, 28.0)]
-        self.states = [
-            material.start(len(rows))
-            for material, rows in zip(self.materials, self.rows, strict=True)
-        ]
-        self.u = self.basis.zeros()
+        pairs = zip(self.materials, self.rows, strict=True)
+        self.states = [material.start(len(rows)) for material, rows in pairs]
+        self.u = basis.zeros()
+        above = mesh.p[1] > HEIGHT - 1e-9
+        self.plates = [basis.nodal_dofs[1, mesh.p[1] < 1e-9], basis.nodal_dofs[1, above]]
+        fixed = np.concatenate([*self.plates, basis.nodal_dofs[0, mesh.p[1] < 1e-9][:1]])
+        self.free = np.setdiff1d(np.arange(len(self.u)), fixed)
 
     def respond(self, u: Floats) -> tuple[Any, Floats, list[Any]]:
         """Return tangent matrix, internal forces and new states at the displacements `u`."""
@@ -115,35 +106,24 @@ class Specimen:
 
     def compress(self, top: float) -> list[float]:
         """Move the upper plate to the displacement `-top`; return the residuals of Newton."""
-        basis, u = self.basis, self.u.copy()
-        where = basis.mesh.p[1]
-        below, above = np.flatnonzero(where < 1e-9), np.flatnonzero(where > HEIGHT - 1e-9)
-        corner = basis.nodal_dofs[0, below[:1]]
-        fixed = np.concatenate([basis.nodal_dofs[1, below], basis.nodal_dofs[1, above], corner])
-        change = np.zeros_like(u)
-        change[basis.nodal_dofs[1, above]] = -top - u[basis.nodal_dofs[1, above]]
-        free = np.setdiff1d(np.arange(len(u)), fixed)
-        residuals: list[float] = []
+        u, free, residuals = self.u.copy(), self.free, list[float]()
+        step = np.zeros_like(u)
+        step[self.plates[1]] = -top - u[self.plates[1]]
         for _ in range(MOST_NEWTON):
             K, inner, states = self.respond(u)
-            out = self.load - inner
-            if residuals:
-                residuals.append(float(np.linalg.norm(out[free])))
-                if residuals[-1] <= max(NEWTON_SOLVED * residuals[0], NEWTON_ROUNDING):
-                    self.u, self.states = u, states
-                    return residuals
-            step = change if not residuals else np.zeros_like(u)
-            right = out[free] - K[free] @ step
-            residuals = residuals or [float(np.linalg.norm(right))]
+            right = (self.load - inner)[free] - K[free] @ step
+            residuals.append(float(np.linalg.norm(right)))
+            done = residuals[-1] <= max(NEWTON_SOLVED * residuals[0], NEWTON_ROUNDING)
+            if done and len(residuals) > 1:
+                self.u, self.states = u, states
+                return residuals
             step[free] = spsolve(K[free][:, free].tocsc(), right)
-            u = u + step
+            u, step = u + step, np.zeros_like(u)
         raise ArithmeticError(f"no equilibrium after {MOST_NEWTON} steps")
 
     def axial(self) -> float:
         """Return the nominal stress of the upper plate, compression positive."""
-        _, inner, _ = self.respond(self.u)
-        above = np.flatnonzero(self.basis.mesh.p[1] > HEIGHT - 1e-9)
-        return -float(inner[self.basis.nodal_dofs[1, above]].sum()) / WIDTH
+        return -float(self.respond(self.u)[1][self.plates[1]].sum()) / WIDTH
 
     def shear_strain(self) -> Floats:
         """Return the largest shear strain of each element, the mean over its points."""
@@ -160,16 +140,13 @@ def compute(
     It ends early where the stress ratio is below the share `until` of its largest.
     """
     specimen = Specimen(**mesh)
-    material = specimen.materials[0]
-    rest = march(material, Stage("isotropic_stress", "P11", CONFINING), 10).H[-1, 0]
+    confining = Stage("isotropic_stress", "P11", CONFINING)
+    rest = march(specimen.materials[0], confining, 10).H[-1, 0]
     specimen.u[specimen.basis.nodal_dofs] = -rest * specimen.basis.mesh.p
-    strain: list[float] = []
-    ratio: list[float] = []
-    residuals: list[list[float]] = []
-    why = "finished"
-    now, width = 0.0, end / steps
-    while not strain or now < (1.0 - 1e-12) * end:
-        target = min(now + width, end) if strain else 0.0
+    strain, ratio, residuals, why = list[float](), list[float](), list[list[float]](), "finished"
+    now, width = -end / steps, end / steps
+    while now < (1.0 - 1e-12) * end:
+        target = min(now + width, end)
         try:
             residuals.append(specimen.compress((rest + target) * HEIGHT))
         except (ArithmeticError, InputError) as error:
@@ -204,14 +181,12 @@ def draw(found: dict[str, Any]) -> Figure:
     """Draw the stress ratio, the residuals of three steps, and the band."""
     figure, ((one, two, three),) = new_panels(1, 3, 2.9)
     one.plot(100.0 * found["strain"], found["ratio"], color=BLUE)
-    one.set_xlabel("axial strain (%)")
-    one.set_ylabel("stress ratio (–)")
+    one.set(xlabel="axial strain (%)", ylabel="stress ratio (–)")
     for k in (1, len(found["residuals"]) // 2, len(found["residuals"]) - 1):
         residuals = np.array(found["residuals"][k])
         two.semilogy(residuals / residuals[0], "o-", label=f"step {k}", markersize=3)
     two.axhline(NEWTON_SOLVED, color=GREY, linewidth=0.6)
-    two.set_xlabel("step of Newton's method")
-    two.set_ylabel("residual over the first (–)")
+    two.set(xlabel="step of Newton's method", ylabel="residual over the first (–)")
     two.legend()
     specimen = found["specimen"]
     mesh = specimen.basis.mesh
@@ -220,9 +195,7 @@ def draw(found: dict[str, Any]) -> Figure:
         *x, triangles=np.concatenate([mesh.t[[0, 1, 2]].T, mesh.t[[0, 2, 3]].T]),
         facecolors=np.tile(100.0 * specimen.shear_strain(), 2), cmap=SEQUENTIAL,
     )  # fmt: skip
-    three.set_aspect("equal")
-    three.set_xlabel("$x_1$ (width)")
-    three.set_ylabel("$x_2$ (width)")
+    three.set(aspect="equal", xlabel="$x_1$ (width)", ylabel="$x_2$ (width)")
     figure.colorbar(shown, ax=three, label="largest shear strain (%)")
     return figure
 

@@ -42,7 +42,7 @@ Given = tuple[list[OrderEvents], list[float]]
 def read(path: Path) -> Snapshot:
     """Return a snapshot, its cell from the table `macro.csv` beside it where it has one."""
     macro = path.parent / "macro.csv"
-    periodic = "h_xx" in macro.read_text().split("\n", 1)[0]
+    periodic = macro.is_file() and "h_xx" in macro.read_text().split("\n", 1)[0]
     cell = np.reshape(cell_reader(macro)(path, None), (2, 2)) if periodic else None
     return planar(read_snapshot(path, cell=cell))
 
@@ -93,25 +93,23 @@ def short(packings: list[Given]) -> list[Given]:
 def rates(found: OrderKinetics) -> Floats:
     """Return the rates (2, orders) of splits and of mergers."""
     table = found.by_order()
-    return np.stack([_at(table[f"{kind}_rate"], ORDERS) for kind in ("split", "merger")])
+    return np.stack([_of_orders(table[f"{kind}_rate"]) for kind in ("split", "merger")])
 
 
 def steady(found: OrderKinetics) -> Floats:
     """Return the shares (2, orders) of the loops, observed, and less those that the rates imply."""
-    observed = _at(found.loops / found.loops.sum(), ORDERS)
-    return np.stack([observed, _at(found.steady().share, ORDERS) - observed])
+    observed = _of_orders(found.loops / found.loops.sum())
+    return np.stack([observed, _of_orders(found.steady().share) - observed])
 
 
 def excess(found: OrderKinetics, pairs: Integers) -> Floats:
     """Return the excess (P,) of mergers over splits of some pairs of orders."""
-    table = found.columns()
-    known = dict(zip(map(tuple, found.pairs.tolist()), table["balance_excess"], strict=True))
-    return np.array([known.get(tuple(pair), np.nan) for pair in pairs.tolist()])
+    known = pd.Series(found.columns()["balance_excess"], [*map(tuple, found.pairs.tolist())])
+    return known.reindex([*map(tuple, pairs.tolist())]).to_numpy(float)
 
 
-def _at(values: Floats, orders: Integers) -> Floats:
-    padded = np.pad(values, (0, LAST_ORDER + 1), constant_values=np.nan)
-    return padded[orders]
+def _of_orders(values: Floats) -> Floats:
+    return np.pad(values, (0, LAST_ORDER + 1), constant_values=np.nan)[ORDERS]
 
 
 def transitions(packings: list[Given]) -> tuple[pd.DataFrame, OrderKinetics]:
@@ -145,12 +143,11 @@ def quadrons_of(folder: Path) -> Columns:
 def means(tables: dict[str, Columns]) -> tuple[dict[int, Floats], pd.DataFrame]:
     """Return densities (samples, bins) by order, and mean areas by order with their errors."""
     found = [densities(one["relative_area"], one["order"]) for one in tables.values()]
-    rows = []
-    for n in ORDERS.tolist():
-        own = [one["relative_area"][one["order"] == n].mean() for one in tables.values()]
-        error = np.std(own, ddof=1) / np.sqrt(len(own))
-        rows.append({"order": n, "mean_area": np.mean(own), "error": error})
-    return {n: np.array([one[n] for one in found]) for n in found[0]}, pd.DataFrame(rows)
+    areas = pd.DataFrame([pd.Series(one["relative_area"]).groupby(one["order"]).mean()
+                          for one in tables.values()])[ORDERS.tolist()]  # fmt: skip
+    by_order = pd.DataFrame({"order": ORDERS, "mean_area": areas.mean().to_numpy(),
+                             "error": areas.sem().to_numpy()})  # fmt: skip
+    return {n: np.array([one[n] for one in found]) for n in found[0]}, by_order
 
 
 @styled()
@@ -161,39 +158,29 @@ def draw_kinetics(
     figure, ((rate, balance), (orders, near)) = new_panels(2, 2, 6.0)
     both = pd.concat(pairs.values())
     kinds = sorted(set(zip(both.order_1, both.order_2, strict=True)))
-    for side, (name, (colour, marker)) in zip((-1, 1), LOOKS.items(), strict=True):
-        shift, how = 0.12 * side, {"fmt": marker, "color": colour, "markersize": 3.5}
-        values, errors = over_packings(short(given[name]), rates)
-        for k, (kind, fill) in enumerate((("splits", colour), ("mergers", "white"))):
-            rate.errorbar(ORDERS + shift, values[k], errors[k], mfc=fill, label=f"{kind}, {name}",
-                          **how)  # fmt: skip
+    for shift, (name, (colour, marker)) in zip((-0.12, 0.12), LOOKS.items(), strict=True):
+        how = {"fmt": marker, "color": colour, "markersize": 3.5}
+        for kind, fill, *values in zip(
+            ("splits", "mergers"), (colour, "white"), *over_packings(short(given[name]), rates),
+            strict=True,
+        ):  # fmt: skip
+            rate.errorbar(ORDERS + shift, *values, mfc=fill, label=f"{kind}, {name}", **how)
         rows = pairs[name]
-        place = np.array(
-            [kinds.index(pair) for pair in zip(rows.order_1, rows.order_2, strict=True)]
-        )
-        balance.errorbar(
-            place + shift, rows.balance_excess, rows.error_by_packing, label=name, **how
-        )
-        balance.errorbar(
-            place + 2.0 * shift,
-            rows.balance_excess,
-            rows.balance_error,
-            fmt="none",
-            ecolor=GREY,
-            elinewidth=0.8,
-            label="Poisson's error" if side > 0 else None,
-        )
+        at = shift + np.array([*map(kinds.index, zip(rows.order_1, rows.order_2, strict=True))])
+        balance.errorbar(at, rows.balance_excess, rows.error_by_packing, label=name, **how)
+        poisson = {"fmt": "none", "ecolor": GREY, "elinewidth": 0.8}
+        balance.errorbar(at + shift, rows.balance_excess, rows.balance_error, **poisson,
+                         label="Poisson's error" if shift > 0 else None)  # fmt: skip
     (observed, apart), (own, error) = over_packings(given[STRETCHES[1]], steady)
     orders.errorbar(ORDERS - 0.12, observed, own, fmt="o", color=BLACK, label="observed, beyond")
     orders.errorbar(ORDERS + 0.12, observed + apart, error, fmt="s", color=VERMILION,
                     label="steady, error of the difference")  # fmt: skip
     for n in WITH_NEIGHBOURS:
-        colour = ORDER_COLOURS[n - DRAWN_ORDERS[0]]
-        near.errorbar(ORDERS + 0.1 * (n - 4.5), *(one[n - 3] for one in neighbours), fmt="o-",
-                      color=colour, linewidth=0.8, markersize=3, label=f"of order {n}")  # fmt: skip
-    rate.set(
-        xlabel="loop order", ylabel="rate per loop and shear strain", yscale="log", ylim=(0.1, 5e3)
-    )
+        look = {"fmt": "o-", "color": ORDER_COLOURS[n - DRAWN_ORDERS[0]], "linewidth": 0.8}
+        near.errorbar(ORDERS + 0.1 * (n - 4.5), *(one[n - 3] for one in neighbours), markersize=3,
+                      label=f"of order {n}", **look)  # fmt: skip
+    rate.set(xlabel="loop order", ylabel="rate per loop and shear strain", yscale="log")
+    rate.set_ylim(0.1, 5e3)
     balance.axhline(0.0, color=GREY, linewidth=0.8)
     balance.set_xticks(range(len(kinds)), [f"{m}+{n}" for m, n in kinds], rotation=60)
     balance.set(xlabel="orders that merge", ylabel="excess of mergers over splits")
@@ -213,10 +200,12 @@ def draw_quadrons(parts: dict[int, Floats], by_order: pd.DataFrame) -> Figure:
     for n, values in parts.items():
         mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
         shown = mean > 0
-        colour = BLACK if n == 0 else ORDER_COLOURS[n - DRAWN_ORDERS[0]]
-        label = "all" if n == 0 else f"order {n}{'+' if n == DRAWN_ORDERS[-1] else ''}"
-        left.errorbar(middle[shown], mean[shown], error[shown], color=colour, elinewidth=0.6,
-                      linewidth=1.0, label=label)  # fmt: skip
+        look = {"color": ORDER_COLOURS[n - DRAWN_ORDERS[0]], "label": f"order {n}"}
+        look["label"] += "+" if n == DRAWN_ORDERS[-1] else ""
+        look = look if n else {"color": BLACK, "label": "all"}
+        left.errorbar(
+            middle[shown], mean[shown], error[shown], elinewidth=0.6, linewidth=1.0, **look
+        )
     left.set(yscale="log", xlabel="area of a quadron over the mean", ylabel="density")
     left.set_ylim(bottom=1e-3)
     left.legend(ncols=2)
@@ -232,9 +221,8 @@ def main(out: Path, collection: Path) -> dict[str, Any]:
     given = {name: [(one.events[name], one.strains[name]) for one in found.values()]
              for name in STRETCHES}  # fmt: skip
     given[STRETCHES[0]] = short(given[STRETCHES[0]])
-    pairs, wholes = {}, {}
-    for name, packings in given.items():
-        pairs[name], wholes[name] = transitions(packings)
+    kinetics = {name: transitions(packings) for name, packings in given.items()}
+    pairs = {name: table for name, (table, _) in kinetics.items()}
     tables = {name: quadrons_of(collection / name) for name in YADE_SAMPLES}
     parts, by_order = means(tables)
     ratio, spread = likeness([*found.values()])
@@ -243,20 +231,19 @@ def main(out: Path, collection: Path) -> dict[str, Any]:
         "variation": {name: float(one["relative_area"].std()) for name, one in tables.items()},
         "quadrons": {name: len(one["area"]) for name, one in tables.items()},
     }
-    for name, whole in wholes.items():
-        balance, table = whole.balance(), pairs[name]
+    for name, (table, whole) in kinetics.items():
+        balance, events = whole.balance(), [one for one, _ in given[name]]
         numbers[name] = {
-            "intervals": [len(events) for events, _ in given[name]],
-            "events": [sum(int((e.opened + e.closed).sum()) for e in events)
-                       for events, _ in given[name]],
+            "intervals": [len(one) for one in events],
+            "events": [sum(int((e.opened + e.closed).sum()) for e in one) for one in events],
             "once_several": [whole.once, whole.several],
             "mergers_splits": [int(whole.opened.sum()), int(whole.closed.sum())],
             "chi2": [balance.chi2, balance.pairs, balance.p_all],
             "largest": float((table.balance_excess / table.error_by_packing).abs().max()),
-        }  # fmt: skip
+        }
     (observed, apart), (_, error) = over_packings(given[STRETCHES[1]], steady)
-    numbers["steady"] = {"observed": observed.tolist(), "less": apart.tolist(),
-                         "error": error.tolist()}  # fmt: skip
+    shares = {"observed": observed, "less": apart, "error": error}
+    numbers["steady"] = {name: values.tolist() for name, values in shares.items()}
     table = pd.concat([one.assign(stretch=name) for name, one in pairs.items()])
     drawn = draw_kinetics(given, pairs, (ratio, spread)), draw_quadrons(parts, by_order)
     save(out / "kinetics", "cells_kinetics", drawn[0], numbers, table, units="1/strain")

@@ -11,24 +11,25 @@ disc, `oval.csv` OVAL's stress and extension at nine strains.
 
 from __future__ import annotations
 
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from loops import GrainGraph, LinearFrictional, Scene, contact_state, find_faces
 from loops.contacts import PackingState
 from loops.laws.frictional import ShearIncrement
+from loops.neighbours import near_pairs
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import HeldPacking, hold
 from stability.packing.pathologies import columns
 from studies.examples import run_example, save
-from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, new_panels, styled
+from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, edge_ticks, new_panels, styled
 
 SIDE = 5.718438216717316
 DISC_STIFFNESS = 1.0
@@ -48,14 +49,9 @@ ANSWERS = {"symmetric": "symmetric", "definite": "positive definite", "p_matrix"
 def discs_in_cell(folder: Path, shear_increment: ShearIncrement = "branch") -> Scene:
     """Return the discs in their cell: all overlapping pairs are contacts, without shear forces."""
     radii, *places = np.loadtxt(folder / "discs.txt").T
-    x = np.column_stack(places)
-    found = []
-    for image in product((-1, 0, 1), repeat=2):
-        apart = x + SIDE * np.array(image) - x[:, None]
-        i, j = np.nonzero(np.hypot(*apart.T).T < radii[:, None] + radii)
-        found += [(a, b, *image) for a, b in zip(i, j, strict=True) if a < b]
-    contacts, images = np.split(np.array(found), 2, axis=1)
-    graph = GrainGraph(x=x, radii=radii, contacts=contacts, images=images, cell=SIDE * np.eye(2))
+    x, cell = np.column_stack(places), SIDE * np.eye(2)
+    contacts, images = near_pairs(x, cell, radii, 0.0)
+    graph = GrainGraph(x=x, radii=radii, contacts=contacts, images=images, cell=cell)
     law = LinearFrictional(DISC_STIFFNESS, DISC_STIFFNESS, FRICTION, shear_increment)
     N = law.normal_force(contact_state(graph))
     return Scene(graph.replace(normal_force=N, shear_force=0.0 * N), law)
@@ -88,24 +84,18 @@ def compression_table(path: FollowedPath) -> pd.DataFrame:
 def compared(rows: pd.DataFrame, oval: pd.DataFrame) -> pd.DataFrame:
     """Return OVAL's numbers, ours, and differences over the increment and the extension."""
     at = [int(np.abs(rows.strain_11 - strain).argmin()) for strain in oval.strain_11]
-    ours, start = rows.iloc[at].reset_index(drop=True), rows.sigma_11[0]
+    ours = rows.iloc[at].reset_index(drop=True)
     table = oval.assign(sigma_11_ours=ours.sigma_11, extension_22_ours=ours.extension_22)
-    rise = oval.sigma_11 - start
-    table["off_sigma"] = (ours.sigma_11 - oval.sigma_11) / rise
+    table["off_sigma"] = (ours.sigma_11 - oval.sigma_11) / (oval.sigma_11 - rows.sigma_11[0])
     table["off_extension"] = ours.extension_22 / oval.extension_22 - 1.0
     return table
 
 
 def within(table: pd.DataFrame) -> bool:
     """Whether all differences stay below the bounds."""
-    first = 0.0
-    for last, bounds in BOUNDS.items():
-        part = table[(table.strain_11 > first) & (table.strain_11 <= last)]
-        off = part[["off_sigma", "off_extension"]].abs().max().to_numpy()
-        if not (off < bounds).all():
-            return False
-        first = last
-    return True
+    early = (table.strain_11 <= min(BOUNDS)).to_numpy()[:, None]
+    bounds = np.where(early, BOUNDS[min(BOUNDS)], BOUNDS[END])
+    return bool((table[["off_sigma", "off_extension"]].abs().to_numpy() < bounds).all())
 
 
 def structure(state: PackingState) -> dict[str, Any]:
@@ -128,15 +118,13 @@ def structure(state: PackingState) -> dict[str, Any]:
 
 def compression_events(path: FollowedPath) -> pd.DataFrame:
     """Return kind, strain and grains of each event, with the answers at the row behind it."""
-    table = []
-    answers = pd.DataFrame(columns(path.pathologies))
-    for number, event in enumerate(path.events):
-        row = min(int(np.searchsorted(path.parameter, event.parameter)), len(path) - 1)
-        contact = event.contacts[0]
-        pair = path.states[-1].contacts[contact].tolist()
-        told = {"event": number, "kind": event.kind, "strain_11": event.parameter}
-        table.append(told | {"grain_1": pair[0], "grain_2": pair[1], **answers.iloc[row]})
-    return pd.DataFrame(table)
+    events, pairs = path.events, path.states[-1].contacts
+    strains = [event.parameter for event in events]
+    rows = np.searchsorted(path.parameter, strains).clip(max=len(path) - 1)
+    grains = pairs[[event.contacts[0] for event in events]]
+    table = pd.DataFrame({"event": range(len(events)), "kind": [event.kind for event in events]})
+    table = table.assign(strain_11=strains, grain_1=grains[:, 0], grain_2=grains[:, 1])
+    return table.join(pd.DataFrame(columns(path.pathologies)).iloc[rows].reset_index(drop=True))
 
 
 @styled()
@@ -146,52 +134,45 @@ def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figur
     figure, panels = new_panels(5, 1, 7.6, sharex=True, gridspec_kw=heights)
     ratio, area, off, count, strip = panels[:, 0]
     strain, theirs = 100 * rows.strain_11, 100 * table.strain_11
-    for axes, name, points in (
-        (ratio, "stress_ratio", table.sigma_11 / rows.sigma_22[0]),
-        (area, "lost_area", 1 - (1 - table.strain_11) * (1 + table.extension_22)),
+    lost = 1 - (1 - table.strain_11) * (1 + table.extension_22)
+    for axes, ours, points in (
+        (ratio, rows.stress_ratio, table.sigma_11 / rows.sigma_22[0]),
+        (area, 100 * rows.lost_area, 100 * lost),
     ):
-        factor = 100 if axes is area else 1
-        axes.plot(strain, factor * rows[name], color=BLUE, label="by events")
-        axes.plot(theirs, factor * points, "o", color=VERMILION, mfc="none", label="OVAL")
-    ratio.set_ylabel(r"$\sigma_{11}/\sigma_{22}$ (–)")
+        axes.plot(strain, ours, color=BLUE, label="by events")
+        axes.plot(theirs, points, "o", color=VERMILION, mfc="none", label="OVAL")
     ratio.legend(loc="upper left")
-    area.set_ylabel("lost area (%)")
-    low, high = ratio.get_ylim()
-    ratio.vlines(100 * events.strain_11, low, low + 0.06 * (high - low), color=BLACK, linewidth=0.4)
-    ratio.set_ylim(low, high)
-    first = 0.0
-    for last, bounds in BOUNDS.items():
-        for bound, colour in zip(bounds, (BLUE, VERMILION), strict=True):
-            ends, at = [100 * first, 100 * last], [bound, bound]
-            off.plot(ends, at, color=colour, linewidth=0.8, dashes=(4, 2))
-        first = last
+    edge_ticks(ratio, 100 * events.strain_11.to_numpy())
+    edges = 100 * np.array([0.0, *BOUNDS])
+    for bounds, colour in zip(zip(*BOUNDS.values(), strict=True), (BLUE, VERMILION), strict=True):
+        off.stairs(bounds, edges, baseline=None, color=colour, linewidth=0.8, linestyle="--")
     off.semilogy(theirs, table.off_sigma.abs(), "s", color=BLUE, label="of the increment of stress")
     off.semilogy(theirs, table.off_extension.abs(), "^", color=VERMILION, label="of the extension")
-    off.set_ylabel("difference (–)")
     off.legend(loc="lower right")
     count.step(strain, rows.candidates, where="post", color=BLACK)
-    count.set_ylabel("contacts\nat yield")
-    _strip(strip, rows)
+    # Yes is blue, no vermilion, what is not decided grey.
+    single = (rows.solutions == 1).astype(float).where(rows.solutions >= 0)
+    answers = rows[list(ANSWERS)].assign(single=single, works=(rows.path_w2 > 0).astype(float))
+    colours = ListedColormap([VERMILION, BLUE])
+    colours.set_bad(LIGHT_GREY)
+    edges = 100 * np.append(rows.strain_11 - 0.5 * ROW, rows.strain_11.iloc[-1] + 0.5 * ROW)
+    strip.pcolormesh(edges, np.arange(6), answers.T, cmap=colours, vmin=0, vmax=1)
+    strip.set_yticks(np.arange(5) + 0.5, [*ANSWERS.values(), "one solution", "$W_2 > 0$"])
+    strip.hlines(range(1, 5), *edges[[0, -1]], color="white", linewidth=3.0)
+    strip.tick_params(axis="y", length=0)
+    strip.set(xlim=edges[[0, -1]] + [-0.02, 0.02], ylim=(5, 0))
+    words = (
+        r"$\sigma_{11}/\sigma_{22}$ (–)",
+        "lost area (%)",
+        "difference (–)",
+        "contacts\nat yield",
+    )
+    for axes, label in zip(panels[:, 0], words, strict=False):
+        axes.set_ylabel(label)
+    key = [Patch(color=BLUE, label="yes"), Patch(color=VERMILION, label="no")]
+    strip.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5))
     strip.set_xlabel(r"strain $E_{11}$ (%)")
     return figure
-
-
-def _strip(axes: Axes, rows: pd.DataFrame) -> None:
-    """Draw the answers of the rows as bars: yes blue, no vermilion, not decided grey."""
-    edges = 100 * np.append(rows.strain_11 - 0.5 * ROW, rows.strain_11.iloc[-1] + 0.5 * ROW)
-    single = (rows.solutions == 1).astype(float).where(rows.solutions >= 0)
-    works = (rows.path_w2 > 0).astype(float)
-    bars = [rows[name].to_numpy() for name in ANSWERS] + [single.to_numpy(), works.to_numpy()]
-    for k, values in enumerate(bars):
-        for answer, colour in ((1.0, BLUE), (0.0, VERMILION), (np.nan, LIGHT_GREY)):
-            rows_of = np.isnan(values) if np.isnan(answer) else values == answer
-            label = {1.0: "yes", 0.0: "no"}.get(answer) if k == 0 else None
-            spans = [(edges[r], edges[r + 1] - edges[r]) for r in np.flatnonzero(rows_of)]
-            axes.broken_barh(spans, (-k - 0.7, 0.7), color=colour, linewidth=0.0, label=label)
-    names = [*ANSWERS.values(), "one solution", "$W_2 > 0$"]
-    axes.set_yticks([-k - 0.35 for k in range(len(bars))], names)
-    axes.tick_params(axis="y", length=0)
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def main(out: Path, folder: Path) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from loops.arrays import Floats
 from loops.laws.frictional import ShearIncrement
 from patterns import sample_path
 from patterns.diamond.strain_lines import (
-    LineStates,
     StrainLine,
     half_diagonals,
     line_states,
@@ -33,6 +32,7 @@ KAPPA = 0.2
 # kn l0 in newton.
 UNIT = 1e5 * 0.02
 CONFINING_STEPS = 3000
+COLUMNS = {"F1": "Fx_right", "F2": "Fy_top", "N": "Fn_RT", "T": "Fs_RT"}
 # Coefficient of friction at which nothing slides.
 NO_SLIDING = 1e6
 
@@ -42,7 +42,6 @@ class DiamondProbe(NamedTuple):
 
     line: StrainLine
     u: Floats
-    exact: LineStates
     forces: dict[str, tuple[Floats, Floats]]  # Yade's, exact
     steps: Any
     mu: float
@@ -54,19 +53,23 @@ def probe_of(rows: pd.DataFrame) -> DiamondProbe:
     first = rows.step[rows.step <= CONFINING_STEPS + 1].max()
     rows = rows[rows.step >= first].sort_values("step")
     key = rows.iloc[0]
-    alpha0, mu = np.radians(key.a0_deg), key.mu if key.mu < NO_SLIDING else np.inf
+    mu = float(key.mu) if key.mu < NO_SLIDING else np.inf
     increment: ShearIncrement = "radii" if key.agr else "branch"
-    E1, E2 = rows.E1.to_numpy(), rows.E2.to_numpy()
-    line = strain_line(alpha0, E1[0], E2[0], np.radians(key.probe_deg))
-    u = half_diagonals(alpha0, E1, E2) @ line.direction
+    line, u = line_through(key.a0_deg, key.probe_deg, rows.E1.to_numpy(), rows.E2.to_numpy())
     exact = line_states(line, u, KAPPA, mu, increment)
-    ours = (2 * np.sin(alpha0) * exact.s1, 2 * np.cos(alpha0) * exact.s2, exact.N, exact.T)
-    yade = (rows[name].fillna(0.0).to_numpy() / UNIT for name in
-            ("Fx_right", "Fy_top", "Fn_RT", "Fs_RT"))  # fmt: skip
-    forces = dict(zip(("F1", "F2", "N", "T"), zip(yade, ours, strict=True), strict=True))
-    return DiamondProbe(
-        line, u, exact, forces, (rows.step - first).to_numpy(), float(mu), increment
-    )
+    sides = 2 * np.sin(line.alpha0) * exact.s1, 2 * np.cos(line.alpha0) * exact.s2
+    forces = {
+        name: (rows[column].fillna(0.0).to_numpy() / UNIT, ours)
+        for (name, column), ours in zip(COLUMNS.items(), (*sides, exact.N, exact.T), strict=True)
+    }
+    return DiamondProbe(line, u, forces, (rows.step - first).to_numpy(), mu, increment)
+
+
+def line_through(a0_deg: float, probe_deg: float, E1: Any, E2: Any) -> tuple[StrainLine, Floats]:
+    """The straight line from the first of these strains, and their places on it."""
+    alpha0 = np.radians(a0_deg)
+    line = strain_line(alpha0, np.ravel(E1)[0], np.ravel(E2)[0], np.radians(probe_deg))
+    return line, half_diagonals(alpha0, E1, E2) @ line.direction
 
 
 def probes() -> list[DiamondProbe]:
@@ -80,8 +83,8 @@ def probes() -> list[DiamondProbe]:
 def error(probe: DiamondProbe, name: str) -> float:
     """Largest difference of a force over its largest value; 0 on lines that do not turn."""
     yade, ours = probe.forces[name]
-    size = np.abs(ours).max()
-    return float(np.abs(yade - ours).max() / size) if size > 1e-9 * probe.exact.N.max() else 0.0
+    size, largest = np.abs(ours).max(), probe.forces["N"][1].max()
+    return float(np.abs(yade - ours).max() / size) if size > 1e-9 * largest else 0.0
 
 
 def replayed_shear(line: StrainLine, rise: float, steps: int, mu: float, increment: str) -> Floats:
@@ -105,18 +108,17 @@ def replay_error(probe: DiamondProbe) -> float:
     """Yade's rule replayed against Yade, over the largest N."""
     rise, steps = float(probe.u[-1] - probe.u[0]), int(probe.steps[-1])
     shear = replayed_shear(probe.line, rise, steps, probe.mu, probe.increment)[probe.steps]
-    return float(np.abs(shear - probe.forces["T"][0]).max() / probe.exact.N.max())
+    return float(np.abs(shear - probe.forces["T"][0]).max() / probe.forces["N"][1].max())
 
 
 def step_errors() -> dict[int, float]:
     """Relative error of T at the end of one path, by its number of steps."""
     found = {}
-    for record in pd.read_csv(sample_path("yade_diamond") / "convergence.csv").itertuples():
-        alpha0 = np.radians(record.a0_deg)
-        line = strain_line(alpha0, record.E0, record.E0, np.radians(record.probe_deg))
-        u = half_diagonals(alpha0, record.E1, record.E2) @ line.direction
-        exact = float(line_states(line, u, KAPPA).T)
-        found[int(record.n_probe_steps)] = abs(record.Fs_RT / UNIT / exact - 1.0)
+    for one in pd.read_csv(sample_path("yade_diamond") / "convergence.csv").itertuples():
+        ends = [one.E0, one.E1], [one.E0, one.E2]
+        line, u = line_through(one.a0_deg, one.probe_deg, *map(np.array, ends))
+        exact = float(line_states(line, u[1], KAPPA).T)
+        found[int(one.n_probe_steps)] = abs(one.Fs_RT / UNIT / exact - 1.0)
     return found
 
 
