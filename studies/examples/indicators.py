@@ -42,7 +42,10 @@ COMPARED = (
 )
 # What one snapshot tells, or the interval before it: the benchmark is among these.
 STRUCTURAL = ("packing_lambda_min", "order", "sliding", "smallest_N", *INDICATORS)
-MEAN = ("auc", "low", "high", "shuffled", "shuffled_low", "shuffled_high", "base")
+MEAN = (
+    *("auc", "low", "high", "shuffled", "shuffled_low", "shuffled_high", "base"),
+    *("above", "above_low", "above_high", "packings", "intervals"),
+)
 
 
 def sample_series(out: Path) -> Path:
@@ -61,32 +64,25 @@ def scores(folder: Path, seed: int = 0) -> pd.DataFrame:
         for name in ("loops", "increments", "packing")
     ]
     if not parts[-1]:
-        raise InputError(
-            str(folder),
-            "no series with its packing",
-            "a result folder of `grainloops series --indicators`",
-            "Run this command first, and name its folder.",
-        )
+        expected = "a result folder of `grainloops series --indicators`"
+        remedy = "Run this command first, and name its folder."
+        raise InputError(str(folder), "no series with its packing", expected, remedy)
     rng, rows = np.random.default_rng(seed), list[dict[str, Any]]()
     for own, state, earlier in interval_columns(*parts):
-        numbers = int(own["snapshot_before"][0]), int(own["snapshot_after"][0])
-        file = folder / "increments" / "part-{:05d}-{:05d}.parquet".format(*numbers)
-        row = require_about(file)["row"]
+        before, after = int(own["snapshot_before"][0]), int(own["snapshot_after"][0])
+        row = require_about(folder / "increments" / f"part-{before:05d}-{after:05d}.parquet")["row"]
         # The larger principal compression of the sample, to one digit: the size of the step.
         H = np.array([row[f"dH{ij}"] for ij in COMPONENTS]).reshape(2, 2)
         step = float(f"{np.linalg.eigvalsh(0.5 * (H + H.T))[-1]:.0e}")
-        place = {"packing": folder.name, "step": step, "snapshot_after": numbers[1]}
+        place = {"packing": folder.name, "step": step, "snapshot_after": after}
         shuffled: dict[str, Any] = {}
         for target, name, score, value, _ in targets(own, state, earlier):
-            if name not in COMPARED:
-                continue
-            wrong = shuffled.setdefault(target, rng.permutation(value))
-            found = score_skill(score, value, signed=False)
-            chance = score_skill(score, wrong, signed=False)["auc"]
-            rows.append(
-                {**place, "target": target, "predictor": name, "shuffled": chance}
-                | {key: found[key] for key in ("base", "coverage", "auc")}
-            )
+            if name in COMPARED:
+                wrong = shuffled.setdefault(target, rng.permutation(value))
+                found, chance = (score_skill(score, one, signed=False) for one in (value, wrong))
+                kept = {key: found[key] for key in ("base", "coverage", "auc")}
+                told = {"target": target, "predictor": name, "shuffled": chance["auc"]}
+                rows.append({**place, **told, **kept})
     return pd.DataFrame(rows)
 
 
@@ -118,12 +114,11 @@ def compare(rows: pd.DataFrame) -> pd.DataFrame:
     for (step, target, name), own in single.groupby(["step", "target", "predictor"], sort=False):
         rates = single["auc"].xs((step, target, "packing"), level=(1, 2, 3))
         auc = own["auc"].droplevel([1, 2, 3])
-        values = (*interval(auc), *interval(own["shuffled"]), float(own["base"].mean()))
-        above = interval((rates - auc).dropna())
-        counts = {"packings": int(auc.notna().sum()), "intervals": int(own["intervals"].sum())}
+        values = [*interval(auc), *interval(own["shuffled"]), float(own["base"].mean())]
+        values += interval((rates - auc).dropna())
+        values += int(auc.notna().sum()), int(own["intervals"].sum())
         place = {"step": step, "target": target, "predictor": name}
-        gaps = dict(zip(("above", "above_low", "above_high"), above, strict=True))
-        found.append(place | dict(zip(MEAN, values, strict=True)) | gaps | counts)
+        found.append(place | dict(zip(MEAN, values, strict=True)))
     return pd.DataFrame(found)
 
 
@@ -132,14 +127,12 @@ def winners(table: pd.DataFrame) -> list[dict[str, Any]]:
     found = []
     for (target, step), own in table.groupby(["target", "step"], sort=False):
         rows = own.set_index("predictor")
-        aucs = rows.loc[[name for name in STRUCTURAL if name in rows.index], "auc"].dropna()
-        if not len(aucs):
-            continue
-        best = str(aucs.idxmax())
-        above = {name: rows["auc"].get(name) for name in COMPARED[:5]}
-        keys = ("auc", "low", "high", "base", "packings")
-        found.append({"target": target, "step": step, "best": best}
-                     | {key: rows.loc[best, key] for key in keys} | above)  # fmt: skip
+        aucs = rows.reindex(STRUCTURAL)["auc"].dropna()
+        if len(aucs):
+            best = {"target": target, "step": step, "best": aucs.idxmax()}
+            for key in ("auc", "low", "high", "base", "packings"):
+                best[key] = rows.loc[best["best"], key]
+            found.append(best | {name: rows["auc"].get(name) for name in COMPARED[:5]})
     return found
 
 
