@@ -34,34 +34,6 @@ def fill_frames(d: Floats, length: Floats, n: Floats, t: Floats) -> None:
 
 
 @kernel
-def fill_branches(
-    x: Floats,
-    radii: Floats,
-    contacts: Integers,
-    across: Floats,
-    d: Floats,
-    length: Floats,
-    n: Floats,
-    reach: Floats,
-) -> None:
-    """Fill in branches, lengths and normals, and each length over the sum of the radii.
-
-    `across` (C, 2) is the way across the border of a cell, without rows in the plane. A branch of
-    no length is its own normal.
-    """
-    for c in range(len(contacts)):
-        i, j = contacts[c, 0], contacts[c, 1]
-        d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
-        if len(across):
-            d0, d1 = d0 + across[c, 0], d1 + across[c, 1]
-        size = math.hypot(d0, d1)
-        d[c, 0], d[c, 1], length[c] = d0, d1, size
-        size = size if size > 0.0 else 1.0
-        n[c, 0], n[c, 1] = d0 / size, d1 / size
-        reach[c] = size / (radii[i] + radii[j])
-
-
-@kernel
 def fill_edge_sums(
     d: Floats, contacts: Integers, offsets: Integers, loops: Integers, sums: Floats
 ) -> None:
@@ -72,27 +44,6 @@ def fill_edge_sums(
             x, y = d[contacts[h], 0], d[contacts[h], 1]
             xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
         sums[k, 0], sums[k, 1], sums[k, 2] = xx, xy, yy
-
-
-@kernel
-def forces_at_end(
-    contacts: Integers,
-    side: int,
-    d: Floats,
-    length: Floats,
-    normal: Floats,
-    shear: Floats,
-    grains: int,
-) -> Floats:
-    """Sum normal, then shear forces of the contacts whose `side` a grain is at, (G, 4)."""
-    total = np.zeros((grains, 4))
-    for c in range(len(contacts)):
-        n0, n1, g = d[c, 0] / length[c], d[c, 1] / length[c], contacts[c, side]
-        total[g, 0] += normal[c] * n0
-        total[g, 1] += normal[c] * n1
-        total[g, 2] += shear[c] * -n1
-        total[g, 3] += shear[c] * n0
-    return total
 
 
 @kernel

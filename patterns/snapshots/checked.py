@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import FrictionalLaw, GrainGraph, HertzMindlin, Regime, contact_state
-from loops.arrays import Flags, Floats, Integers, in_threads, median, quantiles
-from loops.compiled import given, use_passes
+from loops.arrays import Flags, Floats, Integers, median, quantiles
 from patterns.snapshots.findings import few, rounding
 
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
@@ -228,12 +227,6 @@ class Checked:
             return False
         return goes_with_root(stiffness, self.radii[self.contacts[rows]], self.overlap[rows])
 
-    @property
-    def columns(self) -> tuple[Floats, ...]:
-        """`d`, `length`, `normal` and `shear` as kernels take them."""
-        every = (self.d, self.length, self.normal, self.shear)
-        return tuple(given(values, np.float64) for values in every)
-
     def parts(self, rows: Integers | slice = slice(None)) -> tuple[Floats, Floats]:
         """Normal and shear force on grain 2 of some contacts, (C, 2) each."""
         n = self.d[rows] / self.length[rows, None]
@@ -242,17 +235,7 @@ class Checked:
 
     def _sums(self) -> list[Floats]:
         """Sums of the normal and of the shear forces on each grain, (G, 2) each."""
-        contacts, count = self.contacts, len(self.x)
-        if use_passes(len(contacts)):
-            from loops.compiled.passes import forces_at_end
-
-            pairs, columns = given(contacts, np.int64), self.columns
-            first, second = in_threads(
-                lambda side: forces_at_end(pairs, side, *columns, count), (0, 1)
-            )
-            second -= first
-            return [np.ascontiguousarray(part) for part in (second[:, :2], second[:, 2:])]
-        one, two = contacts.T
+        (one, two), count = self.contacts.T, len(self.x)
         return [
             np.column_stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in part])
             for part in (force.T for force in self.parts())

@@ -28,6 +28,7 @@ from patterns.snapshots.frame import (
 from patterns.snapshots.geometry import (
     axis_across,
     index_of,
+    nearest_images,
     places_of,
     plane_note,
     refuse_radii,
@@ -278,9 +279,6 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     return Atoms(ids, x, radii, place.get("xyz"[across]), axes)
 
 
-MOST_CELLS = 1e9  # largest distance in cells; beyond it digits are lost
-
-
 class Space(NamedTuple):
     """Cell (2, 2) with the vectors as columns, or None; which of them are `periodic`."""
 
@@ -291,14 +289,7 @@ class Space(NamedTuple):
         """(C, 2) array: the whole cells nearest to the vectors `gap` (C, 2)."""
         if self.cell is None:
             return np.zeros(gap.shape, dtype=np.int64)
-        nearest = np.rint(gap @ np.linalg.inv(self.cell).T)
-        if np.abs(nearest).max(initial=0.0) > MOST_CELLS:
-            received = f"centres {np.abs(nearest).max():.3g} periodic cells apart"
-            remedy = "Check the cell and the positions."
-            raise InputError(
-                "positions of the grains", received, f"at most {MOST_CELLS:.3g}", remedy
-            )
-        return np.where(self.periodic, nearest, 0.0).astype(np.int64)
+        return nearest_images(gap, self.cell, self.periodic)
 
     def shift(self, images: Integers) -> Floats:
         """(C, 2) array: the vectors of whole cells (length)."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
-from loops.compiled import given, on_parts, use_passes
+from loops.compiled import given
 from loops.errors import check_choice
 from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
@@ -40,6 +40,8 @@ SPARSE = 8
 GEOMETRY_TOLERANCE = 1e-3
 # Discs without overlap fill at most 0.91 of the area; a fuller cell belongs to other grains.
 SOLID_LIMIT = 1.5
+# Largest distance in cells; beyond it digits are lost.
+MOST_CELLS = 1e9
 # No contact law acts between grains further apart than this many times the sum of their radii.
 TOUCHING_REACH = 2.0
 FAR_IN_LISTS = 32.0  # mean spacings between successive grains, grains between successive contacts
@@ -180,7 +182,7 @@ def _touch(grains: Table, rows: Integers, cell: Floats | None) -> bool:
 def _reach(d: Floats, reach: Floats, cell: Floats | None) -> Floats:
     """Distances to the nearest image over the sums of the radii."""
     if cell is not None:
-        d = d - np.rint(np.linalg.solve(cell, d.T)).T @ cell.T
+        d = d - nearest_images(d, cell) @ cell.T
     return np.hypot(*d.T) / np.where(reach > 0, reach, 1.0)
 
 
@@ -379,6 +381,16 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
     return matrix
 
 
+def nearest_images(gap: Floats, cell: Floats, periodic: Sequence[bool] = (True, True)) -> Integers:
+    """(C, 2) array: the whole cells nearest to the vectors `gap` (C, 2)."""
+    nearest = np.rint(np.linalg.solve(cell, gap.T).T)
+    if (most := np.abs(nearest).max(initial=0.0)) > MOST_CELLS:
+        received, expected = f"centres {most:.3g} periodic cells apart", f"at most {MOST_CELLS:.3g}"
+        remedy = "Check the cell and the positions."
+        raise InputError("positions of the grains", received, expected, remedy)
+    return np.where(periodic, nearest, 0.0).astype(np.int64)
+
+
 def high_cell(cell: Floats, free: int, x: Floats, margin: float) -> Floats:
     """The cell, in the direction `free` at least as high as the centres and a margin (length)."""
     inverse = np.linalg.inv(cell)[free]
@@ -422,35 +434,24 @@ def read_branches(
         if values is not None
     }
     images = _images_of_file(table, rows, cell)
-    count = len(rows)
+    count, x, radii = len(rows), bodies.x, bodies.radii
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = {name: np.zeros(count) for name in of_file}
-    by_kernel = use_passes(count)
-    if by_kernel:
-        from loops.compiled.passes import fill_branches
-    x, radii = given(bodies.x, np.float64), given(bodies.radii, np.float64)
-    contacts = given(pairs, np.int64)
 
     def fill(at: int) -> None:
         part = slice(at, at + BRANCH_BLOCK)
-        across = np.zeros((0, 2))
+        one, two = pairs[part].T
+        d[part] = x[two] - x[one]
         if cell is not None and made is not None:
             if images is None:
-                near = bodies.x[pairs[part, 0]] - bodies.x[pairs[part, 1]]
-                near = of_file["branch"][part] + near if "branch" in of_file else near
-                made[part] = np.where(periodic, np.rint(np.linalg.solve(cell, near.T).T), 0)
-            across = made[part] @ cell.T
-        if by_kernel:
-            filled = d[part], length[part], n[part], reach[part]
-            fill_branches(x, radii, contacts[part], across, *filled)
-        else:
-            one, two = contacts[part].T
-            d[part] = x[two] - x[one] + (across if cell is not None else 0.0)
-            length[part] = np.hypot(d[part, 0], d[part, 1])
-            # Coincident grains are refused by the graph.
-            size = np.where(length[part] > 0, length[part], 1.0)
-            n[part], reach[part] = d[part] / size[:, None], size / (radii[one] + radii[two])
+                near = (of_file["branch"][part] if "branch" in of_file else 0.0) - d[part]
+                made[part] = nearest_images(near, cell, periodic)
+            d[part] += made[part] @ cell.T
+        length[part] = np.hypot(d[part, 0], d[part, 1])
+        # Coincident grains are refused by the graph.
+        size = np.where(length[part] > 0, length[part], 1.0)
+        n[part], reach[part] = d[part] / size[:, None], size / (radii[one] + radii[two])
         for name, values in of_file.items():
             own = (d if name == "branch" else n)[part]
             off[name][part] = np.hypot(*(values[part] - own).T)
@@ -502,16 +503,7 @@ def some(values: Any, rows: Integers) -> Any:
     """Values of some rows; no copy if these are all rows in order."""
     if len(rows) == len(values) and bool((rows[1:] > rows[:-1]).all()):
         return values
-    if not use_passes(len(rows)):
-        return values[rows]
-    # Rows in random order wait for the memory: on several cores at once.
-    picked = np.empty((len(rows), *values.shape[1:]), dtype=values.dtype)
-
-    def fill(part: slice) -> None:
-        np.take(values, rows[part], axis=0, out=picked[part], mode="clip")
-
-    on_parts(fill, len(rows))
-    return picked
+    return values[rows]
 
 
 def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Integers | None:

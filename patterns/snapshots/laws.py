@@ -56,15 +56,19 @@ def told_law(
     normal: Floats,
 ) -> tuple[LawName | None, list[str]]:
     """Return the law that stiffnesses and forces tell, and a note; None where they tell none."""
-    # Springs that are all alike are not Hertz's.
+    overlap = touching_lengths(bodies.radii, pairs) - length
+    # Springs that are all alike are not Hertz's; overlaps that are rounded say nothing.
     if table.has("kn", "ks") and np.ptp(table.column("kn")):
         kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
-        if _of_hertz(kn, normal, bodies.radii, pairs, length, coarse):
+        told = np.flatnonzero((kn > 0) & (normal > 0) & (overlap > coarse))
+        kn, own = kn[told], overlap[told]
+        with np.errstate(divide="ignore", over="ignore"):
+            near = abs(median(normal[told] / (kn * own)) / HERTZ - 1) <= HERTZ_BAND
+        if near and goes_with_root(kn, bodies.radii[pairs[told]], own):
             return "hertz", [TOLD]
     if table.has("kn", "adhesion"):
         kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
         if pull.any():
-            overlap = bodies.radii[pairs].sum(axis=1) - length
             # Most forces are those of the springs less the adhesion, or those of the springs.
             pulls, spring = pull > 0, kn * overlap
             less = np.abs(normal - spring + pull)[pulls]
@@ -85,23 +89,6 @@ def lacks_of(parameters: Parameters, table: Table) -> list[str]:
     if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
         lacks.append("adhesion")
     return lacks
-
-
-def _of_hertz(
-    kn: Floats, normal: Floats, radii: Floats, pairs: Integers, length: Floats, coarse: float
-) -> bool:
-    """Whether stiffnesses and forces are Hertz's: `kn` with the root of the overlap, N 2/3 of both.
-
-    Overlaps that are not above `coarse` say nothing.
-    """
-    overlap = touching_lengths(radii, pairs) - length
-    told = np.flatnonzero((kn > 0) & (normal > 0) & (overlap > coarse))
-    kn, N, overlap = kn[told], normal[told], overlap[told]
-    with np.errstate(divide="ignore", over="ignore"):
-        share = N / (kn * overlap)
-    if len(kn) == 0 or not abs(median(share) / HERTZ - 1) <= HERTZ_BAND:
-        return False
-    return goes_with_root(kn, radii[pairs[told]], overlap)
 
 
 def frictionless(table: Table, mu: float | None) -> bool:

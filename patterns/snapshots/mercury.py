@@ -58,14 +58,11 @@ def data_head(line: bytes) -> Head | None:
         return None
 
 
-def _until_fault(blocks: Iterator[Listing]) -> list[Listing | InputError]:
-    found: list[Listing | InputError] = []
+def _until_fault(blocks: Iterator[Listing]) -> Iterator[Listing | InputError]:
     try:
-        for block in blocks:
-            found.append(block)
+        yield from blocks
     except InputError as error:
-        found.append(error)
-    return found
+        yield error
 
 
 def _data_listings(path: Path, text: Text) -> Iterator[Listing]:

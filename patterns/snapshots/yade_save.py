@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
+from types import SimpleNamespace as Box
 from typing import Any
 
 import numpy as np
@@ -52,8 +52,7 @@ class Save:
 
     def __init__(self) -> None:
         self.bodies, self.interactions, self.engines = _Bodies(), list[Any](), list[Any]()
-        self.cell, self.periodic = SimpleNamespace(hSize={}), False
-        self.iter, self.time = 0, 0.0
+        self.cell, self.periodic, self.iter, self.time = Box(hSize={}), False, 0, 0.0
         self.complete = False  # whether the scene element was read
         self._classes: dict[str, str] = {}
         self._shapes: dict[str, Any] = {}
@@ -68,9 +67,9 @@ class Save:
         elif px.find("shape") is not None and px.find("state") is not None:
             self._body(px)
         elif px.find("avoidGranularRatcheting") is not None:
-            switch = {name: _number(px, name) != 0 for name in ("avoidGranularRatcheting",)}
-            dispatcher = SimpleNamespace(functors=[_class(self._class_of(px))(**switch)])
-            self.engines.append(SimpleNamespace(geomDispatcher=dispatcher))
+            functor = _class(self._class_of(px))()
+            functor.avoidGranularRatcheting = _number(px, "avoidGranularRatcheting") != 0
+            self.engines.append(Box(geomDispatcher=Box(functors=[functor])))
         elif (size := px.find("hSize")) is not None:
             places = ((row, k) for row in (0, 1, 2) for k in (0, 1, 2))
             self.cell.hSize = {at: _number(size, "m{}{}".format(*at)) for at in places}
@@ -96,7 +95,7 @@ class Save:
         state.pos = state.position
         in_clump = clump is not None and clump.text != "-1"
         found = {"id": number, "shape": self._shapes[shared], "state": state}
-        self.bodies[number] = SimpleNamespace(**found, isClump=False, isClumpMember=in_clump)
+        self.bodies[number] = Box(**found, isClump=False, isClumpMember=in_clump)
 
     def _class_of(self, px: ET.Element) -> str:
         return self._classes.get(px.get("class_id_reference", px.get("class_id", "")), "none")
@@ -111,15 +110,15 @@ class Save:
         values = _values(px, f"interaction {one}-{two} ({geom}, {phys})", OF_INTERACTION)
         found = {"id1": one, "id2": two, "isReal": True, "cellDist": values.cellDist}
         found |= {"geom": values, "phys": _class(phys)(**vars(values))}
-        self.interactions.append(SimpleNamespace(**found))
+        self.interactions.append(Box(**found))
 
 
 @cache
-def _class(name: str) -> type[SimpleNamespace]:
-    return type(name, (SimpleNamespace,), {})
+def _class(name: str) -> type[Box]:
+    return type(name, (Box,), {})
 
 
-def _values(parent: ET.Element | None, where: str, vectors: tuple[str, ...]) -> SimpleNamespace:
+def _values(parent: ET.Element | None, where: str, vectors: tuple[str, ...]) -> Box:
     """These vectors, and the numbers of `NUMBERS` below an element."""
     elements = {} if parent is None else {element.tag: element for element in parent.iter()}
     if lacking := [name for name in vectors if name not in elements]:
@@ -128,20 +127,20 @@ def _values(parent: ET.Element | None, where: str, vectors: tuple[str, ...]) -> 
         n: _Vector(_number(elements[n], axis, f"{n} of {where}") for axis in "xyz") for n in vectors
     }
     found |= {n: _value(elements[n], n, where) for n in NUMBERS & {*elements}}
-    return SimpleNamespace(**found)
+    return Box(**found)
 
 
-def _number(parent: ET.Element, name: str, where: str = "") -> float:
+def _number(parent: ET.Element, name: str, where: str = "an object") -> float:
     return _value(parent.find(name), name, where)
 
 
 def _value(element: ET.Element | None, name: str, where: str) -> float:
     if element is None or element.text is None:
-        raise _MissingError(f"no <{name}> in {where or 'an object'}")
+        raise _MissingError(f"no <{name}> in {where}")
     with suppress(ValueError):
         if math.isfinite(value := float(element.text)):
             return value
-    raise _MissingError(f"<{name}> {element.text!r} in {where or 'an object'}")
+    raise _MissingError(f"<{name}> {element.text!r} in {where}")
 
 
 def read_save(path: Path) -> Save:

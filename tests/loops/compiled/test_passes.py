@@ -10,8 +10,8 @@ from loops.compiled import on_parts
 from loops.fabric import edge_tensors
 from loops.graph import branches_between
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
-from patterns.snapshots import checks, laws, missing
-from patterns.snapshots.checked import Checked, touching_lengths
+from patterns.snapshots import checks, missing
+from patterns.snapshots.checked import Checked
 from patterns.snapshots.geometry import some
 from tests.loops.test_faces_compared import renumbered
 from tests.patterns.snapshots.test_order_along_space import shuffled_copy
@@ -173,15 +173,3 @@ def test_whole_snapshots(both, monkeypatch, tmp_path, name, shuffles):
     one, other = both(lambda: read_snapshot(path, cell=cell))
     assert_equal(one, other)
     assert one.mean_kn == other.mean_kn and len(one.findings) > 10
-
-
-def test_hertz_is_told_as_by_numpy(both):
-    """Stiffnesses that go with the root of the overlap."""
-    graph = synthetic_network(400, seed=2)
-    length, _, _ = contact_frame(graph)
-    radii = 1.01 * graph.radii
-    overlap = touching_lengths(radii, graph.contacts) - length
-    kn = np.sqrt(np.maximum(overlap, 0.0) * radii[graph.contacts].prod(axis=1))
-    for normal in (2.0 / 3.0 * kn * overlap, kn * overlap):
-        told = both(lambda N=normal: laws._of_hertz(kn, N, radii, graph.contacts, length, 0.0))
-        assert told[0] == told[1]
