@@ -107,6 +107,7 @@ def polygon_command(
     order: Whole | None = None,
     compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None,
     radii: Annotated[str | None, Parameter(group=FURTHER, metavar="R1,R2,...")] = None,
+    centres: Annotated[Path | None, Parameter(group=FURTHER)] = None,
     snapshot: Path | None = None,
     loop: Whole | None = None,
     orientation: Annotated[str | None, Parameter(group=FURTHER)] = None,
@@ -134,6 +135,8 @@ def polygon_command(
         Compare several orders, such as 3-12.
     radii
         Radii of unequal grains in order, centres on a circle.
+    centres
+        Table x, y, radius of the grains of any loop in order, re-entrant too.
     snapshot
         Snapshot that the loop is taken from, with --loop.
     loop
@@ -160,7 +163,7 @@ def polygon_command(
     """
     writing, reading = writing or Writing(), reading or OneReading()
     kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
-    _which_loop(kinds, needed=True)
+    _which_loop(kinds | {"--centres": centres}, needed=True)
     own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
            "rolling": rolling}  # fmt: skip
     asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
@@ -168,7 +171,7 @@ def polygon_command(
     words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
     words |= {"model": model, "fluid_bulk_modulus": fluid_bulk_modulus}
     words["strain_ratio"] = strain_ratio
-    named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'radii'}"
+    named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'grains'}"
     out = out_or(writing.out, named, snapshot)
     with clock("grainloops polygon"):
         from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
@@ -181,6 +184,9 @@ def polygon_command(
         law = _refuse_reading(loop, reading)
         asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
         asked["radii"] = sizes = numbers("--radii", radii)
+        if centres is not None:
+            asked["centres"], asked["radii"] = _ring_of(centres)
+            sizes = asked["radii"]
         if compare is None:
             count = order if sizes is None else len(sizes)
             summary = run_polygon(PolygonOptions(count or 0, **asked), out, **writing.files())
@@ -199,6 +205,24 @@ def polygon_command(
         columns = "  ".join(f"{value:>9}" for value in values)
         lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
     return answer(writing.json, out, lines, summary["notes"])
+
+
+def _ring_of(path: Path) -> tuple[Any, Any]:
+    """Centres and radii of a table, counter-clockwise."""
+    import numpy as np
+    import pandas as pd
+
+    from loops import polygon_area
+
+    try:
+        table = pd.read_csv(path, comment="#")[["x", "y", "radius"]].astype(float)
+    except (OSError, KeyError, ValueError):
+        expected = "a table with the columns x, y and radius, a row a grain, in order"
+        raise InputError(f"--centres {path}", "none", expected, "Write one.") from None
+    if len(table) > 2 and polygon_area(table[["x", "y"]].to_numpy()) < 0.0:
+        table = table[::-1]
+    x = table[["x", "y"]].to_numpy()
+    return tuple(map(tuple, x.tolist())), tuple(np.asarray(table["radius"]).tolist())
 
 
 def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:

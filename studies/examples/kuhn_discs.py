@@ -153,8 +153,7 @@ def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figur
     # Yes is blue, no vermilion, what is not decided grey.
     single = (rows.solutions == 1).astype(float).where(rows.solutions >= 0)
     answers = rows[list(ANSWERS)].assign(single=single, works=(rows.path_w2 > 0).astype(float))
-    colours = ListedColormap([VERMILION, BLUE])
-    colours.set_bad(LIGHT_GREY)
+    colours = ListedColormap([VERMILION, BLUE]).with_extremes(bad=LIGHT_GREY)
     edges = 100 * np.append(rows.strain_11 - 0.5 * ROW, rows.strain_11.iloc[-1] + 0.5 * ROW)
     strip.pcolormesh(edges, np.arange(6), answers.T, cmap=colours, vmin=0, vmax=1)
     strip.set_yticks(np.arange(5) + 0.5, [*ANSWERS.values(), "one solution", "$W_2 > 0$"])

@@ -20,13 +20,19 @@ from loops import (
     LinearFrictional,
     RollingResistance,
     contact_state,
+    polygon_centroid,
 )
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.errors import check_choice
 from loops.laws.movable import require_linear_springs
 from patterns.diamond import TABLE_1, TABLE_2, DiamondParameters, diamond
-from patterns.polygons import Orientation, polydisperse_polygon, regular_polygon
+from patterns.polygons import (
+    Orientation,
+    compressed_ring,
+    polydisperse_polygon,
+    regular_polygon,
+)
 from stability import Programme, Stage, programmes
 from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
@@ -52,6 +58,8 @@ MOST_ORDERS = 40
 # Default end of a programme on a snapshot's loop: E1 over the mean overlap.
 PROGRAMME_OVERLAPS = 5.0
 RING_NEWTON_STEPS = 20
+# Largest move of a grain of a ring whose neighbours shall touch, over the mean diameter.
+MOST_MOVED = 0.25
 
 
 def programme_named(
@@ -188,9 +196,10 @@ class PolygonOptions:
     """Options of `grainloops polygon`.
 
     `order` from 3 to 1000, regular; or `radii` in order, whose mean diameter becomes 1, the centres
-    on a circle (`polydisperse_polygon`). `contact_law` linear, or hertz: spheres of `E* = 1`, so
-    that `kn` in units is `E* l0`. `rolling` is the stiffness of rolling springs over `kn l0^2`, for
-    free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
+    on a circle (`polydisperse_polygon`) or next to `centres` in order, counter-clockwise, moved by
+    the least that makes neighbours just touch. `contact_law` linear, or hertz: spheres of `E* = 1`,
+    so that `kn` in units is `E* l0`. `rolling` is the stiffness of rolling springs over `kn l0^2`,
+    for free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
     (90: nothing slides); `confine` in [0, 1), the isotropic strain at A; `programme` what follows
     A, up to `end`, an E1 above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out.
     `H12 = H21 = 0` in all. `fluid_bulk_modulus` (over kn) is that of the fluid of `undrained`,
@@ -208,6 +217,7 @@ class PolygonOptions:
     end: float | None = None
     model: ModelOption = "auto"
     radii: tuple[float, ...] | None = None
+    centres: tuple[tuple[float, float], ...] | None = None
     contact_law: LawName = "linear"
     rolling: float = 0.0
     fluid_bulk_modulus: float | None = None
@@ -264,8 +274,23 @@ class PolygonOptions:
         """The loop, barely touching or under isotropic strain."""
         if self.radii is not None:
             radii = np.array(self.radii) / (2.0 * np.mean(self.radii))
+            if self.centres is not None:
+                return compressed_ring(self.placed[0], radii, strain, 1.0)
             return polydisperse_polygon(radii, strain=strain)
         return regular_polygon(self.order, orientation=self.orientation, strain=strain)
+
+    @cached_property
+    def placed(self) -> tuple[Floats, float]:
+        """Centres whose neighbours just touch, and the largest move, over the mean diameter."""
+        size, given = 2.0 * np.mean(self.radii), np.array(self.centres)  # type: ignore[arg-type]
+        x, radii = (given - polygon_centroid(given)) / size, np.array(self.radii) / size
+        x0 = ring_of_lengths(x, radii + np.roll(radii, -1))
+        moved = float(np.abs(x0 - x).max())
+        if not moved < MOST_MOVED:
+            expected = "grains in order, each next to the one before, all around"
+            remedy = "Order them around the loop, and give radii with which neighbours touch."
+            raise InputError("--centres", f"moves of {moved:.3g} mean diameters", expected, remedy)
+        return x0, moved
 
     def law(self) -> ContactLaw:
         """The law of the contacts, with Coulomb's friction."""
@@ -302,7 +327,9 @@ class PolygonOptions:
 
     def special(self) -> dict[str, Any]:
         """Options that make the loop other than a regular one with linear springs."""
-        own = {"law": self.contact_law, "rolling": self.rolling, "radii": self.radii}
+        own: dict[str, Any] = {"law": self.contact_law, "rolling": self.rolling}
+        own |= {"radii": self.radii, "centres": self.centres}
+        own["moved"] = None if self.centres is None else self.placed[1]
         own = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
         return own | self.of_programme()
 

@@ -3,9 +3,10 @@
 import json
 import sys
 
+import numpy as np
 import pytest
 
-from patterns import sample_path
+from patterns import random_loop, regular_polygon, sample_path
 from studies import cli
 
 
@@ -72,3 +73,46 @@ def test_bad_input_is_one_line(monkeypatch, capsys, tmp_path, arguments, word):
     assert shown.err.count("\n") == 1
     assert word in shown.err
     assert not (tmp_path / "out").exists()
+
+
+def write_ring(path, x, radii):
+    rows = [f"{a!r},{b!r},{r!r}" for (a, b), r in zip(x.tolist(), radii, strict=True)]
+    path.write_text("\n".join(["x,y,radius", *rows]) + "\n")
+    return ["--centres", str(path)]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_centres_of_a_regular_loop_give_its_path(monkeypatch, capsys, tmp_path, undrawn, order):
+    """Whatever its size, its place and the sense in which its grains are listed."""
+    x = (20.0 * regular_polygon(5).x + 3.0)[::order]
+    how = ["--closure", "traction", "--confine", "0.05", "--end", "0.08", "--json", "--out"]
+    given = (write_ring(tmp_path / "ring.csv", x, [10.0] * 5), ["--order", "5"])
+    found = []
+    for name, loop in zip("ab", given, strict=True):
+        assert run(monkeypatch, *loop, *how, str(tmp_path / name)) == 0
+        found.append(json.loads(capsys.readouterr().out)["states"])
+    for name in ("A", "end"):
+        one, other = (states[name] for states in found)
+        for key in ("E1", "E2", "s1", "s2"):
+            assert one[key] == pytest.approx(other[key], abs=1e-13)
+
+
+def test_a_reentrant_loop_of_a_table(monkeypatch, capsys, tmp_path, undrawn):
+    """Grains that are off by a tenth are moved until neighbours touch; the move is told."""
+    loop = random_loop(8, seed=3, convex=False)
+    x = loop.x + 0.02 * np.array([1.0, -1.0]) * (-1.0) ** np.arange(8)[:, None]
+    ring = write_ring(tmp_path / "ring.csv", x, loop.radii.tolist())
+    assert run(monkeypatch, *ring, "--end", "0.12", "--json", "--out", str(tmp_path / "out")) == 0
+    parameters = json.loads(capsys.readouterr().out)["parameters"]
+    assert parameters["order"] == 8 and 0.0 < parameters["moved"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("rows", "word"),
+    [("x,y\n0,0\n", "columns x, y and radius"), ("x,y,radius\n0,0,1\n9,0,1\n0,9,1\n", "in order")],
+)
+def test_tables_that_are_no_loop(monkeypatch, capsys, tmp_path, rows, word):
+    path = tmp_path / "ring.csv"
+    path.write_text(rows)
+    assert run(monkeypatch, "--centres", str(path), "--out", str(tmp_path / "out")) == 2
+    assert word in capsys.readouterr().err
