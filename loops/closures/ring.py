@@ -407,7 +407,7 @@ def sum_sizes(
         for c in range(n):
             roll = ring.places[ROLL, c]
             if roll >= 0:
-                size = gear * own[c, WIDE_I] / own[c, WI] * X[roll]
+                size = gear * own[c, WIDE_J] / own[c, WJ] * X[roll]
                 out[last] += size / (own[c, FELT] + (own[c, FELT] == 0.0))
 
 
@@ -424,6 +424,19 @@ def weigh_moments(ring: Ring, c: int) -> None:
     own[c, WI], own[c, WJ] = own[c, BI] * over_i, own[c, BJ] * over_j
     own[c, WIDE_I] = over_i * (arm + (1.0 - apart) * own[c, BI])
     own[c, WIDE_J] = over_j * (arm + (1.0 - apart) * own[c, BJ])
+
+
+def balance_last(ring: Ring, n: int, gear: Any) -> None:
+    """Let the last roll's equation balance one grain if the ring feels all spins, without a mode.
+
+    With its sum of two moments the equations depend on each other by the square of the distance to
+    a gear mode.
+    """
+    own, kept = ring.contacts, 1.0 * (gear != NO_GEAR)
+    for c in range(n):
+        kept = kept + (own[c, FELT] == 0.0)
+    own[n - 1, WI] *= kept > 0.0
+    own[n - 1, WIDE_I] *= kept > 0.0
 
 
 def factor(E: Floats, N: int, solver: Solver) -> float:
@@ -580,7 +593,10 @@ def prepare(ring: Ring, n: int, free: bool) -> int:
         ring.places[ROLL, c] = 0 if free and felt else -1
         if free:
             weigh_moments(ring, c)
-    return gear_mode(ring, n) if free else NO_GEAR
+    gear = gear_mode(ring, n) if free else NO_GEAR
+    if free:
+        balance_last(ring, n, gear)
+    return gear
 
 
 def tangents(

@@ -234,6 +234,7 @@ def _solve_ring(ring: Ring, n: int, closure: int, spins: int, turn: Floats) -> T
             equations.weigh_moments(ring, c)
         every = np.moveaxis(contacts, -1, 0)
         modes = np.array([equations.gear_mode(Ring(one, ring.places), n) for one in every])
+        equations.balance_last(ring, n, modes.reshape(shape))
     gear = (modes == equations.GEAR).reshape(shape) * 1.0
     N, one = equations.place_unknowns(ring, n, closure), (1,) * len(shape)
     A = np.empty((N + n * (spins == equations.FREE), N + 4, *shape))
