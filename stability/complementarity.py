@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, lapack, lu_solve
@@ -30,7 +31,7 @@ from loops.shown import Shown
 ENUMERATED = 12
 # So many of them at a time.
 SETS_AT_ONCE = 4096
-# Rounding of an entry of `M`, which is one less what the surroundings of a contact give way.
+# Rounding of an entry of `M` over the largest, where no more is known of it.
 ENTRY = 1e-14
 # Singular sets, and pairs of solutions, that are looked at for a family.
 MOST_FAMILIES = 64
@@ -57,12 +58,32 @@ SLOPE = 1e-14
 MOST_CHANGES = 12
 # Determinant over the product of the rows' sizes below which a matrix is taken as singular.
 SINGULAR_SET = 1e-13
+# Share of a slip that errors of `M` may change before its set counts as singular.
+LOST = 0.1
 # Share of the unit matrix by which a scaled matrix is definite.
 DEFINITE_MARGIN = 1e-9
 # Steps of the search for a scaling.
 BARRIER_STEPS = 60
 # Slip over the largest entry of q that stands for any amount.
 UNBOUNDED_SLIP = 1e3
+
+
+class Errors(NamedTuple):
+    """What entries of `q`, and of the columns of `M`, (m,), may err by; 0 where it is not known.
+
+    It comes with the problem: from the rates of all contacts, of which `q` may be next to nothing.
+    """
+
+    q: float = 0.0
+    M: Floats | float = 0.0
+
+    def of(self, q: Floats, M: Floats) -> Errors:
+        """These, or a share of the largest entry; and the rounding of the entries of `M`."""
+        low = self.q or SIGN * float(np.abs(q).max(initial=0.0))
+        return Errors(low, np.broadcast_to(ENTRY * np.abs(M).max(initial=0.0) + self.M, q.shape))
+
+
+EXACT = Errors()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,6 +129,7 @@ def solve_complementarity(
     known: Sequence[Flags] = (),
     feasible: bool = False,
     enumerated: int | None = None,
+    errors: Errors = EXACT,
 ) -> Complementarity:
     """All solutions by enumeration where that is short; else Newton and Lemke from several starts.
 
@@ -115,11 +137,14 @@ def solve_complementarity(
     has `q + M z >= 0`, which is not asked if `feasible`. Active sets that are `known`, as from a
     branch of solutions, take the place of the random ones; without a start they are all.
     Enumeration is short for up to `enumerated` unknowns, `ENUMERATED` of them if left out.
+    Entries of `q` within their `errors` count as zero.
     """
+    q = np.where(np.abs(q) <= errors.q, 0.0, q)
     if len(q) <= (ENUMERATED if enumerated is None else enumerated):
-        every, singular = _every_solution(q, M)
+        every, singular = _every_solution(q, M, errors)
         kept = _distinct(every, len(q))
-        return Complementarity(kept, "enumeration", families(q, M, kept, singular), len(singular))
+        lines = families(q, M, kept, singular, errors)
+        return Complementarity(kept, "enumeration", lines, len(singular))
     if starts == 0:
         return known_solutions(q, M, known, "")
     certain = positive_definite(M)
@@ -149,16 +174,16 @@ def known_solutions(q: Floats, M: Floats, known: Sequence[Flags], proof: str) ->
 
 
 def families(
-    q: Floats, M: Floats, found: Flags, singular: Flags | None = None
+    q: Floats, M: Floats, found: Flags, singular: Flags | None = None, errors: Errors = EXACT
 ) -> tuple[Family, ...]:
     """Families among the solutions: of singular sets, and between two that a set has in common.
 
     Between two solutions all points are solutions if each contact sticks in both, or is at its
     friction limit in both; the set of those at the limit is singular then.
     """
-    scale = float(np.abs(q).max(initial=0.0))
-    if scale == 0.0 or (len(found) < 2 and singular is None):
+    if len(found) < 2 and singular is None:
         return ()
+    errors = errors.of(q, M)
     sets = [] if singular is None else list(singular[:MOST_FAMILIES])
     values = [basic_values(q, M, active) for active in found]
     slip, slack = (
@@ -166,39 +191,43 @@ def families(
         for slides in (True, False)
     )
     for a, b in combinations(range(len(found)), 2):
-        tol = SIGN * scale + ENTRY * float(np.maximum(slip[a], slip[b]).sum())
+        tol = errors.q + float(errors.M @ np.maximum(slip[a], slip[b]))
         sticks = np.maximum(slip[a], slip[b]) <= tol
         slides = np.maximum(slack[a], slack[b]) <= tol
         if (sticks | slides).all():
             sets.append(slides & ~sticks)
     once = {sliding.tobytes(): sliding for sliding in sets}.values()
-    lines = [_family(q, M, sliding) for sliding in list(once)[:MOST_FAMILIES]]
+    lines = [_family(q, M, sliding, errors) for sliding in list(once)[:MOST_FAMILIES]]
     kept = [line for line in lines if line is not None]
 
     def bounds(one: Family, other: Family) -> bool:
         """Whether one is a side of the other: its contacts at the limit are among the other's."""
         rates = np.vstack([one.corners @ M.T + q, one.directions @ M.T])[:, other.sliding]
         within = one.sliding.sum() < other.sliding.sum() and other.sliding[one.sliding].all()
-        return bool(within and np.abs(rates).max() <= SIGN * max(scale, np.abs(M).max()))
+        return bool(within and np.abs(rates).max() <= max(errors.q, SIGN * np.abs(M).max()))
 
     return tuple(one for one in kept if not any(bounds(one, other) for other in kept))
 
 
-def _family(q: Floats, M: Floats, sliding: Flags) -> Family | None:
+def _family(q: Floats, M: Floats, sliding: Flags, errors: Errors) -> Family | None:
     """Solutions with these contacts at their friction limit; None for a single one, or none."""
-    scale, a = float(np.abs(q).max()), np.flatnonzero(sliding)
+    scale, a = float(np.abs(q).max()) or 1.0, np.flatnonzero(sliding)
     left, sizes, right = np.linalg.svd(M[np.ix_(a, a)])
-    rank = int(np.count_nonzero(sizes > max(SIGN * np.abs(M).max(), ENTRY)))
+    # The part that moves is judged by its own size.
+    null = max(SIGN * sizes.max(initial=0.0), np.linalg.norm(errors.M * sliding) * len(a) ** 0.5)
+    rank = int(np.count_nonzero(sizes > null))
     directions = np.zeros((len(a) - rank, len(q)))
     directions[:, a] = right[rank:]
     if rank == len(a):
         return None
     slip = np.zeros(len(q))
     slip[a] = right[:rank].T @ (left[:, :rank].T @ -q[a] / sizes[:rank])
-    if np.abs(q + M @ slip)[a].max() > SIGN * scale + ENTRY * np.abs(slip).sum():
+    tol = errors.q + errors.M @ np.abs(slip)
+    if np.abs(q + M @ slip)[a].max() > tol:
         return None
     # From there, `slip + t directions` keeps the signs of `z` where sliding and of `w` elsewhere.
-    start = np.where(sliding, slip, q + M @ slip) / scale
+    start = np.where(sliding, slip, q + M @ slip)
+    start = np.where(np.abs(start) <= tol, 0.0, start) / scale
     slopes = np.where(sliding, directions, directions @ M.T).T
     corners, rays = [], 0
     for row in (*np.eye(len(directions)), *-np.eye(len(directions))):
@@ -393,13 +422,16 @@ def violation(q: Floats, M: Floats, active: Flags) -> float:
     return np.inf if np.isnan(worst) else worst / scale if scale > 0 else 0.0
 
 
-def _every_solution(q: Floats, M: Floats) -> tuple[list[tuple[Flags, Floats]], Flags]:
+def _every_solution(
+    q: Floats, M: Floats, errors: Errors = EXACT
+) -> tuple[list[tuple[Flags, Floats]], Flags]:
     """Active sets and slips of all solutions, and the singular sets that may have a continuum.
 
     A set with a singular matrix has none or a continuum: its smallest one, and one more where there
-    would be no other.
+    would be no other. So is one whose slips the errors of the columns of `M` may change at will.
     """
-    m, scale = len(q), float(np.abs(q).max(initial=0.0)) or 1.0
+    m, errors = len(q), errors.of(q, M)
+    scale = float(np.abs(q).max(initial=0.0)) or 1.0
     found: list[tuple[Flags, Floats]] = []
     parts = []
     for first in range(0, 2**m, SETS_AT_ONCE):
@@ -408,22 +440,25 @@ def _every_solution(q: Floats, M: Floats) -> tuple[list[tuple[Flags, Floats]], F
         matrices = np.where(actives[:, None, :], M, -np.eye(m))
         sizes = np.linalg.norm(matrices, axis=2).prod(axis=1)
         regular = np.abs(np.linalg.det(matrices)) > SINGULAR_SET * sizes
-        right = np.broadcast_to(-q, (regular.sum(), m))[..., None]
-        values = np.linalg.solve(matrices[regular], right)[..., 0]
-        agrees = values.min(axis=1, initial=0.0) >= -SIGN * scale
-        found += [
-            (active, np.where(active, x, 0.0))
-            for active, x in zip(actives[regular][agrees], values[agrees], strict=True)
-        ]
+        inverse = np.linalg.inv(matrices[regular])
+        values, reach = -inverse @ q, np.abs(inverse).sum(axis=2)
+        slips = np.where(actives[regular], values, 0.0)
+        sure = reach.max(axis=1, initial=0.0) * (actives[regular] @ errors.M) < LOST
+        low = errors.q + np.abs(slips) @ errors.M
+        agrees = sure & (values >= -reach * low[:, None]).all(axis=1)
+        found += zip(actives[regular][agrees], slips[agrees], strict=True)
+        regular[regular] = sure
         parts.append(actives[~regular])
     singular = np.concatenate(parts)
     rest = np.where(singular[:, None, :], M, -np.eye(m))
-    inverse = np.linalg.pinv(rest, rcond=PIVOT)
+    null = m / LOST * (singular @ errors.M) / np.maximum(np.linalg.norm(rest, axis=(1, 2)), 1e-300)
+    inverse = np.linalg.pinv(rest, rcond=np.maximum(PIVOT, null))
     smallest = -inverse @ q
+    low = errors.q + (singular * np.abs(smallest)) @ errors.M
     carried = np.abs(rest @ smallest[..., None] + q[:, None]).max(axis=(1, 2), initial=0.0)
     fixed = np.einsum("kij,kji->ki", inverse, rest) > 1.0 - SIGN
-    wrong = smallest < -SIGN * scale
-    possible = np.flatnonzero((carried <= SIGN * scale) & ~(wrong & fixed).any(axis=1))
+    wrong = smallest < -np.abs(inverse).sum(axis=2) * low[:, None]
+    possible = np.flatnonzero((carried <= low) & ~(wrong & fixed).any(axis=1))
     for k in possible[~wrong[possible].any(axis=1)]:
         found.append((singular[k], np.where(singular[k], smallest[k], 0.0)))
     for k in possible:
@@ -540,12 +575,12 @@ def feasible_for_all(M: Floats) -> bool:
 
 
 def _distinct(found: list[tuple[Flags, Floats]], count: int) -> Flags:
-    """Active sets whose slips differ, by increasing slip."""
-    kept: list[tuple[Flags, Floats]] = []
-    for active, slip in sorted(found, key=lambda one: float(np.linalg.norm(one[1]))):
-        size = SAME_SLIP * np.linalg.norm(slip)
-        if all(np.linalg.norm(slip - other) > size for _, other in kept):
+    """Active sets whose slips differ, by increasing slip; of equal ones the first stands."""
+    kept, norm = list[tuple[Flags, Floats]](), np.linalg.norm
+    for active, slip in found:
+        if all(norm(slip - other) > SAME_SLIP * norm([slip, other]) for _, other in kept):
             kept.append((active, slip))
+    kept.sort(key=lambda one: float(norm(one[1])))
     return np.array([active for active, _ in kept], dtype=bool).reshape(len(kept), count)
 
 

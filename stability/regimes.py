@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, product
+from itertools import compress, cycle, islice, product
 from math import prod
 from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
@@ -21,8 +21,10 @@ from loops.arrays import Regimes as RegimeArray
 from loops.laws.frictional import Regime
 from loops.shown import Shown
 from stability.complementarity import (
+    EXACT,
     STARTS,
     Complementarity,
+    Errors,
     Family,
     known_solutions,
     solve_complementarity,
@@ -38,8 +40,6 @@ SEARCH_LIMIT = 8192
 MOST_SLIPS = 16
 # In place of a proof: contacts at yield of grains with two contacts were kept from sliding.
 HELD_STUCK = "two-contact grains stick"
-# Rounding of rates in sign conditions, over the largest rate.
-SIGN_TOLERANCE = 1e-10
 # Difference within which two solutions are the same, over their norm.
 SOLUTION_RTOL = 1e-8
 
@@ -81,12 +81,13 @@ class EdgeRates:
     `un` (m,): Normal displacement, positive when the contact opens (times kn, force per time);
     `shear` (m,): Shear force as if the contact stuck; `strength` (m,): Shear force it could carry,
     `mu N'`, with `N' = -kn un'` as if closed; infinite for a contact inside its cone, which sticks
-    whatever the rates.
+    whatever the rates; `error`: What they may err by, from the rates of all contacts.
     """
 
     un: Floats
     shear: Floats
     strength: Floats
+    error: Floats | float = 0.0
 
 
 class Trial(Protocol):
@@ -130,7 +131,8 @@ class EdgeProblem(Protocol[AnyRates]):
         """Rates for one combination of regimes, one full solve."""
         ...
 
-    def condensed(self) -> tuple[Floats, Floats] | None:
+    @property
+    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
         """`q` (m,), `M` (m, m) of `w = q + M z`; None where contacts do more than stick or slide.
 
         `z` are the rates by which the shear forces would leave the cone if the contacts stuck, `w`
@@ -151,28 +153,25 @@ class FullProblem(Generic[AnyTrial]):
     in_full: int = ENUMERATION_LIMIT
 
     @cached_property
-    def _columns(self) -> tuple[Floats, Floats] | None:
+    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
+        """Rates are linear in the slips: those of each contact that slides alone give a column."""
         if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
             return None
         side = np.array([can[1].side for can in self.options])
         stuck = tuple(can[0] for can in self.options)
         rates = self.rates(stuck)
         q = rates.edge.strength - side * rates.edge.shear
-        M = np.empty((len(q), len(q)))
-        least = SIGN_TOLERANCE * np.abs(q).max(initial=0.0)
+        M, error = np.empty((len(q), len(q))), np.empty(len(q))
         for k, can in enumerate(self.options):
             one = self.rates((*stuck[:k], can[1], *stuck[k + 1 :]))
             slack = one.edge.strength - side * one.edge.shear
-            slip = -slack[k]
-            if not (rates.trusted and one.trusted) or abs(slip) <= least:
+            slip, unsure = -slack[k], float(np.add(rates.edge.error, one.edge.error))
+            if not (rates.trusted and one.trusted) or abs(slip) <= unsure:
                 return None
             M[:, k] = (slack - q) / slip
             M[k, k] = -q[k] / slip
-        return q, M
-
-    def condensed(self) -> tuple[Floats, Floats] | None:
-        """Rates are linear in the slips: those of each contact that slides alone give a column."""
-        return self._columns
+            error[k] = unsure * (1.0 + np.abs(M[:, k]).max()) / abs(slip)
+        return q, M, Errors(float(rates.edge.error), error)
 
 
 class SlipProblem(NamedTuple):
@@ -181,21 +180,27 @@ class SlipProblem(NamedTuple):
     What agrees are sets of sliding contacts, (m,) flags in the place of rates: whoever asks solves
     for the rates of those that it needs, with factors of its own. `free` (m,) are the contacts that
     may slide in any case: where there is no solution the others are kept from it. `feasible` tells
-    that some slip is known to be enough under every load.
+    that some slip is known to be enough under every load, `errors` what `q` and `M` may err by.
     """
 
     q: Floats
     M: Floats
     free: Flags | None = None
     feasible: bool = False
+    errors: Errors = EXACT
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RateSolution(Shown, Generic[Answer]):
-    """One solution: a choice per contact at the edge, and the rates."""
+    """One solution: a choice per contact at the edge, and the rates.
+
+    `agreeing` are all choices of each contact that agree with these rates: more than one where
+    these are those of sticking and of sliding alike.
+    """
 
     choices: tuple[Choice, ...]
     rates: Answer
+    agreeing: tuple[tuple[Choice, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,11 +210,12 @@ class Regimes(Shown, Generic[Answer]):
     Attributes
     ----------
     status : {'unique', 'one found', 'several', 'family', 'none', 'none found', 'given'}
-        Number of solutions. Combinations of regimes that give the same rates count once. 'unique'
-        and 'none' are known: every combination was tried, or there is a proof. 'one found' and
-        'none found': not every one was tried, and there may be more. 'family': a line of solutions
-        at least, see `families`; those listed are its corners and any others. 'given': the regimes
-        were told, and may disagree with their rates.
+        Number of solutions. Combinations of regimes that give the same rates count once: where
+        rounding decides between them the contacts are `neutral`. 'unique' and 'none' are known:
+        every combination was tried, or there is a proof. 'one found' and 'none found': not every
+        one was tried, and there may be more. 'family': a line of solutions at least, see
+        `families`; those listed are its corners and any others. 'given': the regimes were told, and
+        may disagree with their rates.
     solutions : tuple of RateSolution
         All that were found, the one that a path takes first: see `agreeing`.
     exhaustive : bool
@@ -248,6 +254,13 @@ class Regimes(Shown, Generic[Answer]):
     def taken(self) -> RateSolution[Answer]:
         """The solution that a path takes; `IndexError` if there is none."""
         return self.solutions[0]
+
+    @property
+    def neutral(self) -> Integers:
+        """Contacts whose rates, in the solution that a path takes, agree with other regimes too."""
+        if self.contacts is None or not self.solutions:
+            return np.empty(0, dtype=np.int64)
+        return self.contacts[[len(can) > 1 for can in self.taken.agreeing]]
 
     @property
     def strain_rate(self) -> Floats:
@@ -304,8 +317,8 @@ def agreeing(
     lines: tuple[Family, ...] = ()
     if exhaustive:
         search.all_of(product(*options))
-    elif len(options) <= MOST_SLIPS and (pair := problem.condensed()) is not None:
-        found = solve_complementarity(*pair, enumerated=MOST_SLIPS)
+    elif len(options) <= MOST_SLIPS and (pair := problem.condensed) is not None:
+        found = solve_complementarity(*pair[:2], enumerated=MOST_SLIPS, errors=pair[2])
         search.condensed(found, preferred)
         exhaustive, proof, lines = True, found.proof, found.families
     else:
@@ -316,14 +329,15 @@ def agreeing(
         if not search.agreeing and count <= SEARCH_LIMIT:
             search.all_of(product(*options))
             exhaustive = True
-        elif not search.agreeing and (pair := problem.condensed()) is not None:
-            found = solve_complementarity(*pair, starts)
+        elif not search.agreeing and (pair := problem.condensed) is not None:
+            found = solve_complementarity(*pair[:2], starts, errors=pair[2])
             search.condensed(found, preferred)
             exhaustive, proof, lines = bool(found.proof), found.proof, found.families
     distinct = _distinct(search.agreeing, preferred)
     if not lines and len(options) <= MOST_SLIPS and (search.singular or len(distinct) > 1):
-        if count > 1 and (pair := problem.condensed()) is not None:
-            lines = solve_complementarity(*pair, enumerated=MOST_SLIPS).families
+        if count > 1 and (pair := problem.condensed) is not None:
+            found = solve_complementarity(*pair[:2], enumerated=MOST_SLIPS, errors=pair[2])
+            lines = found.families
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     return Regimes(
         _status(len(distinct), exhaustive, lines),
@@ -349,13 +363,14 @@ def _sliding_sets(
     problem: SlipProblem, starts: int, known: Sequence[Flags], complete: str
 ) -> Complementarity:
     """Find the sets that slide in each solution."""
-    q, M, free, feasible = problem
+    q, M, free, feasible, errors = problem
     if complete:
         return known_solutions(q, M, known, complete)
-    found = solve_complementarity(q, M, starts, known, feasible)
+    found = solve_complementarity(q, M, starts, known, feasible, errors=errors)
     if starts == 0 or len(found.active) or found.proof or free is None or free.all():
         return found
-    others = solve_complementarity(q[free], M[np.ix_(free, free)], starts).active
+    own = Errors(errors.q, np.broadcast_to(errors.M, q.shape)[free])
+    others = solve_complementarity(q[free], M[np.ix_(free, free)], starts, errors=own).active
     sets = np.zeros((len(others), len(q)), dtype=bool)
     sets[:, free] = others
     return Complementarity(sets, HELD_STUCK) if len(others) else found
@@ -400,7 +415,8 @@ class _Search(Generic[AnyTrial]):
             slides = [choice.regime == Regime.SLIDING for choice in choices]
             self.singular += not np.isposinf(rates.edge.strength[slides]).any()
         elif all(_agreement(self.problem.options, choices, rates.edge)):
-            self.agreeing.append(RateSolution(choices, rates))
+            alike = _alike(self.problem.options, rates.edge)
+            self.agreeing.append(RateSolution(choices, rates, alike))
 
     def condensed(self, found: Complementarity, preferred: tuple[Choice, ...]) -> None:
         """Confirm the solutions of the smaller problem, also with neutral contacts as preferred."""
@@ -426,9 +442,7 @@ def agreement(
     )
     sides = [np.array([one in can for can in options], dtype=bool) for one in (LEFT, RIGHT)]
     un, shear, strength = edge.un, edge.shear, edge.strength
-    sizes = np.abs(np.stack(np.broadcast_arrays(un, shear, strength)))
-    largest = np.where(np.isinf(sizes), 0.0, sizes).max(axis=(0, -1), initial=0.0)
-    tol = SIGN_TOLERANCE * np.maximum(largest, 1e-300)[..., None]
+    tol = edge.error
     held = ~sides[0] | (shear <= strength + tol)
     held &= ~sides[1] | (-shear <= strength + tol)
     # Without friction there is no sticking to compare with.
@@ -443,6 +457,14 @@ def _agreement(
     regime = np.array([choice.regime for choice in choices], dtype=np.int8)
     side = np.array([choice.side for choice in choices], dtype=float)
     return [bool(agrees) for agrees in agreement(options, regime, side, edge)]
+
+
+def _alike(options: Sequence[Sequence[Choice]], edge: EdgeRates) -> tuple[tuple[Choice, ...], ...]:
+    """Return all choices of each contact that agree with its rates."""
+    most = max(map(len, options), default=0)
+    tried = list(zip(*(islice(cycle(can), most) for can in options), strict=True))
+    flags = zip(*(_agreement(options, choices, edge) for choices in tried), strict=True)
+    return tuple(tuple(compress(can, row)) for can, row in zip(options, flags, strict=True))
 
 
 def _pivots(

@@ -29,7 +29,7 @@ from loops import (
     contact_state,
     macroscopic_tangent,
 )
-from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes
 from loops.assembly import contact_kinematics, motions
 from loops.closures import Closure, Spins
 from loops.closures.null_space import AMBIGUITY_LIMIT, RESIDUAL_LIMIT
@@ -43,6 +43,8 @@ from stability.regimes import OPEN, SOLUTION_RTOL, Choice, EdgeRates, agreement,
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis
 
+# Rounding of rates over the largest one of all contacts.
+ROUNDED = 1e-10
 # Arcs this short separate angles that are the same up to rounding.
 NO_ARC = 1e-13
 
@@ -131,22 +133,15 @@ class BranchSolutions:
 
     `count` (..., D) is 0 for none, 1, or 2 for several; `work` and `cosine` (..., D, 2) are the
     smallest and largest W2 of the solutions per unit strain rate and the same normalised, NaN where
-    there is none; `regime` (..., D, C) that of the smallest, -1 where there is none.
+    there is none; `regime` (..., D, C) that of the smallest, -1 where there is none; `neutral`
+    (..., D, C) contacts of which another regime agrees with the same rates.
     """
 
     count: Integers
     work: Floats
     cosine: Floats
     regime: Regimes
-
-
-def one_solution(directions: Floats, stress: Floats, regime: Regimes) -> BranchSolutions:
-    """One solution in each direction, from its stress rate (..., D, m)."""
-    work, cosine = works(directions, stress)
-    count = np.ones(work.shape, dtype=np.int64)
-    return BranchSolutions(
-        count, np.stack([work] * 2, axis=-1), np.stack([cosine] * 2, axis=-1), regime
-    )
+    neutral: Flags
 
 
 def works(directions: Floats, stress: Floats) -> tuple[Floats, Floats]:
@@ -215,6 +210,7 @@ class _Picked(NamedTuple):
     opens: Flags
     slides: Flags
     side: Floats
+    neutral: Flags
 
 
 class _Sticking(NamedTuple):
@@ -256,10 +252,12 @@ class AffineBranches:
         stress = elastic + self._change(picked, sticking)
         base = self.edge.regime
         regime = np.broadcast_to(base[..., None, :], (*picked.slides.shape[:-1], base.shape[-1]))
-        regime = regime.copy()
+        regime, neutral = regime.copy(), np.zeros(regime.shape, dtype=bool)
         chosen = np.where(picked.slides, Regime.SLIDING, regime[..., self.which])
         regime[..., self.which] = np.where(picked.opens, Regime.OPEN, chosen)
-        return one_solution(directions, stress, regime)
+        neutral[..., self.which] = picked.neutral
+        work, cosine = (np.stack([one] * 2, axis=-1) for one in works(directions, stress))
+        return BranchSolutions(np.ones(work.shape[:-1], np.int64), work, cosine, regime, neutral)
 
     def critical_angles(self) -> Floats:
         """(..., A) ascending angles in [0, 2 pi) between which neither regimes nor sign(W2) change.
@@ -305,9 +303,12 @@ class AffineBranches:
         touching, slides = edge.touching[..., None, which], edge.slides[..., None, which]
         yields, side = edge.at_yield[..., None, which], edge.side[..., None, which]
         side = np.where(yields, side, np.sign(rates.shear))
-        opens = touching & ~(rates.closing > 0.0)
-        slides = slides & ~opens & (side != 0.0) & (side * rates.shear - rates.strength >= 0.0)
-        return _Picked(opens, slides, side)
+        tol = ROUNDING * np.linalg.norm(self.rows, axis=-1).sum(axis=0)[..., None, :]
+        beyond = side * rates.shear - rates.strength
+        opens = touching & ~(rates.closing > tol)
+        slides = slides & ~opens & (side != 0.0)
+        neutral = (touching & (np.abs(rates.closing) <= tol)) | (slides & (np.abs(beyond) <= tol))
+        return _Picked(opens, slides & (beyond > tol), side, neutral)
 
     def _change(self, picked: _Picked, rates: _Sticking) -> Floats:
         """(..., D, m) stress rate beyond that of sticking contacts; linear in the rates."""
@@ -366,7 +367,8 @@ class RelaxedBranches:
     the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
     `closing`, `shear` and `strength` (R, E, m) as in `YieldingContacts.rows`; `chosen` (R, E) the
     regime, `side` (R, E) the sign of `T` where it slides or would; `options` (E) the regimes that
-    each may take.
+    each may take. `error` (R,) is what rates may err by along unit directions, from those of all
+    contacts.
     """
 
     K: Floats
@@ -377,6 +379,7 @@ class RelaxedBranches:
     options: tuple[tuple[Choice, ...], ...]
     chosen: Regimes
     side: Floats
+    error: Floats
 
     @property
     def trusted(self) -> Flags:
@@ -395,7 +398,7 @@ class RelaxedBranches:
             for rows in (self.K, self.closing, self.shear, self.strength)
         )
         # (D, R) combinations in which every contact agrees with its rates.
-        edge = EdgeRates(-closing, shear, strength)
+        edge = EdgeRates(-closing, shear, strength, self.error[:, None])
         agrees = agreement(self.options, self.chosen, self.side, edge).all(axis=-1) & self.trusted
         work, cosine = works(directions[:, None, :], np.where(agrees[..., None], stress, 0.0))
         least = np.argmin(np.where(agrees, work, np.inf), axis=-1)
@@ -405,15 +408,21 @@ class RelaxedBranches:
         first = np.take_along_axis(rates, least[:, None, None], axis=1)
         gap = np.linalg.norm(rates - first, axis=-1)
         norm = np.maximum(np.linalg.norm(rates, axis=-1), np.linalg.norm(first, axis=-1))
-        several = (agrees & (gap > SOLUTION_RTOL * norm)).any(axis=-1)
+        other = gap > SOLUTION_RTOL * norm + self.error + self.error[least][:, None]
+        several = (agrees & other).any(axis=-1)
         count = np.where(several, 2, np.minimum(agrees.sum(axis=-1), 1))
+        # Of combinations with the same rates the first, in which most contacts stick.
+        alike = agrees & ~other
+        named = self.regime[np.argmax(alike, axis=-1)]
+        neutral = (alike[..., None] & (self.regime != named[:, None])).any(axis=1)
         found = (count > 0)[:, None]
         both = np.stack([least, most], axis=-1)
         return BranchSolutions(
             count=count,
             work=np.where(found, np.take_along_axis(work, both, axis=-1), np.nan),
             cosine=np.where(found, np.take_along_axis(cosine, both, axis=-1), np.nan),
-            regime=np.where(found, self.regime[least], np.int8(-1)),
+            regime=np.where(found, named, np.int8(-1)),
+            neutral=neutral,
         )
 
     def critical_angles(self) -> Floats:
@@ -461,7 +470,8 @@ def relaxed_branches(
     K = np.where(
         (tangent.trusted & known)[:, None, None], restrict(tangent.matrix, subspace), np.nan
     )
-    closing, _, shear, strength = edge.rows(-(un @ basis.T), -(ut @ basis.T), which)
+    un, ut = un @ basis.T, ut @ basis.T
+    closing, _, shear, strength = edge.rows(-un[:, which], -ut[:, which], which)
     return RelaxedBranches(
         K=K,
         regime=regime,
@@ -471,6 +481,7 @@ def relaxed_branches(
         options=options,
         chosen=regime[:, which],
         side=np.where(edge.at_yield[which], edge.side[which], side),
+        error=ROUNDED * edge.unit * np.linalg.norm([un, ut], axis=-1).max(axis=(0, 2)),
     )
 
 
@@ -505,25 +516,25 @@ def _contact_rates(
     regime: Regimes,
     which: Integers,
 ) -> tuple[Floats, Floats, Flags]:
-    """Relative displacement rates of some contacts per component of `H'`.
+    """Relative displacement rates of all contacts per component of `H'`.
 
     The graph is a loop in R copies, which differ in shear forces alone. Returns `un`, `ut`
-    (R, E, 4), positive when the contact opens and along `t`, spins included, and whether the
-    equations determine them, (R,).
+    (R, C, 4), positive when the contact opens and along `t`, spins included, and whether the
+    equations determine those of some contacts, (R,).
     """
     state, d0 = contact_state(graph), graph.reference_branches
     size = float(np.hypot(d0[:, 0], d0[:, 1]).max())
     form = form_of(graph, closure, spins, np.asarray(size**2))
     # `un'`, then `ut'`, of motions with spins times radii.
-    rows = contact_kinematics(state, law)[which]
-    rows[..., 2:] /= graph.radii[graph.contacts[which], None].swapaxes(-1, -2)
+    rows = contact_kinematics(state, law)
+    rows[..., 2:] /= graph.radii[graph.contacts][:, None]
     watched = np.zeros((2, len(which), graph.contact_count, 4))
-    watched[:, np.arange(len(which)), which] = rows.swapaxes(0, 1)
+    watched[:, np.arange(len(which)), which] = rows[which].swapaxes(0, 1)
     S = contact_springs(state, law, regime, spins)
     # No gear modes here: their unbalanced moments mean that the rate problem has no solution.
     sizes = spring_sizes(state, law, regime, spins)
     relaxed = relax(form, S, sizes, rows=watched.reshape(-1, graph.contact_count, 4))
     motion = drive(form) + motions(relaxed.v, form.ends)
-    rates = size * (rows @ motion[:, which])
+    rates = size * (rows @ motion)
     known = (relaxed.residual <= RESIDUAL_LIMIT) & (relaxed.ambiguity <= AMBIGUITY_LIMIT)
     return rates[:, :, 0], rates[:, :, 1], known

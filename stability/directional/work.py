@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, macroscopic_tangent
-from loops.arrays import Floats, Regimes
+from loops.arrays import Flags, Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.closures.system import HasLaw, named_closure, with_law
 from loops.errors import check_choice, whole_number
@@ -74,6 +74,9 @@ class DirectionalWork(Shown):
         `w2`, W2 over the sizes of both rates (45), of the same two solutions.
     regime : (..., D, C) array of int8
         `Regime` of every contact in the solution with the smallest W2; -1 if there is none.
+    neutral : (..., D, C) array of bool
+        Contacts of which another regime agrees with the same rates, as sticking and sliding do
+        where neither is loaded; `regime` names the sticking one of these.
     edge : YieldingContacts
         Contacts at the edge of their law.
     singular : int
@@ -86,6 +89,7 @@ class DirectionalWork(Shown):
     work: Floats
     normalised: Floats
     regime: Regimes
+    neutral: Flags
     edge: YieldingContacts
     singular: int
 
@@ -166,6 +170,7 @@ def directional_work(
         work=answer.work,
         normalised=answer.cosine,
         regime=answer.regime,
+        neutral=answer.neutral,
         edge=edge,
         singular=branches.singular,
     )

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.stress_strain import cauchy_rate
@@ -33,6 +33,8 @@ from stability.regimes import (
 Held = Literal["elastic", "sliding"]
 # Lengths over r_i + r_j at which the laws of contacts are compared.
 PROBES = (0.9, 0.99)
+# Over the largest rate of all contacts: events are located closer than this.
+LOCATED = 1e-10
 # Row spaces of two controls that differ by less are the same.
 CONTROL_RTOL = 1e-12
 
@@ -125,10 +127,13 @@ def edge_problem(
         _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
         # A contact that never slides has no strength to compare with.
         strength = np.where(np.isfinite(model.mu), strength, 0.0)[orbits.representatives]
+        moved = ROUNDING * model.length * np.abs(rates.H).max()
+        error = model.stiffness * (moved + LOCATED * np.abs([rates.un, rates.ut]).max())
         edge = EdgeRates(
             model.stiffness * rates.un[orbits.representatives],
             shear[orbits.representatives],
             np.where(inside, np.inf, strength),
+            error,
         )
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted, at)
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from loops import ContactLaw, GrainGraph, Regime, Support, contact_state
 from loops.arrays import Floats, Regimes
-from loops.assembly import assemble_tangent, contact_kinematics
+from loops.assembly import assemble_tangent, contact_kinematics, grain_ends, motions
 from loops.closures.null_space import solve_through_null_space
 from loops.errors import InputError
 from loops.graph import ContactState, require_one_state
 from loops.laws.frictional import edge_of, edge_rates, with_sides
 from loops.shown import Shown
+from stability.complementarity import Errors
 from stability.paths.state_rates import is_trusted
 from stability.regimes import ENUMERATION_LIMIT, Choice, EdgeRates, agreeing, edge_options
 from stability.regimes import Regimes as AgreeingRegimes
+
+# Rounding of rates over the largest motion.
+ROUNDED = 1e-13
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,8 +49,6 @@ class SupportedRates(Shown):
 
 class SupportedCluster:
     """Rate problem of a supported cluster, an `EdgeProblem`: regimes of contacts at the edge."""
-
-    in_full = ENUMERATION_LIMIT
 
     def __init__(self, graph: GrainGraph, law: ContactLaw, support: Support) -> None:
         require_one_state(graph)
@@ -78,21 +81,12 @@ class SupportedCluster:
         self.free = ~np.concatenate([held[:, :2].ravel(), held[:, 2]])
         self.imposed = np.concatenate([motion[:, :2].ravel(), motion[:, 2]]) / self.unit
         # (C, 2, 3 G) rates (un, ut), and (C, 3 G) forces and moments of a unit of T.
-        self.watched = self._spread(contact_kinematics(self.state, law))
-        arms = self.state.arm_i, self.state.arm_j
-        self.push = self._spread(np.column_stack([self.state.t, -arms[0], -arms[1]]))
-
-    def _spread(self, rows: Floats) -> Floats:
-        """Return rows (C, ..., 4) of relative motions, branch and both spins, by freedoms."""
-        count, (i, j) = self.graph.grain_count, self.graph.contacts.T
-        out = np.zeros((*rows.shape[:-1], 3 * count))
-        for c in range(len(rows)):
-            for axis in range(2):
-                out[c, ..., 2 * i[c] + axis] -= rows[c, ..., axis]
-                out[c, ..., 2 * j[c] + axis] += rows[c, ..., axis]
-            out[c, ..., 2 * count + i[c]] += rows[c, ..., 2]
-            out[c, ..., 2 * count + j[c]] += rows[c, ..., 3]
-        return out * self.unit
+        relative = motions(np.diag(self.unit), grain_ends(graph.contacts, count)[0])
+        self.watched = contact_kinematics(self.state, law) @ relative
+        push = np.column_stack([self.state.t, -self.state.arm_i, -self.state.arm_j])
+        self.push = (push[:, None] @ relative)[:, 0]
+        sticks = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+        self.kn = law.local_stiffness(self.state, sticks)[:, 0, 0]
 
     def _stiffness(self, regime: Regimes, sided: ContactState) -> Floats:
         """Return the tangent (3 G, 3 G) of all freedoms."""
@@ -127,8 +121,8 @@ class SupportedCluster:
         D = law.local_stiffness(sided, regime)
         N, T = -(D @ np.stack([un, ut], axis=-1)[..., None])[..., 0].T
         _, shear, strength = edge_rates(law, state, side, un, ut)
-        kn = law.local_stiffness(state, np.full(len(un), Regime.ELASTIC, dtype=np.int8))[:, 0, 0]
-        at, reaction = self.contacts, np.where(self.free, 0.0, K @ v) / self.unit
+        at, kn, reaction = self.contacts, self.kn, np.where(self.free, 0.0, K @ v) / self.unit
+        error = ROUNDED * float(kn.max(initial=0.0) * np.abs(v).max())
         return SupportedRates(
             regime=regime,
             motion=v[: 2 * count].reshape(-1, 2),
@@ -138,13 +132,19 @@ class SupportedCluster:
             normal_force=N,
             shear_force=T,
             reaction=np.column_stack([reaction[: 2 * count].reshape(-1, 2), reaction[2 * count :]]),
-            edge=EdgeRates(kn[at] * un[at], shear[at], strength[at]),
-            vector=np.concatenate([v * float(kn.mean()), N, T]),
+            edge=EdgeRates(kn[at] * un[at], shear[at], strength[at], error),
+            vector=np.concatenate([kn.mean() * self.imposed, kn * un, kn * ut, N, T]),
             trusted=trusted,
         )
 
-    def condensed(self) -> tuple[Floats, Floats] | None:
-        """Return `q` and `M`, one solve a slip with all contacts at yield sticking."""
+    @property
+    def in_full(self) -> int:
+        """Return how many combinations are solved in full: none where slips tell all of them."""
+        return ENUMERATION_LIMIT if self.condensed is None else 0
+
+    @cached_property
+    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
+        """Return `q`, `M` and its errors, one solve a slip with all contacts at yield sticking."""
         if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
             return None
         at, side = self.contacts, np.array([can[1].side for can in self.options])
@@ -152,6 +152,7 @@ class SupportedCluster:
         loads = np.column_stack([-K @ self.imposed, -(side[:, None] * self.push[at]).T])
         moved, trusted = self._moved(K, loads)
         moved[:, 0] += self.imposed
+        error = ROUNDED * self.kn.max(initial=0.0) * np.abs(moved).max(axis=0)
         sides = np.zeros(self.graph.contact_count)
         sides[at] = side
         # Motions last: rates of contacts have theirs first.
@@ -161,7 +162,8 @@ class SupportedCluster:
             _, shear, strength = edge_rates(self.law, self.state, sides, un[:, k], ut[:, k])
             lacking.append(strength[at] - side * shear[at])
         w = np.array(lacking).T
-        return (w[:, 0], w[:, 1:] + np.eye(len(at))) if trusted else None
+        M = w[:, 1:] + np.eye(len(at))
+        return (w[:, 0], M, Errors(float(error[0]), error[1:])) if trusted else None
 
 
 def supported_rates(
@@ -213,9 +215,9 @@ def slip_problem(graph: GrainGraph, law: ContactLaw, support: Support) -> tuple[
     ([-1.0], [[1.0]])
     """
     cluster = SupportedCluster(graph, law, support)
-    pair = cluster.condensed()
-    if pair is None:
+    problem = cluster.condensed
+    if problem is None:
         where, received = "contacts at the edge", "one that may part, or a mechanism that moves it"
         expected, remedy = "contacts that stick or slide", "Ask rates_at, which tries all regimes."
         raise InputError(where, received, expected, remedy)
-    return pair
+    return problem[:2]
