@@ -6,7 +6,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
-from stability.complementarity import positive_definite
+from stability.complementarity import Errors, positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
@@ -58,16 +58,17 @@ def pathologies(
         return _judged(np.zeros(0), np.eye(0), _second_order_work(packing, control)), packing
     rows = (len(packing.frame) + candidates).tolist()
     pushes = packing.edges_of_pushes(control, rows, candidates)
-    q = packing.edge((packing.solve(*control),), candidates)[:, 0]
+    rates = packing.solve(*control)
+    q = packing.edge((rates,), candidates)[:, 0]
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
     M = (np.eye(m) - side[candidates] * pushes) * packing.frame["kt"][candidates]
     for c in sliding.tolist():
         packing.set_regime(c, SLIDING, side[c])
     w2 = _second_order_work(packing, control)
-    return _judged(q, M, w2), packing
+    return _judged(q, M, w2, packing.rounding(rates)), packing
 
 
-def _judged(q: Floats, M: Floats, w2: float) -> Pathologies:
+def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:
     """Return what `w = q + M z` says of itself."""
     m, size = len(q), float(np.linalg.norm(M)) or 1.0
     asymmetry, definite = float(np.linalg.norm(M - M.T)) / size, m == 0 or positive_definite(M)
@@ -79,7 +80,7 @@ def _judged(q: Floats, M: Floats, w2: float) -> Pathologies:
     told = "" if sure is not None else told
     solutions, proved = (1, True) if sure else (-1, False)
     if not sure and m < FEW_CANDIDATES:
-        found = agreeing(SlipProblem(q, M), starts=FEW_STARTS)
+        found = agreeing(SlipProblem(q, M, errors=Errors(low)), starts=FEW_STARTS)
         solutions, proved = len(found.solutions), found.exhaustive
     return Pathologies(m, asymmetry, definite, sure, solutions, proved, w2, told)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from loops.arrays import Floats, Integers
+from stability.complementarity import Errors
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, ROOM, SLIDING, Combination, RegimeFactor
 from stability.regimes import SlipProblem, agreeing
@@ -99,13 +100,14 @@ def pivot(
 
 
 def seek(
-    packing: RegimeFactor, control: MixedControl, contacts: Integers
+    packing: RegimeFactor, control: MixedControl, contacts: Integers, rounding: float
 ) -> tuple[list[int] | None, str]:
     """Seek regimes of all contacts at yield that agree, where a pivot meets no end.
 
     All that changed regime, None if no regimes were found, and the proof that there are none.
     """
-    found = agreeing(SlipProblem(*slip_system(packing, control, contacts)))
+    pair = slip_system(packing, control, contacts)
+    found = agreeing(SlipProblem(*pair, errors=Errors(rounding)))
     if not found.solutions:
         return None, found.proof
     active = found.taken.rates

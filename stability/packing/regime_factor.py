@@ -29,6 +29,8 @@ RANK = 96
 ROOM = 192
 # Right-hand sides that are solved together: that of an event and those of the next likely ones.
 BATCH = 8
+# Rates of the wrong sign below this share of the largest of all contacts are rounding.
+RATE_RTOL = 1e-9
 # Regimes as plain numbers, as the array of regimes holds them.
 OPEN = int(Regime.OPEN)
 ELASTIC = int(Regime.ELASTIC)
@@ -97,6 +99,11 @@ class RegimeFactor:
         self.motion_count = np.zeros(len(self.frame), dtype=np.int64)
         self.slip_sign = np.zeros(len(self.frame))
         self.factorise()
+
+    def rounding(self, rates: Combination) -> float:
+        """Return the rate of the yield function below which it is rounding."""
+        size = float(np.abs(rates.h[:4]).max())
+        return RATE_RTOL * (size * self.stiffest * 2.0 * self.length)
 
     def tangent(self, c: int) -> tuple[float, float, float]:
         """Return `D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""

@@ -25,6 +25,7 @@ from stability.complementarity import (
     SIGN,
     STARTS,
     Complementarity,
+    Errors,
     Family,
     feasible_for_all,
     nearest_regimes,
@@ -32,6 +33,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.packing.controls import (
+    ROUNDED,
     Control,
     component_control,
     control_of,
@@ -66,7 +68,8 @@ SCALED = "scaled definite"
 CRITICAL = "one critical contact"
 # In place of a proof: regimes that were told, not searched.
 GIVEN = "given"
-# Forces left out of balance beyond this share: a mechanism that no regime stops.
+# Forces left out of balance beyond this share, of all forces or of those on one grain: a mechanism
+# that no regime stops.
 TRUSTED = 1e-6
 # Candidates up to which several starts of a search are worth their time.
 STARTED = 600
@@ -80,6 +83,9 @@ RINGS = 3
 ROUNDS = 14
 # Smallest scale of residuals, over the contacts' forces: in a lattice grain loads are rounding.
 IDLE = 1e-8
+# Over the largest force of the affine motion: what a grain carries at least where it is judged by
+# its own forces.
+LIGHT = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,6 +143,8 @@ class PackingResponse(Shown):
         `at_yield`.
     at_yield : (m,) array
         Numbers of the candidates among the contacts; contacts with walls follow those of grains.
+    neutral : (k,) array
+        Those whose rates agree with sticking and sliding alike; `regime` has one of both.
     system : System
         The carrying part; `system.carrying` counts rattlers and floating clusters.
     reached : float
@@ -168,6 +176,7 @@ class PackingResponse(Shown):
     beyond: int = 0
     families: tuple[Family, ...] = ()
     at_yield: Integers | None = None
+    neutral: Integers | None = None
 
     @property
     def cauchy_rate(self) -> Floats:
@@ -251,6 +260,18 @@ class PackingRates:
         """Return `q` and `M` of the complementarity problem of all candidates."""
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
+    @cached_property
+    def _slip_errors(self) -> Floats:
+        """(m,) what a column of `M` errs by: rounding of the largest motion, times stiffness."""
+        stiffest = np.abs(self.yielding.gauge).max(initial=0.0)
+        return ROUNDED * (1.0 + stiffest * np.abs(self.slips).max(axis=0, initial=0.0))
+
+    def rounding(self, answer: LinearAnswer, H: Floats) -> float:
+        """Return what rates of candidates err by: rounding of the largest motion of all."""
+        affine = self.yielding.system.branches @ H.reshape(2, 2).T
+        largest = np.abs(answer.motion @ H).max(initial=0.0) + np.abs(affine).max(initial=0.0)
+        return float(ROUNDED * np.abs(self.yielding.gauge).max(initial=0.0) * largest)
+
     def solved(
         self,
         control: Control,
@@ -269,7 +290,8 @@ class PackingRates:
         q, M = self.problem(control)
         starts = starts if len(q) <= STARTED else min(starts, 1)
         feasible = np.array_equal(M, self._feasible)
-        problem = SlipProblem(q, M, free, feasible)
+        low = self.rounding(self.elastic, controlled_strain(self.elastic, control))
+        problem = SlipProblem(q, M, free, feasible, Errors(low, self._slip_errors))
         found = agreeing(problem, starts=starts, known=known, complete=complete)
         missed = found.status == "none found" or found.proof == HELD_STUCK
         if starts and missed and not feasible and feasible_for_all(M):
@@ -321,18 +343,23 @@ class PackingRates:
         H = controlled_strain(answer, control).reshape(2, 2)
         relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
         wrong = complementary_rates(yielding, active, relative)
-        scale = np.abs(wrong).max(initial=0.0)
-        disagreeing = wrong < -SIGN * scale
+        unsure = self.rounding(answer, H.ravel())
+        disagreeing = wrong < -SIGN * np.abs(wrong).max(initial=0.0) - unsure
         if found.proof == HELD_STUCK:
             disagreeing &= ~yielding.of_two
         lawful = stiffness_of(yielding, active ^ disagreeing)
-        left = balancing_forces(system, -np.einsum("eij,ej->ei", lawful, relative))
+        pushes = np.einsum("eij,ej->ei", lawful, relative)
+        left = balancing_forces(system, -pushes)
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
         size = float(np.linalg.norm(balancing_forces(system, affine)))
         # Where grains move affinely, as in a lattice, loads and residual are rounding.
         size = max(size, IDLE * float(np.linalg.norm(affine)))
         size = size if size > 0 else 1.0
         residual = float(np.linalg.norm(left)) / size
+        moved, sizes = system.ends >= 0, np.abs(pushes)[:, [0, 1, 0, 1, 2, 3]]
+        own = np.bincount(system.ends[moved], sizes[moved], system.size)
+        own += LIGHT * np.abs(affine).max(initial=0.0)
+        apart = np.abs(left) / np.where(own > 0, own, 1.0)
         # With all contacts sticking: otherwise q and M are those of the regularised packing.
         moves = float(np.linalg.norm(self.elastic.unbalanced @ H.ravel())) / size
         told = found.proof == GIVEN
@@ -340,12 +367,13 @@ class PackingRates:
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
         walls = np.arange(len(forces) - len(system.contacts)) + graph.contact_count
+        at_yield = np.append(system.contacts, walls)[yielding.rows]
         stuck = int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two))
         return response_of(
             yielding,
             (H, answer.motion @ H.ravel(), relative, forces),
             active,
-            status=_status(found, proof, residual),
+            status=_status(found, proof, float(apart.max(initial=residual))),
             proof=proof,
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
@@ -353,7 +381,8 @@ class PackingRates:
             settled=yielding.settled + stuck,
             solutions=len(found.solutions),
             families=found.families,
-            at_yield=np.append(system.contacts, walls)[yielding.rows],
+            at_yield=at_yield,
+            neutral=at_yield[np.abs(wrong) <= unsure],
         )
 
 

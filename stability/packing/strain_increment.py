@@ -20,6 +20,7 @@ from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
     RANK,
+    RATE_RTOL,
     ROOM,
     SLIDING,
     Combination,
@@ -35,8 +36,6 @@ GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 SLIP = 1
 INCREMENT = 2
 RELEASED = 3
-# Rates of the wrong sign below this share of the largest are rounding.
-RATE_RTOL = 1e-9
 
 
 class ControlLimitError(Exception):
@@ -338,15 +337,16 @@ class StrainIncrement:
             # A stuck contact on the friction limit would slide in the direction of its force.
             stuck = critical[(packing.regime[critical] == ELASTIC) & (critical != c)]
             packing.set_side(stuck, np.sign(self.T[stuck]))
+            low = packing.rounding(rates)
             try:
-                changed = pivot(packing, self.control, c, critical, self._rounding(rates))
+                changed = pivot(packing, self.control, c, critical, low)
             except UnsolvedError as stop:
                 # A light grain leaves before regimes of all contacts are sought.
                 if self._free(c, LIGHT_SHARE):
                     return
                 # Springs make another problem: whether this one has a solution is asked once.
                 every = np.append(critical[critical != c], c)
-                found, stop.proof = (None, "") if facts else seek(packing, self.control, every)
+                found, stop.proof = (None, "") if facts else seek(packing, self.control, every, low)
                 if found is None:
                     # The first mode is told; the last one is dragged.
                     grains = stop.facts["grains"]
@@ -361,11 +361,6 @@ class StrainIncrement:
             return
         self._hold(c, "yield", **facts)
 
-    def _rounding(self, rates: Combination) -> float:
-        """Rates of the yield function below this are rounding."""
-        size = float(np.abs(rates.h[:4]).max())
-        return RATE_RTOL * (size * self.packing.stiffest * 2.0 * self.packing.length)
-
     def _settled(self) -> Combination:
         """Rates with which every sliding contact agrees, after the pivots that this takes."""
         packing = self.packing
@@ -377,7 +372,7 @@ class StrainIncrement:
             critical = packing.at_yield(self.N, self.T, self.held)
             # Stuck ones have just been looked at, or have their event to come.
             sliders = critical[packing.regime[critical] == SLIDING]
-            wrong = disagreeing(packing, rates, sliders, self._rounding(rates))
+            wrong = disagreeing(packing, rates, sliders, packing.rounding(rates))
             if len(wrong) == 0:
                 return rates
             c = int(wrong[0])

@@ -18,7 +18,7 @@ from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import STABLE, Snap, largest_step, masses_of
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.pivots import UnsolvedError, disagreeing, pivot
-from stability.packing.regime_factor import ELASTIC, SLIDING
+from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.packing.response import PackingRates
 from stability.packing.strain_increment import InstabilityError, StrainIncrement
 from stability.packing.sustain import (
@@ -444,10 +444,10 @@ def test_contacts_that_disagree_come_worst_first():
 
 def test_rates_below_rounding_are_a_share_of_the_stiffest_spring():
     """1e-9 of what it gains where a pair of mean grains goes with the cell."""
-    made = object.__new__(StrainIncrement)
-    made.packing = SimpleNamespace(stiffest=3.0, length=0.25)
+    packing = SimpleNamespace(stiffest=3.0, length=0.25)
     rates = SimpleNamespace(h=np.array([0.5, -4.0, 1.0, 0.0, 99.0]))
-    assert made._rounding(rates) == pytest.approx(1e-9 * 4.0 * 3.0 * 0.5, rel=1e-12)
+    found = RegimeFactor.rounding(packing, rates)
+    assert found == pytest.approx(1e-9 * 4.0 * 3.0 * 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(("speeds", "number"), [([3, 3, 3, 0], 3), ([3, 0, 0, 0], 1), ([0] * 4, 0)])

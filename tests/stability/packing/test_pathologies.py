@@ -39,8 +39,8 @@ def watched(monkeypatch):
     """Return a list to which every problem that is judged adds `q`, `M` and the answer."""
     judge, seen = room._judged, []
 
-    def judged(q, M, w2):
-        found = judge(q, M, w2)
+    def judged(q, M, w2, *errors):
+        found = judge(q, M, w2, *errors)
         seen.append((q, M, found))
         return found
 

@@ -217,9 +217,9 @@ def test_directions_that_are_not_searched_are_answered_by_the_branches(monkeypat
     assert probe_module.search_step(count, 24) == 5
     searched = []
 
-    def counted(q, M, starts, *rest):
+    def counted(q, M, starts, *rest, **given):
         searched.append(starts)
-        return complementarity.solve_complementarity(q, M, starts, *rest)
+        return complementarity.solve_complementarity(q, M, starts, *rest, **given)
 
     monkeypatch.setattr(regimes, "solve_complementarity", counted)
     fewer = probe(Scene(graph, LAW), 24, yield_band=AT_YIELD)

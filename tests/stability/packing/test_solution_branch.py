@@ -416,7 +416,7 @@ def test_where_the_search_fails_in_three_components_the_nearest_answer_is_follow
         monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
     asked = []
 
-    def only_once(q, M, starts=STARTS, known=(), feasible=False):
+    def only_once(q, M, starts=STARTS, known=(), feasible=False, **given):
         asked.append(q)
         active = true_solution(q, M) if len(asked) == 1 or known else []
         return Complementarity(np.array(active, dtype=bool).reshape(-1, len(q)), "")

@@ -9,18 +9,21 @@ from loops import GrainGraph, InputError, LinearFrictional, Scene
 from loops.system import carrying_grains
 from patterns.synthetic import synthetic_network
 from stability import complementarity, rates_at
+from stability.complementarity import Complementarity
 from stability.packing import probe, response
 from stability.packing.response import PackingRates
-from stability.packing.yielding import yield_response
+from stability.packing.yielding import linear_answer, yield_response
+from stability.regimes import of_sets
 from tests.oracles.regimes import solutions
 
 STRAINS = [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), np.array([[0.3, 0.5], [0.2, -0.6]])]
 AT_YIELD = 1.0 - 1e-9
 
 
-def small(grains, seed, share, force=0.03, kt=0.1):
+def small(grains, seed, share, force=0.03, kt=0.1, coordination=3.6):
     """The carrying contacts of a small periodic packing, a share of them at yield; its law."""
-    graph = synthetic_network(grains, seed=seed, cell=[[3.0, 0.2], [-0.2, 2.8]], coordination=3.6)
+    cell = [[3.0, 0.2], [-0.2, 2.8]]
+    graph = synthetic_network(grains, seed=seed, cell=cell, coordination=coordination)
     rng = np.random.default_rng(seed)
     count, law = graph.contact_count, LinearFrictional(1.0, kt, 0.5)
     normal, on = np.full(count, force), rng.random(count) < share
@@ -107,6 +110,69 @@ def test_hundreds_of_small_packings_are_answered_under_either_control(control):
         assert (found.determined == np.isin(found.status, response.SOLVED)).all()
         count += 2
     assert count > 100
+
+
+def turned(graph, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+    return graph.replace(x=graph.x @ turn.T, cell=turn @ graph.cell), turn
+
+
+CHAINS = [
+    ((8, 104, 0.4, 1e-5, 0.1, 3.3), [1, 2]),
+    ((8, 8, 0.4, 1e-4, 0.5, 3.0), [1, 2, 3]),
+]
+
+
+@pytest.mark.parametrize(("packing", "sliding"), CHAINS, ids=["two slips", "three slips"])
+def test_a_soft_chain_that_nothing_holds_is_no_solution(packing, sliding):
+    """Grains with two contacts in a row, whose slips have a matrix that is singular to rounding.
+
+    Its forces are a small share of the others': they are judged by themselves.
+    """
+    graph, law = small(*packing)
+    rows = at_yield(graph, law)
+    for k, H in enumerate(STRAINS):
+        other, turn = turned(graph, 0.4 * k)
+        found = rates_at(Scene(other, law), H=turn @ H @ turn.T, yield_band=AT_YIELD)
+        assert (found.status, found.proof) == ("none", "enumeration")
+        assert len(solutions(graph, law, H, rows)) == 0
+    # Regimes that rounding would choose leave the chain out of balance.
+    rates = PackingRates(yield_response(Scene(graph, law), yield_band=AT_YIELD))
+    active = np.isin(np.arange(len(rates.every)), sliding)
+    found = of_sets(Complementarity(active[None], "enumeration"))
+    answer = linear_answer(rates.yielding, active)
+    control = response.component_control(STRAINS[0], None)
+    told = rates._response(answer, active, found, control)
+    assert told.residual < 1e-6 and told.status == "not converged"
+
+
+@pytest.mark.parametrize("columns", [2, 3, 4])
+def test_a_lattice_strained_across_its_contacts_at_yield_has_one_answer(columns):
+    """Columns keep their length: what is at yield in them may stick or slide."""
+    at = np.arange(columns)
+    x = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2).astype(float)
+    i, j = x.astype(int).T
+    right, up = (i + 1) % columns + columns * j, i + columns * ((j + 1) % columns)
+    images = np.zeros((2, len(x), 2), dtype=int)
+    images[0, :, 0], images[1, :, 1] = i + 1 == columns, j + 1 == columns
+    sides = np.where(np.random.default_rng(0).random(len(x)) < 0.5, 1.0, -1.0)
+    graph = GrainGraph(
+        x=x,
+        radii=[0.505] * len(x),
+        contacts=np.concatenate([np.column_stack([np.arange(len(x)), to]) for to in (right, up)]),
+        images=np.concatenate(images),
+        cell=columns * np.eye(2),
+        normal_force=np.full(2 * len(x), 0.01),
+        shear_force=np.concatenate([0.0 * sides, 0.005 * sides]),
+    )
+    for k in range(6):
+        other, turn = turned(graph, 0.3 * k)
+        H = turn @ STRAINS[0] @ turn.T
+        found = rates_at(Scene(other, LinearFrictional(1.0, 0.5, 0.5)), H=H)
+        assert found.status == ("unique" if len(x) < 12 else "one found")
+        assert found.neutral.tolist() == list(range(len(x), 2 * len(x)))
+        np.testing.assert_allclose(turn.T @ found.stress_rate @ turn, STRAINS[0], atol=1e-13)
 
 
 def test_statuses_without_enumeration_say_no_more_than_was_shown(monkeypatch):
