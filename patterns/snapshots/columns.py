@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Floats
 from patterns.snapshots.tables import Table, listed
 
 # Powers of length, force and time.
@@ -94,7 +93,7 @@ KINDS = {"grains": GRAINS, "contacts": CONTACTS, "walls": WALLS}
 PLAIN_NAMES = tuple(dict.fromkeys([*GRAINS, *CONTACTS]))
 
 
-def components(name: str, values: Floats) -> dict[str, NDArray[Any]]:
+def components(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Columns of a vector by plain names, `@` is the axis: `values` (rows, 2 or 3)."""
     return {name.replace("@", axis): own for axis, own in zip("xyz", values.T, strict=False)}
 

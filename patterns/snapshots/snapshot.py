@@ -34,6 +34,7 @@ from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.validation import checked_regimes, integers
+from patterns.snapshots.columns import components
 from patterns.snapshots.findings import MOST_CROSSINGS, Finding, few
 from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
@@ -209,26 +210,19 @@ class Snapshot(Shown):
         (['id', 'x', 'y', 'radius', 'theta_z', 'mass', 'vx', 'vy', 'omega_z'], 819, 61)
         """
         graph, ids, walls = self.graph, self.ids, self.walls
-        grains: dict[str, NDArray[Any]] = {
-            "id": ids,
-            "x": graph.x[:, 0],
-            "y": graph.x[:, 1],
-            "radius": graph.radii,
-        }
+        grains = {"id": ids} | components("@", graph.x) | {"radius": graph.radii}
         if self.rotation is not None:
             grains["theta_z"] = self.rotation
         if self.mass is not None:
             grains["mass"] = self.mass
         if self.velocity is not None and self.spin is not None:
-            grains["vx"], grains["vy"] = self.velocity.T
-            grains["omega_z"] = self.spin
+            grains |= components("v@", self.velocity) | {"omega_z": self.spin}
         one, two = graph.contacts.T
-        contacts: dict[str, NDArray[Any]] = {"id1": ids[one], "id2": ids[two]}
-        contacts["branch_x"], contacts["branch_y"] = graph.branches.T
+        contacts = {"id1": ids[one], "id2": ids[two]} | components("branch_@", graph.branches)
         if graph.images is not None:
-            contacts["cell_dx"], contacts["cell_dy"] = graph.images.T
+            contacts |= components("cell_d@", graph.images)
         if self.has_forces:
-            contacts["fx_on_2"], contacts["fy_on_2"] = contact_forces(graph).T
+            contacts |= components("f@_on_2", contact_forces(graph))
         elif graph.normal_force.any():
             contacts["fn"] = graph.normal_force
         if graph.rolling_moment is not None:
@@ -248,9 +242,8 @@ class Snapshot(Shown):
             contacts["sliding"] = (self.regime == Regime.SLIDING).astype(np.int8)
         of_walls: dict[str, NDArray[Any]] | None = None
         if walls is not None and len(walls.grain):
-            of_walls = {"id": ids[walls.grain]}
-            of_walls["fx"], of_walls["fy"] = walls.force.T
-            of_walls["branch_x"], of_walls["branch_y"] = walls.branch.T
+            of_walls = {"id": ids[walls.grain]} | components("f@", walls.force)
+            of_walls |= components("branch_@", walls.branch)
             flags = None if walls.sliding is None else walls.sliding.astype(np.int8)
             springs = (("kn", walls.kn), ("ks", walls.kt), ("mu", walls.mu), ("sliding", flags))
             of_walls |= {n: v for n, v in springs if v is not None}

@@ -73,7 +73,9 @@ def read_body(
         except (pyarrow.ArrowInvalid, UnicodeDecodeError):
             # Columns may be padded with blanks, which costs another pass.
             return _parse(single_blanks(text[start:stop]), list(names), wanted, kind)
-    except (pyarrow.ArrowInvalid, UnicodeDecodeError) as error:
+    except MemoryError:
+        raise
+    except (pyarrow.ArrowException, UnicodeDecodeError) as error:
         received = f"lines that are no table ({str(error)[:200]})"
         raise InputError(where, received, "numbers in columns", "Dump it again.") from None
 
@@ -234,8 +236,7 @@ def split(line: str, delimiter: str) -> list[str]:
 
 
 def _delimiter(header: str) -> str:
-    found = [mark for mark in (";", "\t", ",") if mark in header]
-    return found[0] if found else " " if " " in header else ","
+    return next((mark for mark in (";", "\t", ",", " ") if mark in header), ",")
 
 
 def table_rows(text: Text, layout: Layout) -> bytes | memoryview:

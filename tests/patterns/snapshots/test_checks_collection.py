@@ -29,10 +29,9 @@ from tests.patterns.snapshots.test_checks import (
 )
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM") or "none")
-SPHERES = re.compile(r"(spheres.*\.vt[uk]|\.vtm|\.xml)(\.gz)?$")
-# A flow: not jammed and out of balance. And a file that Yade's recorder garbles.
+SAVES = re.compile(r"\.xml(\.gz)?$")
+# A flow: not jammed and out of balance.
 FLOWING = {"yade-periodic/grains_13.parquet"}
-GARBLED = {"s06-spheres.104685.vtu"}
 
 pytestmark = pytest.mark.collection
 
@@ -56,8 +55,8 @@ def collection():
                     law = {"law": "hertz"} if "hertz" in folder.name else {}
                     yield path, {"cell": cells.get(number), **law}
         for path in sorted((folder / "native").glob("*")):
-            if SPHERES.search(path.name) and path.name not in GARBLED:
-                yield path, {} if ".xml" in path.name else SOFT
+            if SAVES.search(path.name):
+                yield path, {}
     for path in sorted(FOLDER.glob("lammps/*/dump.atoms*")):
         yield path, SOFT | ({"mu": 0.3} if path.parent.name == "walls" else {})
     for path in sorted((FOLDER / "liggghts").glob("atoms*")):
