@@ -9,18 +9,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops import GrainGraph, Regime
 from loops.arrays import Flags, Floats
 from loops.validation import acute_angle, confining_strain, drained_kappa, friction_angle
 from patterns.diamond.closed_form import (
     CURVE_STRAINS,
-    OPPOSITE,
     TOUCHING_ATOL,
     angle_from_strains,
     critical_strain,
     determinant_elastic,
     determinant_sliding,
-    diamond,
     elastic_moduli,
     external_forces,
     geometric_asymmetry,
@@ -176,24 +173,6 @@ def diamond_states(
     return DiamondStates(
         *(E1, E2, alpha, N, T, s1, s2, sliding, added),
         *(material + geometric, material, geometric, det_K, det_K - (0.5 * asymmetry) ** 2),
-    )
-
-
-def graph_of_states(loop: DiamondParameters, states: DiamondStates) -> GrainGraph:
-    """The states as a batch of grain graphs with their regimes; added contacts come last."""
-    graph = diamond(loop.alpha0, E1=states.E1, E2=states.E2, T=states.T)
-    sides = np.where(states.sliding, Regime.SLIDING, Regime.ELASTIC)
-    regime = np.repeat(sides[:, None], 4, axis=1)
-    if not states.added.any():
-        return graph.replace(regime=regime)
-    overlap = -np.stack(opposite_gaps(states.E1, states.E2, loop.alpha0), axis=-1)
-    force = np.where(states.added, np.maximum(overlap, 0.0), 0.0)
-    across = np.where(states.added, Regime.ELASTIC, Regime.OPEN)
-    return graph.replace(
-        contacts=np.concatenate([graph.contacts, OPPOSITE]),
-        normal_force=np.concatenate([graph.normal_force, force], axis=-1),
-        shear_force=np.concatenate([graph.shear_force, 0.0 * force], axis=-1),
-        regime=np.concatenate([regime, across], axis=1),
     )
 
 

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from loops import Regime, contact_state
+from loops import GrainGraph, Regime, contact_state
 from loops.arrays import Floats
 from loops.closures import Closure
 from patterns.diamond import (
     DiamondParameters,
+    diamond,
     isotropic_tangent,
     opposite_gaps,
 )
@@ -34,7 +35,6 @@ from patterns.diamond.states import (
     DiamondStates,
     definite_intervals,
     diamond_states,
-    graph_of_states,
     touching_strains,
 )
 from stability import Path as LoopPath
@@ -137,11 +137,8 @@ class FollowedDiamond(Followed):
     @cached_property
     def generic(self) -> dict[str, Floats]:
         """Tangent (R, 4, 4) of any loop applied to every state, by closure; NaN if not trusted."""
-        return {closure: self.tangents_of(self.states, closure) for closure in get_args(Closure)}
-
-    def tangents_of(self, states: DiamondStates, closure: Closure) -> Floats:
-        """Tangents (n, 4, 4) of any loop applied to states, over `L10 L20`."""
-        return self.tangents(graph_of_states(self.loop, states), closure)
+        graph = self.graph_at(slice(None))
+        return {closure: self.tangents(graph, closure) for closure in get_args(Closure)}
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -330,12 +327,15 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
     for name, row in found.marks.items():
         states[name] = {
             **{key: float(table[key][row]) for key in (*STATE_VALUES, *found.energies)},
-            **_operators(found, found.states.take([row])),
+            **_operators(found, found.states.take([row]), found.graph_at(row)),
             "gaps": [float(gap[row]) for gap in found.gaps],
             "directions": found.degrees(name),
         }
     if found.beyond is not None:
-        states["B"]["beyond"] = _operators(found, found.beyond)
+        row, ring = found.marks["B"], np.arange(len(found.path.contacts)) < 4
+        regime = np.where(ring, Regime.SLIDING, found.path.regime[row])
+        slides = found.graph_at(row).replace(regime=regime)
+        states["B"]["beyond"] = _operators(found, found.beyond, slides)
     # Files by the number of the paper's figure; those of Table 1 for diamonds of other parameters.
     stress, determinant = ("8", "9") if options.table == 2 else ("6", "7")
     figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
@@ -363,10 +363,10 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
     }
 
 
-def _operators(found: FollowedDiamond, state: DiamondStates) -> dict[str, Any]:
+def _operators(found: FollowedDiamond, state: DiamondStates, graph: GrainGraph) -> dict[str, Any]:
     """Operators of one state with their spectra, cone and verdicts, and that of any loop."""
     closure, parts = found.options.closure, (state.material[0], state.geometric[0])
-    A = found.tangents_of(state, closure)[0]
+    A = found.tangents(graph, closure)
     return {
         "regime": state.regime[0],
         **operator_values(state.K[0], parts, np.stack([state.det_K, state.det_Ks])),
@@ -404,7 +404,7 @@ def verification(found: FollowedDiamond) -> dict[str, Any]:
         strain = float(found.E1[at_I])
 
         def det(E: float) -> float:
-            A = found.tangents_of(diamond_states(loop, E, E), "affine")[0]
+            A = found.tangents(diamond(loop.alpha0, E1=E, E2=E), "affine")
             return float(np.linalg.det(restrict(A, "diagonal")))
 
         eps = float(np.finfo(float).eps)

@@ -69,6 +69,8 @@ CONES = {
     "empty": "no unstable direction",
     "ray": "second-order work vanishes in one direction",
 }
+# Degrees that rounding opens where a cone closes: the square root of some roundings.
+CLOSED = 1e-5
 # Share of a shear force that keeps its sign, and with it the side on which a contact slides.
 SIGN_ALONE = 1e-200
 # Grains with free spins up to which the parts of K are told: their systems are not sparse.
@@ -284,7 +286,8 @@ class Followed:
         if name not in self.directions:
             return None
         share = self.directions[name].share
-        return {f"{kind}_deg": 360.0 * float(getattr(share, kind)) for kind in kinds}
+        known = {f"{kind}_deg": 360.0 * float(getattr(share, kind)) for kind in kinds}
+        return {kind: degrees if degrees > CLOSED else 0.0 for kind, degrees in known.items()}
 
     @cached_property
     def plane(self) -> pd.DataFrame:

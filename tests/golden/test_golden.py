@@ -35,6 +35,8 @@ SENSITIVE = {
     **dict.fromkeys(("/grains/", "/w2/"), 1e-8),
     "/held/spread": 100.0,
 }
+# The square: its smallest eigenvalue beyond the yield is double, any of its directions may be told.
+DOUBLE = "/beyond/verdict/full/witness"
 # Errors are rounding itself: they may shrink, and grow to ten times what they were.
 NOISE = (
     "error",
@@ -61,6 +63,8 @@ def close(found, stored, scale, key, where):
 
 def differences(found, stored, key="", scale=0.0, where=""):
     """Where two answers differ, as `place: found, stored`."""
+    if where.endswith(DOUBLE):
+        return []
     if isinstance(stored, dict) and isinstance(found, dict):
         lost = [f"{where}/{name}: lost" for name in sorted(stored.keys() - found.keys())]
         new = [f"{where}/{name}: new" for name in sorted(found.keys() - stored.keys())]
