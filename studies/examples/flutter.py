@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from loops import GrainGraph, LinearFrictional, Regime, macroscopic_tangent
 from loops.arrays import Floats, Regimes
 from loops.geometry import outward
+from patterns import random_loop
 from stability import flutter_pairs, operator_norm, restrict, spectrum, statuses, symmetric_spectrum
 from studies.examples import run_example, save
 from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
@@ -28,16 +29,6 @@ BALANCES = ("assigned", "balanced")
 REGIMES = ("elastic", "sliding")
 # Entries of K are taken as known to this: what rounding splits does not count.
 UNCERTAINTY = 1e-10
-
-
-def corners(rng: np.random.Generator, loops: int, order: int) -> Floats:
-    """(loops, order, 2) star-shaped loops with sides about 1."""
-    size, step = (loops, order), 2.0 * np.pi / order
-    moved = rng.uniform(0.05, 1.0, (loops, 1))
-    angle = step * (np.arange(order) + 0.35 * moved * rng.uniform(-1, 1, size))
-    angle = angle + rng.uniform(0.0, 2.0 * np.pi, (loops, 1))
-    distance = (1.0 + 0.3 * moved * rng.uniform(-1, 1, size)) / (2 * np.sin(step / 2))
-    return distance[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def random_forces(rng: np.random.Generator, x: Floats, forces: str) -> tuple[Floats, Floats]:
@@ -64,7 +55,8 @@ def flutter_loops(
 ) -> tuple[GrainGraph, LinearFrictional, Regimes]:
     """Loops with the largest |T|/N uniform from 0.01 to 1.2, N/l log-uniform from 1e-4 to 0.5."""
     rng = np.random.default_rng([seed, order, BALANCES.index(forces), REGIMES.index(contacts)])
-    x = corners(rng, loops, order)
+    drawn = random_loop(order, int(rng.integers(2**31)), polydispersity=0.3, size=loops)
+    x, radii = drawn.x, drawn.radii
     (N, T), (dN, dT) = (np.moveaxis(f, -1, 0) for f in random_forces(rng, x, forces))
     friction = rng.uniform(0.01, 1.2, (loops, 1))
     # The least share of the second set that brings a contact to |T| = friction N.
@@ -72,15 +64,12 @@ def flutter_loops(
     room, rate = friction * N - side * T, side * dT - friction * dN
     share = np.divide(room, rate, out=np.full_like(rate, np.inf), where=rate > 0).min(axis=(0, 2))
     kept = (room > 0).all(axis=(0, 2)) & np.isfinite(share)
-    x, share = x[kept], share[kept, None]
+    x, radii, share = x[kept], radii[kept], share[kept, None]
     N, T = N[kept] + share * dN[kept], T[kept] + share * dT[kept]
     length = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=-1)
     overlap = 10.0 ** rng.uniform(-4.0, np.log10(0.5), (len(x), 1))
     scale = overlap / (N / length).mean(axis=1, keepdims=True)
-    ring = np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
-    radii = np.repeat(0.55 * length.max(axis=1, keepdims=True), order, axis=1)
-    graph = GrainGraph(x=x, radii=radii, contacts=ring, normal_force=scale * N,
-                       shear_force=scale * T)  # fmt: skip
+    graph = GrainGraph(x, radii, drawn.contacts, scale * N, scale * T)
     slides = rng.random(N.shape) < (rng.uniform(0.1, 1.0, (len(x), 1)) * (contacts == "sliding"))
     regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     kappa = rng.uniform(0.05, 1.0, (len(x), 1))
