@@ -83,19 +83,18 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     Means over the directions.
     """
     snapshot, measured = state(name)
-    law, _ = snapshot.mechanics()
+    mu = np.asarray(snapshot.mechanics()[0].mu)[:, None]
     rates = PackingRates(yield_response(snapshot.scene, yield_band=0.999))
     now, counts = contact_state(snapshot.graph), []
+    force = now.normal_force[:, None] * now.n + now.shear_force[:, None] * now.t
     for angle in np.radians(measured["theta_deg"].unique()):
-        H = np.diag([np.cos(angle), np.sin(angle)])
-        found = rates.response(H)
+        found = rates.response(np.diag([np.cos(angle), np.sin(angle)]))
+        # Forces turn with the branches.
         turn = np.sum(now.t * found.branch_rate, axis=1) / now.length
-        dN = np.sum(now.n * found.force_rate, axis=1) + now.shear_force * turn
-        dT = np.sum(now.t * found.force_rate, axis=1) - now.normal_force * turn
-        N, T = (a[:, None] + b[:, None] * amplitudes for a, b in
-                ((now.normal_force, dN), (now.shear_force, dT)))  # fmt: skip
-        sticks = (found.regime != Regime.SLIDING)[:, None]
-        over = sticks & (N > 0) & (np.abs(T) > np.asarray(law.mu)[:, None] * N)
+        rate = found.force_rate - turn[:, None] * np.stack([-force[:, 1], force[:, 0]], axis=1)
+        grown = force + amplitudes[:, None, None] * rate
+        N, T = (np.sum(grown * axis, axis=2).T for axis in (now.n, now.t))
+        over = (found.regime != Regime.SLIDING)[:, None] & (N > 0) & (np.abs(T) > mu * N)
         counts.append([np.count_nonzero(over, axis=0), np.count_nonzero(N <= 0, axis=0)])
     yields, opens = np.mean(counts, axis=0).tolist()
     return {"amplitude": amplitudes.tolist(), "reach_yield": yields, "open": opens}
@@ -105,18 +104,17 @@ def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Errors over the directions in per cent, and the share of right signs of W2."""
     out = []
     for key, part in rows.groupby(["state", "band", "amplitude"], sort=False):
-        error = 100 * part["error"]
-        row = dict(zip(("state", "band", "amplitude"), key, strict=True))
-        row |= {"median": error.median(), "q90": error.quantile(0.9), "largest": error.max()}
-        row |= {
+        error, negative = 100 * part["error"], part[["measured_W2", "predicted_W2"]] < 0
+        out.append({
+            **dict(zip(("state", "band", "amplitude"), key, strict=True)),
+            "median": error.median(), "q90": error.quantile(0.9), "largest": error.max(),
             "largest_of_largest": 100 * part["error_of_largest"].max(),
             "of_state": part["error_of_state"].median(),
             "worst_theta_deg": part["theta_deg"][error.idxmax()],
-            "signs": int(np.sum((part["measured_W2"] < 0) == (part["predicted_W2"] < 0))),
-            "negative": int(np.sum(part["measured_W2"] < 0)),
+            "signs": int((negative["measured_W2"] == negative["predicted_W2"]).sum()),
+            "negative": int(negative["measured_W2"].sum()),
             "unbalanced": part["unbalanced"].median(),
-        }
-        out.append(row)
+        })  # fmt: skip
     return out
 
 
