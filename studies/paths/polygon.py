@@ -212,7 +212,8 @@ def polygon_summary(found: Followed) -> Summary:
     """Summary of the study, without its provenance; `states` are I, A, B and end."""
     path, options = found.path, found.options
     critical = thresholds(options)  # type: ignore[arg-type]
-    peak, states = found.peak, dict[str, Any].fromkeys(NAMED)
+    first = ("start",) if "start" in found.marks else ()
+    peak, states = found.peak, dict[str, Any].fromkeys((*first, *NAMED))
     for name, row in found.marks.items():
         slides = found.sliding(name)
         state = states[name] = {
