@@ -341,6 +341,25 @@ def test_samples_in_another_plane(tmp_path, plane, across, periodic):
     assert any(f"plane of {plane[0]} and {plane[1]}" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("plane", "axis", "sign"), [("xz", "y", -1), ("yz", "x", 1), ("xy", "z", 1)]
+)
+def test_rotations_and_spins_turn_with_the_plane(tmp_path, plane, axis, sign):
+    """Anticlockwise in the plane as it is read: x, z and -y are right-handed, as y, z and x are."""
+    sample = resting(PERIODIC)
+    grains = sample.grains()
+    x, y = (grains.pop(name) for name in "xy")
+    grains |= dict(zip(plane, (x, y), strict=True)) | {axis: np.zeros(len(x))}
+    angle = np.linspace(-1.0, 1.0, len(x))
+    for other in "xyz":
+        grains |= {f"theta_{other}": angle if other == axis else 0 * angle}
+        grains |= {f"omega_{other}": 2 * angle if other == axis else 0 * angle}
+        grains |= {f"v{other}": 0 * angle}
+    found = read(put(tmp_path, sample, grains=grains), sample)
+    np.testing.assert_array_equal(found.rotation, sign * angle)
+    np.testing.assert_array_equal(found.spin, 2 * sign * angle)
+
+
 @pytest.mark.parametrize(("scatter", "read_it"), [(1e-3, True), (1e-2, True), (0.2, False)])
 def test_scatter_across_the_plane(tmp_path, scatter, read_it):
     sample = resting()
@@ -754,6 +773,11 @@ def test_periodic_along_one_axis(tmp_path, along, height, walls):
     same(found, sample, forces=walls, clean=walls)
     assert "lost" not in {one.check for one in found.findings if one.severity != "ok"}
     if not walls:
+        # The given cell, which is at least as high as the grains.
+        free = 1 if along == "x" else 0
+        reach = np.ptp(sample.x[:, free]) + 2 * sample.radii.max()
+        side = max(height * sample.size, reach)
+        assert found.graph.cell[free, free] == pytest.approx(side, rel=1e-12)
         return
     tables = found.tables()
     again = snapshot_from_tables(**tables)

@@ -121,6 +121,12 @@ def test_two_materials_are_told_and_springs_are_not():
     # Secants are those of springs.
     secants["contacts"]["kn"] = 2 / 3 * secants["contacts"]["kn"]
     assert not is_hertz(secants)
+    # Forces that are off by 0.5 and 3 %.
+    for factor, told in ((1.005, True), (1.03, False)):
+        scaled = tables()
+        for name in ("fn", "ft"):
+            scaled["contacts"][name] = factor * scaled["contacts"][name]
+        assert is_hertz(scaled, strict=False) == told
     # Springs of which forces are 2/3, as in another unit; constant, or of the radii.
     radii = linear["grains"]["radius"]
     ij = linear["contacts"]["id1"], linear["contacts"]["id2"]
