@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, Integers
 from patterns.snapshots.columns import components, names_beside
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
@@ -33,6 +33,7 @@ from patterns.snapshots.geometry import (
     plane_note,
     refuse_radii,
     refuse_repeated,
+    sample_rows,
 )
 from patterns.snapshots.tables import Table, listed
 
@@ -313,10 +314,6 @@ class GrainPairs(NamedTuple):
     images: Integers
     d: Floats
 
-    def take(self, rows: Flags | Integers) -> GrainPairs:
-        """Some of the pairs."""
-        return GrainPairs(self.i[rows], self.j[rows], self.images[rows], self.d[rows])
-
 
 def pairs_of(
     atoms: Atoms, space: Space, i: Integers, j: Integers, branch: Floats | None = None
@@ -371,7 +368,6 @@ KNOWN = 0.5  # share of a column that must be ids of grains
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.
 PAIR_REACH = 1.5
-SAMPLE_ROWS = 4096  # rows used to recognise columns; all rows are checked at the end
 
 
 def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]) -> Map:
@@ -429,7 +425,7 @@ def find_ids(
     remedy: str,
 ) -> tuple[Integers, Integers]:
     """Grains of the pairs; `id1` and `id2` of the choice with the nearest grains join the map."""
-    rows = sample_rows(table)
+    rows = sample_rows(len(table))
     names = dict.fromkeys(n for pair in choices for n in pair)
     found = {n: ids_in(table, n, rows, atoms) for n in names}
     known = {n: ids for n, ids in found.items() if ids is not None}
@@ -455,8 +451,3 @@ def find_ids(
     other = SIX_DIGITS if coarse else other
     one, two = places_of(table, best[1], atoms.ids, "an id of the dump of atoms", other).T
     return one, two
-
-
-def sample_rows(table: Table) -> Integers:
-    """Rows by which columns are recognised."""
-    return np.unique(np.linspace(0, len(table) - 1, SAMPLE_ROWS).astype(np.int64))

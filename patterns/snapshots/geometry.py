@@ -29,8 +29,8 @@ PLANE_TOLERANCE = 0.05
 PLANE_NOTED = 1e-6
 # Grains of these distances over the sum of their radii (median) touch: others have wrong ids.
 TOUCHING = 1.3
-# Contacts by which ids are judged.
-FEW_ROWS = 4096
+# Rows by which ids and columns are judged.
+SAMPLE_ROWS = 4096
 # From this share of the bodies on type 1 is a kind of grains, not of walls.
 MOST_WALLS = 0.5
 # Ids below this many times their number are looked up in a table, others by bisection.
@@ -158,17 +158,14 @@ def named_rows(
         notes.append(f"ids of {contacts.path} are one {by} than those of {grains.path}")
     if moved.min() < 0:
         require_columns((grains, ("id",)))
-        row, side = np.argwhere(moved < 0)[0]
-        where = f"column {('id1', 'id2')[side]!r} of {contacts.path}, row {contacts.number(row)}"
         remedy = "Add the grain or drop the contact; check that both tables are of one snapshot."
-        expected = "an id of the table of grains"
-        raise InputError(where, f"grain {named[row, side]}", expected, remedy)
+        refuse_unknown(contacts, ("id1", "id2"), named, moved, remedy)
     return moved, shift, notes
 
 
 def _touch(grains: Table, rows: Integers, cell: Floats | None) -> bool:
     """Whether most of the pairs touch, contacts with walls, as far as they are known, left out."""
-    few = np.unique(np.linspace(0, len(rows) - 1, FEW_ROWS).astype(np.int64))
+    few = sample_rows(len(rows))
     one, two = rows[few][rows[few].max(axis=1) < len(grains)].T
     if grains.has("type"):
         wall = grains.integers("type") == WALL
@@ -281,11 +278,24 @@ def places_of(
     """(C, 2) array: places of the ids of two columns; `InputError` for an unknown id."""
     given = np.column_stack([table.integers(name) for name in names])
     found = index_of(ids, given)
+    refuse_unknown(table, names, given, found, remedy, expected)
+    return found
+
+
+def refuse_unknown(
+    table: Table, names: Sequence[str], given: Integers, found: Integers, remedy: str,
+    expected: str = "an id of the table of grains",
+) -> None:  # fmt: skip
+    """Raise `InputError` if the ids of some columns, (C, names), were not `found`."""
     if found.min() < 0:
         row, side = np.argwhere(found < 0)[0]
-        where = f"column {names[side]!r} of {table.path}, row {row}"
+        where = f"column {names[side]!r} of {table.path}, row {table.number(row)}"
         raise InputError(where, f"grain {given[row, side]}", expected, remedy)
-    return found
+
+
+def sample_rows(count: int) -> Integers:
+    """Rows by which columns and ids are recognised."""
+    return np.unique(np.linspace(0, count - 1, SAMPLE_ROWS).astype(np.int64))
 
 
 def index_of(ids: Integers, named: Integers) -> Integers:

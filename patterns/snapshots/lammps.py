@@ -30,10 +30,10 @@ from patterns.snapshots.dump_files import (
     normals,
     pairs_of,
     read_atoms,
-    sample_rows,
     space_of,
 )
 from patterns.snapshots.frame import Frame, Frames, Notes, Source
+from patterns.snapshots.geometry import sample_rows
 from patterns.snapshots.tables import Table, listed
 
 # Plain names of the columns of contacts of LAMMPS, and their contents.
@@ -72,7 +72,7 @@ class ColumnSearch:
     """Columns not yet recognised, and the search for two of them that form a vector."""
 
     def __init__(self, table: Table, columns: Map) -> None:
-        self.table, self.columns, self.rows = table, columns, sample_rows(table)
+        self.table, self.columns, self.rows = table, columns, sample_rows(len(table))
         self.data = {name: table.column(name) for name in table.names}
 
     def free(self) -> list[str]:

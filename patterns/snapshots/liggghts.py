@@ -108,18 +108,16 @@ def finer_cell(atoms: Atoms, space: Space, contacts: DumpedContacts) -> tuple[Sp
     cell = space.cell
     if cell is None or contacts.overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
         return space, f"{coarse}; give --cell or dump delta"
-    pairs: GrainPairs = contacts.pairs.take(across)
-    length = (atoms.radii[pairs.i] + atoms.radii[pairs.j]) - contacts.overlap[across]
-    raw = atoms.x[pairs.j] - atoms.x[pairs.i]
-    edges = np.diag(cell).copy()
+    i, j, images, _ = (values[across] for values in contacts.pairs)
+    length = atoms.radii[i] + atoms.radii[j] - contacts.overlap[across]
+    raw, edges = atoms.x[j] - atoms.x[i], np.diag(cell).copy()
     # An edge that no contact crosses stays as it is.
-    crossed = pairs.images.any(axis=0)
+    crossed = images.any(axis=0)
     for _ in range(CELL_STEPS):
-        d = raw + pairs.images * edges
-        distance = np.hypot(*d.T)
-        slope = (normals(d) * pairs.images)[:, crossed]
-        edges[crossed] += np.linalg.lstsq(slope, length - distance, rcond=None)[0]
-    misfit = np.abs(np.hypot(*(raw + pairs.images * edges).T) - length).max()
+        d = raw + images * edges
+        slope = (normals(d) * images)[:, crossed]
+        edges[crossed] += np.linalg.lstsq(slope, length - np.hypot(*d.T), rcond=None)[0]
+    misfit = np.abs(np.hypot(*(raw + images * edges).T) - length).max()
     change = np.abs(edges / np.diag(cell) - 1).max()
     if misfit > FIT * edges.max() or change > 1e-5:
         return space, f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"

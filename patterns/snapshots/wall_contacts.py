@@ -7,12 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loops import InputError
 from loops.arrays import Flags, Floats, Integers, median
 from patterns.snapshots.checks import SAME_FORCE
 from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.forces import Forces
-from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Bodies, index_of
+from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Bodies, index_of, refuse_unknown
 from patterns.snapshots.tables import Table
 from patterns.snapshots.walls import WallContacts
 
@@ -75,11 +74,7 @@ def walls_of_table(
     """Contacts with walls from a table of their own, `id` the grain of each, less the `shift`."""
     named = table.integers("id") + shift
     grain = index_of(bodies.ids, named)
-    if grain.min() < 0:
-        row = int(np.argmin(grain))
-        where = f"column 'id' of {table.path}, row {table.number(row)}"
-        expected = "an id of the table of grains"
-        raise InputError(where, f"grain {named[row]}", expected, "Correct or drop it.")
+    refuse_unknown(table, ("id",), named[:, None], grain[:, None], "Correct or drop it.")
     force, branch = table.columns("fx", "fy"), table.optional("branch_x", "branch_y")
     along = None if forces.total is None or forces.shear.any() else force
     return _walls(table, bodies, grain, force, branch, 1.0, resultant, kn, along)
