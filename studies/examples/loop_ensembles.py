@@ -212,7 +212,7 @@ def order_medians(
                     f"{name}_unstable": some.unstable.mean(),
                     f"{name}_convex": some.convex.mean()}  # fmt: skip
         rows.append(row)
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows or {"order": []})
 
 
 @styled()
@@ -248,10 +248,11 @@ def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figur
     ranks.axhline(1.0, color=BLACK, linewidth=0.5)
     ranks.set(xlabel=r"rank of the real loop's $\lambda_{\min}$ (–)", ylabel="density (–)")
     ranks.legend()
-    spread = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
-    mean.errorbar(table.order, table["rank"], spread, fmt="o", markersize=3, color=VERMILION)
-    for part, colour in ((table.random_convex, BLUE), (table.real_convex, VERMILION)):
-        convex.plot(table.order, part, "o", markersize=3, color=colour)
+    if len(table):
+        spread = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
+        mean.errorbar(table.order, table["rank"], spread, fmt="o", markersize=3, color=VERMILION)
+        convex.plot(table.order, table.random_convex, "o", markersize=3, color=BLUE)
+        convex.plot(table.order, table.real_convex, "o", markersize=3, color=VERMILION)
     mean.axhline(0.5, color=BLACK, linewidth=0.5)
     mean.set(xlabel=LABELS["order"], ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
     convex.set(xlabel=LABELS["order"], ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
