@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers, Regimes
-from loops.geometry import require_plane
 from loops.graph import ContactState, GrainGraph, contact_state
 from loops.laws.frictional import ContactLaw, require_law
 from loops.validation import checked_regimes
@@ -78,21 +77,6 @@ def translational_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -
     return frame @ local_sizes(state, law, regime) @ np.swapaxes(frame, -1, -2)
 
 
-def translational_compliances(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """Inverse blocks `k^-1` (..., C, 2, 2), not finite where `k` is singular.
-
-    Inverted in the local frame: in the global one the determinant of a stiff sliding contact
-    cancels to about `kn N/l`.
-    """
-    a = local_blocks(state, law, regime)
-    det = a[..., 0, 0] * a[..., 1, 1] - a[..., 0, 1] * a[..., 1, 0]
-    inverse = np.empty_like(a)
-    inverse[..., 0, 0], inverse[..., 1, 1] = a[..., 1, 1], a[..., 0, 0]
-    inverse[..., 0, 1], inverse[..., 1, 0] = -a[..., 0, 1], -a[..., 1, 0]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return _to_global(state, inverse / det[..., None, None])
-
-
 def contact_tangent(
     state: ContactState, law: ContactLaw, regime: Regimes, arms: tuple[Floats, Floats] | None = None
 ) -> Floats:
@@ -120,7 +104,6 @@ def contact_tangent(
         `S`: the translational block (force per length), force per spin and moment per branch rate
         (force), moment per spin (force times length).
     """
-    require_plane(state.n, "normals of the contacts")
     stiffness = law.local_stiffness(state, regime)
     g, *own = law.shear_kinematics(state)
     a, b = _pair(state.arm_i, state.arm_j), _pair(*(own if arms is None else arms))
@@ -169,19 +152,13 @@ def contact_kinematics(state: ContactState, law: ContactLaw) -> Floats:
 
 
 def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
-    """(..., C, d, d) translational block of each contact in its own frame (n, t).
+    """(..., C, 2, 2) translational block of each contact in its own frame (n, t).
 
     Material stiffness of the law, with the shear lever `g`, then `-N/l` and `T/l` from the turning
-    of the frame; rows the force on j, columns the relative displacement. Of spheres the second
-    tangent has the block of the first.
+    of the frame; rows the force on j, columns the relative displacement.
     """
     g, _, _ = law.shear_kinematics(state)
-    local = turning_block(law.local_stiffness(state, regime), g, state)
-    return _both_tangents(local) if state.n.shape[-1] == 3 else local
-
-
-def turning_block(local: Floats, g: Floats, state: ContactState) -> Floats:
-    """Return a law's stiffness, changed in place, as the block of a contact whose frame turns."""
+    local = law.local_stiffness(state, regime)
     local[..., :, 1] *= g[..., None]
     local[..., 1, 1] -= state.normal_force / state.length
     local[..., 0, 1] += state.shear_force / state.length
@@ -190,19 +167,12 @@ def turning_block(local: Floats, g: Floats, state: ContactState) -> Floats:
 
 def local_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Sums of the sizes of the terms of `local_blocks`, where `kt` and `N/l` may cancel."""
-    local = local_blocks(state, law, regime)[..., :2, :2]
+    local = local_blocks(state, law, regime)
     for entry, force in (((1, 1), state.normal_force), ((0, 1), -state.shear_force)):
         turning = force / state.length
         at = (..., *entry)
         local[at] = np.abs(local[at] + turning) + np.abs(turning)
-    return np.abs(_both_tangents(local) if state.n.shape[-1] == 3 else local)
-
-
-def _both_tangents(local: Floats) -> Floats:
-    """Return (..., 3, 3) blocks of spheres without shear force: either tangent has the same."""
-    block = np.zeros((*local.shape[:-2], 3, 3))
-    block[..., :2, :2], block[..., 2, 2] = local, local[..., 1, 1]
-    return block
+    return np.abs(local)
 
 
 def _pair(i: Floats, j: Floats) -> Floats:
@@ -226,9 +196,7 @@ def _joined(k: Floats, q: Floats, p: Floats, c: Floats) -> Floats:
 
 
 def _frame(state: ContactState) -> Floats:
-    """Return the axes of each contact as columns, (..., C, d, d)."""
-    if state.n.shape[-1] == 3:
-        return np.stack([state.n, state.t, np.cross(state.n, state.t)], axis=-1)
+    """Return the axes of each contact as columns, (..., C, 2, 2)."""
     return np.stack([state.n, state.t], axis=-1)
 
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers
 from loops.compiled import use_compiled
-from loops.geometry import require_plane
 from loops.graph import GrainGraph, require_one_state
 
 PAIRS_AT_ONCE = 2**15  # pieces of branches compared at a time
@@ -68,7 +67,6 @@ def find_crossings(
     [[4, 5]]
     """
     require_one_state(graph)
-    require_plane(graph.x, "centres of the grains")
     if graph.contact_count == 0:
         return np.zeros((0, 2), dtype=np.int64)
     if use_compiled(compiled, graph.contact_count):

@@ -17,7 +17,6 @@ from loops.arrays import Floats, Integers, in_threads
 from loops.compiled import given, on_parts, use_passes
 from loops.errors import number, whole_number
 from loops.faces import Faces
-from loops.geometry import require_plane
 from loops.graph import (
     GrainGraph,
     HasGraph,
@@ -324,7 +323,6 @@ def force_chains(
     """
     graph = graph_of(graph)
     require_one_state(graph)
-    require_plane(graph.x, "centres of the grains")
     number("angle", angle, 0.0, 0.5 * np.pi)
     whole_number("least", least, 1)
     branches, (i, j) = graph.branches, graph.contacts.T

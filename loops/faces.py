@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from loops.arrays import Floats, Integers
 from loops.compiled import use_compiled
 from loops.errors import InputError
-from loops.geometry import require_plane
 from loops.graph import (
     GrainGraph,
     HasGraph,
@@ -145,7 +144,6 @@ def find_faces(graph: GrainGraph | HasGraph, *, compiled: bool | None = None) ->
     """
     graph = graph_of(graph)
     require_one_state(graph)
-    require_plane(graph.x, "centres of the grains")
     if use_compiled(compiled, graph.contact_count):
         from loops.compiled import given
         from loops.compiled.network import plane_faces

@@ -11,13 +11,6 @@ from loops.graph import GrainGraph
 from loops.validation import fits, positive
 
 
-def require_plane(vectors: Floats, what: str) -> None:
-    """Raise `InputError` unless vectors (..., d) have two components."""
-    if vectors.shape[-1] != 2:
-        received = f"vectors with {vectors.shape[-1]} components"
-        raise InputError(what, received, "two: grains in the plane", "Give two coordinates.")
-
-
 def polygon_area(x: Floats) -> Floats:
     """Signed area of polygons, positive if counter-clockwise.
 
@@ -233,7 +226,6 @@ def checked_volume(volume: ArrayLike, graph: GrainGraph) -> Floats:
 
 def require_loop(graph: GrainGraph) -> None:
     """Raise `InputError` unless contacts 0..n-1 are the ring 0-1-2-...-0; chords may follow."""
-    require_plane(graph.x, "centres of the grains")
     n = graph.grain_count
     ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
     contacts = graph.contacts[:n]

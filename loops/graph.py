@@ -332,8 +332,7 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
     n : (..., C, 2) array
         Unit normal from grain i to grain j.
     t : (..., C, 2) array
-        Unit tangent, `n` turned by 90 degrees counter-clockwise. In three dimensions one of the
-        tangents.
+        Unit tangent, `n` turned by 90 degrees counter-clockwise.
 
     Examples
     --------
@@ -346,13 +345,7 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
 
 
 def _frame(d: Floats) -> tuple[Floats, Floats, Floats]:
-    """Length, normal and tangent of branches (..., C, 2) or (..., C, 3)."""
-    if d.shape[-1] == 3:
-        length = np.linalg.norm(d, axis=-1)
-        n = d / length[..., None]
-        axis = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
-        t = np.cross(n, axis)
-        return length, n, t / np.linalg.norm(t, axis=-1)[..., None]
+    """Length, normal and tangent of branches (..., C, 2)."""
     if d.ndim == 2 and use_passes(len(d)):
         from loops.compiled.passes import fill_frames
 

@@ -17,12 +17,11 @@ Length = int | None | EllipsisType
 
 def check_graph(graph: Any) -> None:
     """Raise `InputError` at the first fault of a grain graph."""
-    d = 3 if graph.x.shape[-1:] == (3,) else 2
-    require_shape("x", graph.x, ..., None, d)
+    require_shape("x", graph.x, ..., None, 2, remedy="Give two coordinates: grains in the plane.")
     require_shape("contacts", graph.contacts, None, 2)
     grains, count = graph.grain_count, len(graph.contacts)
-    shapes = {"radii": (..., grains), "x0": (..., grains, d), "images": (count, d)}
-    shapes |= dict.fromkeys(("cell", "cell0"), (..., d, d))
+    shapes = {"radii": (..., grains), "x0": (..., grains, 2), "images": (count, 2)}
+    shapes |= dict.fromkeys(("cell", "cell0"), (..., 2, 2))
     for name in (*shapes, "normal_force", "shear_force", "rolling_moment"):
         if (value := getattr(graph, name)) is not None:
             require_shape(name, value, *shapes.get(name, (..., count)))
@@ -40,7 +39,7 @@ def check_graph(graph: Any) -> None:
         raise InputError("batch axes", str(error), expected, "Align them.") from None
     moved = () if graph.x0 is graph.x else (("reference position", graph.x0),)
     for name, value in (("position", graph.x), *moved):
-        ok = np.logical_and.reduce([np.isfinite(value[..., k]) for k in range(d)])
+        ok = np.logical_and.reduce([np.isfinite(value[..., k]) for k in range(2)])
         _finite(name, "grain", ok, value)
     _finite("radius", "grain", np.isfinite(graph.radii), graph.radii)
     if not (graph.radii > 0).all():
@@ -48,9 +47,6 @@ def check_graph(graph: Any) -> None:
         where, received = f"radius of grain {index[-1]}", f"{graph.radii[index]}"
         raise InputError(where, received, "a positive length", "Correct it.")
     _check_contacts(graph)
-    if d == 3 and np.any(graph.shear_force):
-        expected = "zero in three dimensions, where a shear force is a vector"
-        raise InputError("shear_force", "numbers", expected, "Give normal forces alone.")
 
 
 def checked_regimes(regime: ArrayLike, contacts: int) -> Regimes:

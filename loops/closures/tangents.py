@@ -29,7 +29,6 @@ from loops.geometry import (
     polygon_area,
     reference_volume,
     require_loop,
-    require_plane,
     volume_growth,
 )
 from loops.graph import GrainGraph, contact_state
@@ -209,14 +208,12 @@ def affine_tangent(
         found = tangents_of_rings(graph, law, "affine", spins, state, regimes)
         return of_ring(found, "affine", spins, v0, 0.0 if volume is not None else found.growth)
     if spins != "blocked":
-        require_plane(graph.x, "centres of the grains")
         relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
         return of_relaxed(relaxed, "affine", spins, v0, growth, turned)
     d0 = graph.reference_branches
     blocks, pair = translational_blocks(state, law, regimes), d0[..., :, None] * d0[..., None, :]
     total = np.einsum("...cik,...cjl->...ijkl", blocks, pair, optimize=True)
-    components = d0.shape[-1] ** 2
-    matrix = total.reshape(*total.shape[:-4], components, components)
+    matrix = total.reshape(*total.shape[:-4], 4, 4)
     sizes = frobenius(local_sizes(state, law, regimes))
     bound = ROUNDING * (sizes * (d0 * d0).sum(axis=-1)).sum(axis=-1)
     matrix = matrix / v0[..., None, None]

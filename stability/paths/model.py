@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +24,6 @@ JUST_TOUCHING = 8 * float(np.finfo(float).eps)
 # Largest accepted mismatch of the initial forces: N against that of the overlaps in units of
 # kn (r_i + r_j), T beyond its strength in units of kn times length, branch vectors over length.
 START_MISMATCH = 1e-9
-Kind = Literal["affine", "ring", "saddle"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +32,9 @@ class Unknowns:
 
     `strains`: Number of strains, which come first; as many stresses follow; `count`: Number r of
     unknowns; `fields` (8 + m, r): For each number a displacement gradient, a stress over `kn` and
-    the rest: displacements of the centres over the length scale, free spins times radii, or a
-    ring's redundant force; `rows` (r - strains, 4 + m): Combinations of the closure's equations
-    that determine these fields. Fields and rows are None for all unknowns and all equations.
+    the rest: displacements of the centres over the length scale, free spins times radii;
+    `rows` (r - strains, 4 + m): Combinations of the closure's equations that determine these
+    fields. Fields and rows are None for all unknowns and all equations.
     """
 
     strains: int
@@ -61,7 +59,7 @@ class Unknowns:
 
 
 def symmetric_unknowns(
-    kind: Kind, group: PointGroup, character: Floats, free_spins: bool
+    closure: Closure, group: PointGroup, character: Floats, free_spins: bool
 ) -> Unknowns:
     """Displacement fields that transform under the symmetry group with the given character.
 
@@ -73,13 +71,10 @@ def symmetric_unknowns(
     pairs = np.einsum("s,sik,sjl->sijkl", character, group.maps, group.maps).reshape(-1, 4, 4)
     tensor = invariant_fields(alone, pairs)[0]
     moving = []
-    if kind == "saddle":
+    if closure == "traction":
         place = invariant_fields(group.grains, character[:, None, None] * group.maps)
         moving.append(place.reshape(-1, place.shape[2]))
-    if kind == "ring":
-        # Read against the contact's direction, which a mirror turns round.
-        moving.append(invariant_fields(alone, sign[:, None, None] * group.maps)[0])
-    elif free_spins:
+    if free_spins:
         moving.append(invariant_fields(group.grains, sign[:, None, None])[:, 0])
     # The equations change as the fields do: strain or stress, then balance and moments.
     rows, fields = block_diag(tensor, *moving).T, block_diag(tensor, tensor, *moving)
@@ -88,13 +83,13 @@ def symmetric_unknowns(
 
 @dataclass(frozen=True, eq=False)
 class UnknownSets:
-    """The unknowns of one kind of equations that a model needs.
+    """The unknowns that a model needs.
 
-    `kind`: Equations; `moving`: Number m of unknowns besides strain and stress; `free_spins`:
+    `moving`: Number m of unknowns besides strain and stress; `free_spins`:
     Whether spins are unknown; `group`: Symmetry of state and control that the path keeps.
     """
 
-    kind: Kind
+    closure: Closure
     moving: int
     free_spins: bool
     group: PointGroup | None
@@ -109,8 +104,7 @@ class UnknownSets:
         """Symmetry group used to reduce the unknowns; None if the reduction does not pay.
 
         The affine closure without free spins has eight unknowns at any length, and nothing in it
-        relaxes: leaving some out costs more than it saves. A ring has ten; without its redundant
-        force it passes the states in which that is not determined.
+        relaxes: leaving some out costs more than it saves.
         """
         return self.group if self.moving else None
 
@@ -120,7 +114,7 @@ class UnknownSets:
         if self.used is None:
             return self.everything
         ones = np.ones(self.used.order)
-        return symmetric_unknowns(self.kind, self.used, ones, self.free_spins)
+        return symmetric_unknowns(self.closure, self.used, ones, self.free_spins)
 
     @cached_property
     def tangent(self) -> tuple[Unknowns, ...]:
@@ -136,10 +130,10 @@ class UnknownSets:
             return (self.everything,)
         even = self.rates
         if axes.order < self.used.order:
-            even = symmetric_unknowns(self.kind, axes, np.ones(axes.order), self.free_spins)
+            even = symmetric_unknowns(self.closure, axes, np.ones(axes.order), self.free_spins)
         if (axes.parity > 0).all():
             return (even,)
-        return even, symmetric_unknowns(self.kind, axes, axes.parity, self.free_spins)
+        return even, symmetric_unknowns(self.closure, axes, axes.parity, self.free_spins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,21 +208,11 @@ class PathModel:
         return np.isfinite(self.mu) & (self.mu > 0)
 
     @cached_property
-    def is_plain_ring(self) -> bool:
-        """Whether one redundant force vector solves the traction closure."""
-        return self.spins == "blocked" and self.contact_count == self.grain_count
-
-    @cached_property
-    def unknowns(self) -> dict[Kind, UnknownSets]:
-        """Unknowns by the kind of equations."""
+    def unknowns(self) -> UnknownSets:
+        """Unknowns of the closure."""
         free = self.spins == "free"
-        spins = self.grain_count if free else 0
-        moving: dict[Kind, int] = {
-            "affine": spins, "ring": 2, "saddle": 2 * self.grain_count + spins
-        }  # fmt: skip
-        return {
-            kind: UnknownSets(kind, count, free, self.symmetry) for kind, count in moving.items()
-        }
+        moving = self.grain_count * (free + 2 * (self.closure == "traction"))
+        return UnknownSets(self.closure, moving, free, self.symmetry)
 
     @cached_property
     def form(self) -> ClosureForm:

@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
 from stability.path import CHANGES, Event, EventKind, ModelChoice, ModelOption, Path, PathStatus
-from stability.paths.model import Kind, PathModel
+from stability.paths.model import PathModel
 from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
@@ -137,10 +137,7 @@ def model_choice(
     """Describe the model of a path."""
     group = model.symmetry or identity(model.grain_count, model.contact_count)
     freedoms = invariant_fields(group.grains, group.maps).shape[-1]
-    kind: Kind = "affine"
-    if model.closure == "traction":
-        kind = "ring" if model.is_plain_ring else "saddle"
-    sets = model.unknowns[kind]
+    sets = model.unknowns
     spins = "none: blocked" if model.spins == "blocked" else "none: tied to the loop"
     if model.spins == "free":
         independent = invariant_fields(group.grains, group.parity[:, None, None]).shape[-1]

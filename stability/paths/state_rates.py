@@ -8,11 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from loops.arrays import Floats, Regimes
-from loops.assembly import (
-    contact_kinematics,
-    translational_blocks,
-    translational_compliances,
-)
+from loops.assembly import contact_kinematics
 from loops.closures.null_space import (
     AMBIGUITY_LIMIT,
     RESIDUAL_LIMIT,
@@ -23,7 +19,7 @@ from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_rates
-from stability.paths.model import Kind, PathModel, Unknowns
+from stability.paths.model import PathModel, Unknowns
 from stability.paths.state import (
     Mode,
     PathState,
@@ -42,13 +38,6 @@ from stability.programmes import Programme
 
 # Loops longer than this are not searched for branching points.
 MOST_GRAINS = 60
-# Below this determinant of a contact's block, in units of kn^2, its compliance is not used: the
-# rates would carry a noise of 1e-16 over it, which the integrator takes for their change.
-SOFT_BLOCK = 0.1
-# In long loops, where the other equations cost the cube of the length, some noise is put up with.
-SOFT_BLOCK_OF_LONG = 1e-3
-# Grains beyond which a loop is long in this sense.
-LONG_LOOP = 24
 # Slip of a gear mode over the largest depth over the radius that may be rounding.
 GEAR_RTOL = 64 * float(np.finfo(float).eps)
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
@@ -94,17 +83,9 @@ class StateRates:
         return with_signs(self.contacts, self.mode)
 
     @cached_property
-    def kind(self) -> Kind:
-        """Kind of equations that serve the state, see `closure_kind`."""
-        return closure_kind(self.model, self.sided, self.mode.regime)
-
-    @cached_property
     def equations(self) -> Equations:
         """Equations of the closure."""
-        return self._equations(self.kind)
-
-    def _equations(self, kind: Kind) -> Equations:
-        return closure_equations(self.model, self.H, self.sided, self.mode.regime, kind)
+        return closure_equations(self.model, self.H, self.sided, self.mode.regime)
 
     @cached_property
     def raw_rates(self) -> Rates:
@@ -115,7 +96,7 @@ class StateRates:
         """
         model, law, equations = self.model, self.model.law, self.equations
         unknowns, control = (
-            model.unknowns[self.kind].rates,
+            model.unknowns.rates,
             self.programme.equations(self.H, self.P),
         )
         z, parameter, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
@@ -158,7 +139,7 @@ class StateRates:
     @cached_property
     def A(self) -> Floats:
         """(4, 4) macroscopic tangent, `P' = A H'`, in these regimes; nan if not trusted."""
-        blocks = self.model.unknowns[self.kind].tangent
+        blocks = self.model.unknowns.tangent
         parts = [stress_of_strain(self.equations.matrix, unknowns) for unknowns in blocks]
         return np.asarray(sum(parts[1:], parts[0]) * self.model.stiffness)
 
@@ -185,7 +166,7 @@ class StateRates:
         small = model.grain_count <= MOST_GRAINS and (self.mode.regime != Regime.OPEN).all()
         if model.closure == "affine" or model.spins == "free" or not small:
             return np.nan
-        matrix, everything = self._equations("saddle").matrix, model.unknowns["saddle"].everything
+        matrix, everything = self.equations.matrix, model.unknowns.everything
         control = self.programme.equations(self.H, self.P)
         system, _ = control_system(model, matrix, everything, control, self.gauge)
         sign, size = np.linalg.slogdet(system)
@@ -222,26 +203,10 @@ class Equations:
     relative: Floats
 
 
-def closure_kind(model: PathModel, contacts: ContactState, regime: Regimes) -> Kind:
-    """Kind of equations that serve a state: those of a ring need every contact's compliance."""
-    if model.closure == "affine":
-        return "affine"
-    if model.is_plain_ring:
-        k = translational_blocks(contacts, model.law, regime)
-        soft = SOFT_BLOCK if model.grain_count <= LONG_LOOP else SOFT_BLOCK_OF_LONG
-        if (np.abs(np.linalg.det(k)) > soft * model.stiffness**2).all():
-            return "ring"
-    return "saddle"
-
-
 def closure_equations(
-    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes, kind: Kind
+    model: PathModel, H: Floats, contacts: ContactState, regime: Regimes
 ) -> Equations:
     """Equations of the model's closure in one state."""
-    if kind == "ring":
-        compliance = translational_compliances(contacts, model.law, regime) * model.stiffness
-        matrix, motion = ring_equations(compliance, model.m / model.length)
-        return Equations(matrix, motion, relative_motion(model, contacts) @ motion)
     form, motion = model.form, model.motion
     if model.spins == "affine":
         # A loop that has collapsed to a line has no rotation: not a number, and not trusted.
@@ -256,7 +221,7 @@ def closure_equations(
     equations = Equations(matrix, motion, relative_motion(model, contacts) @ motion)
     if model.spins == "free":
         equations = with_gear_mode(model, contacts, regime, equations)
-    if kind == "saddle":
+    if model.closure == "traction":
         # The mean displacement is free: held at zero.
         for first in (4, 5):
             centres = slice(first, 4 + 2 * model.grain_count, 2)
@@ -316,20 +281,6 @@ def with_gear_mode(
     growth = 0.5 * (contacts.shear_force * growth)[:, None] * contacts.n
     matrix[place] = D[1] @ relative[-1] + np.einsum("cm,cmk->k", growth, motion[:, :2])
     return Equations(matrix, motion, relative)
-
-
-def ring_equations(compliance: Floats, m: Floats) -> tuple[Floats, Floats]:
-    """Equations of a ring for `(H', P', f^')`, (6, 10), and the motions of the contacts.
-
-    `d' = -k^-1 (f^' - P' m)`, (n, 4, 10) with the spins, which are blocked; `V0 H' = sum d' (x) m`
-    and `sum d' = 0`. For one ring, `m` (n, 2) over `sqrt(V0)`.
-    """
-    motion = np.zeros((len(m), 4, 10))
-    pressed = compliance[:, :, :, None] * m[:, None, None, :]
-    motion[:, :2, 4:8], motion[:, :2, 8:] = pressed.reshape(-1, 2, 4), -compliance
-    gradient = np.einsum("cir,cj->ijr", motion[:, :2], m).reshape(4, 10)
-    gradient[:, :4] -= np.eye(4)
-    return np.concatenate([gradient, motion[:, :2].sum(axis=0)]), motion
 
 
 def solve_rates(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime, contact_state
-from loops.assembly import translational_blocks, translational_compliances
+from loops.assembly import translational_blocks
 
 
 def one_contact(angle=0.0, length=0.9, normal=0.1, shear=0.0, radii=(0.5, 0.5)):
@@ -55,26 +55,11 @@ def test_sliding_block_of_the_theory(sign):
     np.testing.assert_allclose(block, expected, rtol=0, atol=4e-16)
 
 
-def test_compliance_is_the_inverse_even_of_a_stiff_sliding_contact():
-    # det k = -kn N/l (1 + mu^2): at an overlap of 1e-8 the global block has lost half its digits.
-    mu, normal = 0.4, 1e-8
-    graph = one_contact(angle=0.7, length=1.0, normal=normal, shear=mu * normal, radii=(0.6, 0.6))
-    law, state = LinearFrictional(kn=1.0, kt=0.5, mu=mu), contact_state(graph)
-    compliance = translational_compliances(state, law, law.regime(state))[0]
-    local = np.array([[1.0, mu * normal], [mu, -normal]])
-    frame = np.stack([state.n[0], state.t[0]], axis=1)
-    exact = frame @ np.array([[-normal, -mu * normal], [-mu, 1.0]]) @ frame.T
-    exact /= -normal * (1 + mu**2)
-    assert np.allclose(np.linalg.det(local), -normal * (1 + mu**2), rtol=1e-15)
-    assert np.abs(compliance - exact).max() < 4e-16 * np.abs(exact).max()
-
-
-def test_open_contact_has_no_stiffness_and_its_compliance_is_not_finite():
+def test_open_contact_has_no_stiffness():
     graph = one_contact(length=1.1, normal=0.0)
     law, state = LinearFrictional(kn=1.0, kt=0.5), contact_state(graph)
     assert regime_of(law, graph) is Regime.OPEN
     assert not translational_blocks(state, law, law.regime(state)).any()
-    assert not np.isfinite(translational_compliances(state, law, law.regime(state))).any()
     assert law.normal_force(state)[0] == 0.0
 
 

@@ -12,7 +12,7 @@ from stability.paths.model import path_model
 from stability.paths.path_segment import eigenvalue_kind, pairs_in_reach
 from stability.paths.regimes import keeps_control
 from stability.paths.state import Mode, initial_state, unpack
-from stability.paths.state_rates import UNIT_PARAMETER, StateRates, closure_kind
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=0.3)
 
@@ -91,17 +91,6 @@ def test_pairs_of_grains_are_watched_when_they_come_near(gap, watched):
     graph = diamond(np.arcsin(0.5 * (1.0 + gap)))
     model = path_model(graph, contact_state(graph), LAW, "affine", "blocked", None)
     assert len(pairs_in_reach(model, [graph.x])) == watched
-
-
-@pytest.mark.parametrize(
-    ("order", "kt", "kind"),
-    [(24, 0.2, "ring"), (24, 0.05, "saddle"), (25, 0.05, "ring"), (25, 5e-4, "saddle")],
-)
-def test_compliances_of_soft_contacts_are_not_used(order, kt, kind):
-    # The block of a contact in equilibrium has the determinant kn kt.
-    law = LinearFrictional(kn=1.0, kt=kt)
-    here = elastic_state(regular_polygon(order), law)
-    assert closure_kind(here.model, contact_state(regular_polygon(order)), here.mode.regime) == kind
 
 
 @pytest.mark.parametrize(("off", "kept"), [(5e-13, 8), (5e-12, 4)])
