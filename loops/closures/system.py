@@ -35,6 +35,7 @@ from loops.assembly import (
     translational_sizes,
 )
 from loops.closures.null_space import solve_through_null_space
+from loops.closures.ring import change
 from loops.closures.spins import LoopSpin, affine_spin, gear_projector, other_arms
 from loops.errors import check_choice
 from loops.geometry import boundary_vectors, polygon_area
@@ -90,7 +91,6 @@ def closure_of(
 
 # Unknowns up to which linear algebra gives the same bits with any number of threads.
 FEW_UNKNOWNS = 24
-SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,16 +322,7 @@ def relaxed_loop(
     if spins != "free" or graph.contact_count != graph.grain_count or graph.grain_count % 2:
         return own, np.zeros(own.stress.shape[:-2])
     other = by_arms(other_arms(state, law))
-    doubt = frobenius(other.error)
-    # A change of the smallest eigenvalue counts where it leads towards zero or beyond.
-    changes = []
-    for components in (2, 3):
-        smallest, changed = _smallest(own.stress, components), _smallest(other.stress, components)
-        changes.append(np.maximum(0.0, np.sign(smallest) * (smallest - changed)) + doubt)
-    return own, np.maximum(*changes)
-
-
-def _smallest(stress: Floats, components: int) -> Floats:
-    """Return (...) the smallest eigenvalue of Ks in (11, 22) or in (11, 22, (12 + 21)/sqrt 2)."""
-    k = SYMMETRIC[:components] @ np.nan_to_num(stress) @ SYMMETRIC[:components].T
-    return np.asarray(np.linalg.eigvalsh(0.5 * (k + np.swapaxes(k, -1, -2)))[..., 0])
+    pairs = (np.nan_to_num(one.stress).reshape(-1, 4, 4) for one in (own, other))
+    with np.errstate(over="ignore"):
+        changes = [change(*pair) for pair in zip(*pairs, strict=True)]
+    return own, frobenius(other.error) + np.reshape(changes, own.residual.shape)

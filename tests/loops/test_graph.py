@@ -38,6 +38,7 @@ PAIR = {"x": [[0, 0], [0.9, 0]], "radii": [0.5, 0.5], "contacts": [[0, 1]]}
         ({"cell": [[1, 2], [1, 2]]}, ["cell", "independent cell vectors"]),
         ({"cell": np.eye(2), "cell0": np.zeros((2, 2))}, ["cell0", "independent"]),
         ({"cell": [[1, 0], [0, np.nan]]}, ["cell", "nan"]),
+        ({"x": [[0, 0, 0], [1, 0, 0]]}, ["x: got shape (2, 3)", "two coordinates"]),
     ],
 )
 def test_bad_input_names_the_grain_or_contact(change, words):

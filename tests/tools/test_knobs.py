@@ -119,7 +119,7 @@ def test_a_number_of_a_kernel_is_read_where_one_that_calls_it_runs():
     numbers = {one.name: one for one in numbers_of(ROOT, ["loops/compiled", "stability/material"])}
     names = {name for _, name in kernels_that_read(numbers["CLOSE"])}
     assert names == {"_sort_by_angle", "following_half_edges", "plane_faces"}
-    assert {"SHORT", "TOUCH", "BALANCED", "SINGULAR", "WIDTH", "GEAR"} <= numbers.keys()
+    assert {"SHORT", "TOUCH", "BALANCED", "SINGULAR", "WIDTH"} <= numbers.keys()
     assert frozen(numbers["SHORT"]) and not frozen(numbers["MOST_FAILED"])
     assert not {"ANSWER", "SUMS", "WEIGHT", "FX", "BINS"} & numbers.keys()
     ring = GrainGraph(
@@ -129,7 +129,7 @@ def test_a_number_of_a_kernel_is_read_where_one_that_calls_it_runs():
     for compiled in (True, False):
         _, codes = code_called(lambda compiled=compiled: find_faces(ring, compiled=compiled))
         assert reads(numbers["CLOSE"], codes) == compiled
-        assert not reads(numbers["GEAR"], codes) and not reads(numbers["SHORT"], codes)
+        assert not reads(numbers["SHORT"], codes)
 
 
 def test_sources_are_edited_behind_the_assignment(planted):
