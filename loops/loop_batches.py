@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from loops.closures.rings import Rings, contact_rows, kernels, solve_by_numpy, s
 from loops.closures.system import HasLaw, named_closure, with_law
 from loops.closures.tangents import of_ring
 from loops.compiled import given, use_compiled
-from loops.errors import InputError, check_type
+from loops.errors import InputError, check_choice, check_type
 from loops.faces import Faces, faces_by_order, find_faces
 from loops.geometry import polygon_area, polygon_centroid, polygon_perimeter, polygon_shape
 from loops.graph import GrainGraph, state_of
@@ -162,6 +162,7 @@ def tangents_of_loops(
 ) -> MacroTangent:
     """Return the tangents of all loops in the order of `Faces.loops`, see `loop_tangents`."""
     rule = named_closure(closure), spins
+    check_choice("spins", spins, get_args(Spins))
     if len(faces.loops) == 0:
         raise InputError("faces", "no loops", "one at least", "Look at the contacts.")
     packing = loops_of_packing(graph, faces, law)

@@ -237,7 +237,7 @@ CALLS = {
     "to_networkx": ({"graph": "ring"}, "graph:graph"),
     "traction_tangent": (
         {"graph": "ring", "law": LAW},
-        "graph:graph law:law spins:choice regime:flags volume:array method:choice",
+        "graph:graph law:law spins:choice regime:flags volume:array",
     ),
     "unstable_fraction": ({"eigenvalues": [1.0, -0.5]}, "eigenvalues:array"),
     "write_snapshot": ({"path": "grains.csv", "snapshot": "sample"}, "path:path snapshot:sample"),

@@ -625,7 +625,6 @@ def test_every_frame_of_a_file_is_a_snapshot(tmp_path):
         ("grains_05.csv.gz", ["contacts_05.csv.gz", "cell_05.json"]),
         ("dump.atoms.40000", ["dump.contacts.40000.gz", "dump.local.40000"]),
         ("atoms.0.dump", ["contacts.0.dump"]),
-        ("s05-spheres.100.vtu", ["s05-intrs.100.vtp"]),
         ("box.data", ["box.fstat"]),
     ],
 )
