@@ -209,7 +209,6 @@ def polygon_command(
 
 def _ring_of(path: Path) -> tuple[Any, Any]:
     """Centres and radii of a table, counter-clockwise."""
-    import numpy as np
     import pandas as pd
 
     from loops import polygon_area
@@ -219,10 +218,9 @@ def _ring_of(path: Path) -> tuple[Any, Any]:
     except (OSError, KeyError, ValueError):
         expected = "a table with the columns x, y and radius, a row a grain, in order"
         raise InputError(f"--centres {path}", "none", expected, "Write one.") from None
-    if len(table) > 2 and polygon_area(table[["x", "y"]].to_numpy()) < 0.0:
-        table = table[::-1]
     x = table[["x", "y"]].to_numpy()
-    return tuple(map(tuple, x.tolist())), tuple(np.asarray(table["radius"]).tolist())
+    sense = -1 if len(x) > 2 and polygon_area(x) < 0.0 else 1
+    return tuple(map(tuple, x[::sense].tolist())), tuple(table["radius"].tolist()[::sense])
 
 
 def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:
