@@ -330,12 +330,6 @@ def normals(d: Floats) -> Floats:
     return d / np.where(length > 0, length, 1.0)
 
 
-def gaps(atoms: Atoms, pairs: GrainPairs) -> Floats:
-    """(C,) array: distances of the centres less the sums of the radii (length)."""
-    reach = atoms.radii[pairs.i] + atoms.radii[pairs.j]
-    return np.asarray(np.hypot(pairs.d[:, 0], pairs.d[:, 1]) - reach)
-
-
 def frame_of_pairs(
     listings: tuple[Listing, Listing],
     atoms: Atoms,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,11 +53,6 @@ CONTACT_NAMES = {
 # Relative tolerance of positions, sizes and directions: dumps have six digits or more.
 TOLERANCE = 1e-3
 AGREEING = 0.5  # least share of rows that fit, by which a column is recognised
-
-
-def with_columns(columns: Map, names: Iterable[str]) -> str:
-    """Names of a map with their columns, for messages."""
-    return ", ".join(f"{name}={columns[name]}" for name in names)
 
 
 def shares(vector: Floats, n: Floats) -> tuple[float, float]:
@@ -112,8 +107,9 @@ class ColumnSearch:
             self._require_one(names, found)
             self.columns |= dict(zip(names, found[0], strict=True))
         if (off := error(self.vector(names), np.arange(len(self.table)))) > TOLERANCE:
+            mapped = ", ".join(f"{name}={self.columns[name]}" for name in names)
             raise InputError(
-                f"columns {with_columns(self.columns, names)} of {self.table.path}",
+                f"columns {mapped} of {self.table.path}",
                 f"vectors {off:.2g} off the branches of the grains",
                 " and ".join(f"{name} ({CONTACT_NAMES[name]})" for name in names),
                 "Give --columns as the dump was written, and both dumps of one step.",

@@ -23,7 +23,6 @@ from patterns.snapshots.dump_files import (
     first_frame,
     frame_of_pairs,
     frames_of_dumps,
-    gaps,
     given_columns,
     is_dump,
     normals,
@@ -251,7 +250,8 @@ def _overlap(
     if columns.get("delta") == NONE:
         return None
     inside = ~pairs.images.any(axis=1)
-    expected = -gaps(atoms, pairs)[inside]
+    reach = atoms.radii[pairs.i] + atoms.radii[pairs.j]
+    expected = (reach - np.hypot(*pairs.d.T))[inside]
     scale = atoms.radii.min()
     for name in [columns["delta"]] if "delta" in columns else table.names[first:]:
         values = table.column(name)
