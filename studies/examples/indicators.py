@@ -23,6 +23,7 @@ from loops import InputError
 from patterns import sample_path
 from stability import COMPONENTS
 from studies.examples import run_example, save
+from studies.output import Summary
 from studies.series.run import run_series
 from studies.series.skill import (
     INDICATORS,
@@ -48,13 +49,12 @@ MEAN = (
 )
 
 
-def sample_series(out: Path) -> Path:
-    """The series of the package's sample, with indicators and the rate problem."""
+def sample_series(out: Path, **how: Any) -> Summary:
+    """Run the series of the package's sample."""
     cells = sample_path("slow/cells.csv")
     files = sorted(cells.parent.glob("grains_*.parquet"))
-    how: dict[str, Any] = {"cells": cells, "shear_increment": "radii", "indicators": True}
-    run_series(files, out, workers=1, figures=False, **how)
-    return out
+    how |= {"cells": cells, "shear_increment": "radii"}
+    return run_series(files, out, workers=1, figures=False, **how)
 
 
 def scores(folder: Path, seed: int = 0) -> pd.DataFrame:
@@ -173,7 +173,9 @@ def draw(table: pd.DataFrame) -> Figure:
 def main(out: Path, *folders: Path) -> dict[str, Any]:
     """Compare the predictors of the series; write table and figure, and the means by packing."""
     with TemporaryDirectory() as place:
-        every = folders or (sample_series(Path(place) / "sample"),)
+        every = folders or (Path(place) / "sample",)
+        if not folders:
+            sample_series(*every, indicators=True)
         rows = pd.concat([scores(one, seed) for seed, one in enumerate(every)], ignore_index=True)
     table = compare(rows)
     known = table[table["shuffled_low"].notna()]

@@ -14,26 +14,16 @@ from typing import Any
 
 import pandas as pd
 
-from patterns import sample_path
 from studies.examples import run_example, save
-from studies.series.run import run_series
+from studies.examples.indicators import sample_series
 from studies.series.skill import SKILL_COLUMNS
 from studies.series.skill_figures import skill_by_predictor
 
 
 def main(out: Path) -> dict[str, Any]:
     """Follow the series; write the skill of every predictor and the figure."""
-    cells = sample_path("slow/cells.csv")
     with TemporaryDirectory() as folder:
-        summary = run_series(
-            sorted(cells.parent.glob("grains_*.parquet")),
-            Path(folder) / "series",
-            cells=cells,
-            shear_increment="radii",
-            in_packing=True,
-            workers=1,
-            figures=False,
-        )
+        summary = sample_series(Path(folder) / "series", in_packing=True)
         skill = pd.read_parquet(Path(folder) / "series" / "skill.parquet")
     kept = ("packing", "skill", "skill_of_targets", "skill_by_order")
     numbers = {name: summary[name] for name in kept}

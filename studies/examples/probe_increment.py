@@ -26,7 +26,7 @@ from stability.packing.amplitudes import stage_along
 from stability.packing.controls import direction_control
 from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
-from studies.examples.probing import STRESS, convected, state
+from studies.examples.probing import convected, increments, state
 from studies.style import BLUE, GREEN, TWO_COLUMNS, VERMILION, new_figure, styled
 
 AMPLITUDES = (1e-5, 5e-5)
@@ -39,7 +39,7 @@ COLOURS = {"rates": BLUE, "increment": VERMILION, "events": GREEN}
 def answers(
     amplitudes: Sequence[float], wanted: Floats
 ) -> Iterator[tuple[str, float, Floats, float]]:
-    """Method, amplitude, stress increments (D, 4) over it, and seconds a direction."""
+    """Method, amplitude, stress increments (D, 2, 2) over it, and seconds a direction."""
     snapshot, _ = state("before")
     ways: list[tuple[str, Any, float]] = [("rates, band 0.99", PackingRates, 0.99)]
     ways += [(f"increment, from {share:g}", PackingIncrements, share) for share in SHARES]
@@ -49,26 +49,19 @@ def answers(
         ready = process_time() - began
         for amplitude in amplitudes:
             began = process_time()
-            controls = [
-                direction_control(amplitude * each, "diagonal", "strain") for each in wanted
-            ]
-            solved = [one.solved(control) for control in controls]
+            along = (direction_control(amplitude * each, "diagonal", "strain") for each in wanted)
+            solved = [one.solved(control) for control in along]
             spent = ready + process_time() - began
-            responses = [getattr(each, "response", each) for each in solved]
-            stress = np.array([each.stress_rate.ravel() for each in responses])
+            stress = np.array([getattr(each, "response", each).stress_rate for each in solved])
             yield name, amplitude, stress / amplitude, spent / len(wanted)
     for amplitude in amplitudes:
         began, ends = process_time(), []
         for direction in wanted:
             stage = stage_along(direction, "diagonal", "strain", amplitude)
             path = follow(snapshot, stage, closure="packing")
-            ends.append(path.P[-1] - path.P[0])
-        yield (
-            "events",
-            amplitude,
-            np.array(ends) / amplitude,
-            (process_time() - began) / len(wanted),
-        )
+            ends.append((path.P[-1] - path.P[0]).reshape(2, 2))
+        spent = process_time() - began
+        yield "events", amplitude, np.array(ends) / amplitude, spent / len(wanted)
 
 
 def main(out: Path) -> dict[str, Any]:
@@ -81,10 +74,9 @@ def main(out: Path) -> dict[str, Any]:
     for method, amplitude, P, seconds in answers(AMPLITUDES, wanted):
         part = measured[np.isclose(measured["amplitude"], amplitude)]
         part = part[part["theta_deg"].isin(theta)].sort_values("theta_deg")
-        size = np.hypot(part["H11"], part["H22"]).to_numpy()[:, None]
-        actual = part[STRESS].to_numpy() / size
-        error = np.linalg.norm(P + more.reshape(-1, 4) - actual, axis=1)
-        error = 100.0 * error / np.linalg.norm(actual, axis=1)
+        actual = increments(part)[1]
+        error = np.linalg.norm(P + more - actual, axis=(1, 2))
+        error = 100.0 * error / np.linalg.norm(actual, axis=(1, 2))
         rows.append({
             "method": method, "amplitude": amplitude, "median": float(np.median(error)),
             "q90": float(np.quantile(error, 0.9)), "largest": float(error.max()),

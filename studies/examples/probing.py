@@ -44,6 +44,12 @@ def convected(H: Floats, stress: Floats) -> Floats:
     return np.trace(H, axis1=1, axis2=2)[:, None, None] * stress - stress @ np.swapaxes(H, 1, 2)
 
 
+def increments(rows: pd.DataFrame) -> tuple[Floats, Floats]:
+    """Sizes (D,) of the strains of Yade's probes, and the stress increments (D, 2, 2) over them."""
+    size = np.hypot(rows["H11"], rows["H22"]).to_numpy()
+    return size, rows[STRESS].to_numpy().reshape(-1, 2, 2) / size[:, None, None]
+
+
 def compared_state(name: str) -> pd.DataFrame:
     """One row per band, amplitude and direction: measured and predicted stress, error, both W2."""
     (snapshot, measured), parts = state(name), []
@@ -55,8 +61,7 @@ def compared_state(name: str) -> pd.DataFrame:
         P = found.elastic_stress if label == "elastic" else found.stress_rate
         H, more = found.elastic_strain, convected(found.elastic_strain, stress)
         for amplitude, rows in measured.groupby("amplitude"):
-            size = np.hypot(rows["H11"], rows["H22"]).to_numpy()[:, None, None]
-            actual = rows[STRESS].to_numpy().reshape(-1, 2, 2) / size
+            size, actual = increments(rows)
             error = np.linalg.norm(P + more - actual, axis=(1, 2))
             length = np.linalg.norm(actual, axis=(1, 2))
             columns = {
@@ -65,7 +70,7 @@ def compared_state(name: str) -> pd.DataFrame:
                 **{f"predicted_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
                 "error": error / length,
                 "error_of_largest": error / length.max(),
-                "error_of_state": error * size[:, 0, 0] / np.linalg.norm(stress),
+                "error_of_state": error * size / np.linalg.norm(stress),
                 "measured_W2": np.sum((actual - more) * H, axis=(1, 2)),
                 "predicted_W2": np.sum(P * H, axis=(1, 2)),
                 "unbalanced": rows["unbalanced"].to_numpy(),
