@@ -40,18 +40,7 @@ class Pointer(types.WrapperAddressProtocol):
 
 
 @kernel
-def linear(
-    constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
-) -> None:
-    """Fill in linear springs of the constants `kn`, `kt`, `mu`."""
-    for p in range(len(overlap)):
-        normal = constants[0, p] * overlap[p]
-        out[0, p], out[1, p] = normal, constants[1, p]
-        out[2, p], out[3, p] = constants[2, p] * normal, T[p]
-
-
-@kernel
-def cohesive(
+def springs(
     constants: Floats, radii: Floats, overlap: Floats, before: Floats, T: Floats, out: Floats
 ) -> None:
     """Fill in linear springs of the constants `kn`, `kt`, `mu`, attraction, cohesion."""

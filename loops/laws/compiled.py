@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -56,7 +56,7 @@ def compiled(law: FrictionalLaw, radii: Floats, walls: Floats) -> Filling | str:
     """Return a law of one's own between pairs, compiled; or why numba cannot.
 
     `radii` (2, P) are those that its formulae see, `walls` (4, P) factor, pull, `kt` and `mu` as
-    `FormulaPairs` has them, zero between grains. Numba takes some things otherwise than numpy,
+    `PairLaw` has them, zero between grains. Numba takes some things otherwise than numpy,
     such as the truth of an array: a law whose numbers differ is not compiled.
     """
     kind = type(law)
@@ -148,15 +148,28 @@ def answer_of(
     law: FrictionalLaw, radii: Floats, overlap: Floats, before: Floats, T: Floats
 ) -> Floats:
     """Return (4, C) what a compiled law fills in, from numpy."""
-    state = pressed_contacts(law, radii, radii[0] + radii[1] - overlap, T)
+    state = pressed_contacts(law, radii, overlap, T)
     D = law.local_stiffness(state, np.ones(len(T), dtype=np.int8))
     kept = np.where(T != 0.0, T - D[:, 1, 0] * (before - overlap), T)
     most = np.where(np.isfinite(law.mu), law.strength(state), np.inf)
     return np.array([state.normal_force, D[:, 1, 1], most, kept])
 
 
-def pressed_contacts(law: FrictionalLaw, radii: Floats, length: Floats, T: Floats) -> ContactState:
-    """Return contacts (C,) of these lengths and shear forces, with the law's normal forces."""
-    n = np.tile([1.0, 0.0], (len(length), 1))
-    state = ContactState(length, n, n[:, ::-1], 0.0 * length, T, *radii)
+@dataclass(frozen=True, eq=False, repr=False)
+class PressedContacts(ContactState):
+    """Contacts of known overlaps, which their lengths hold to rounding of these alone."""
+
+    depth: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def overlap(self) -> Floats:
+        """(C,) `r_i + r_j - l`."""
+        return self.depth
+
+
+def pressed_contacts(law: FrictionalLaw, radii: Floats, overlap: Floats, T: Floats) -> ContactState:
+    """Return contacts (C,) of these overlaps and shear forces, with the law's normal forces."""
+    n = np.broadcast_to([1.0, 0.0], (len(overlap), 2))
+    (i, j), none = radii, 0.0 * overlap
+    state = PressedContacts(i + j - overlap, n, n[:, ::-1], none, T, i, j, depth=overlap)
     return replace(state, normal_force=np.asarray(law.closed_force(state), dtype=float))

@@ -8,7 +8,7 @@ from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime, linear_springs
 from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, HertzMindlin
-from loops.laws.of_pairs import AT_TOUCH, FormulaPairs, MovableLaw
+from loops.laws.of_pairs import AT_TOUCH, MovableLaw, PairLaw
 from loops.laws.rolling_resistance import RollingResistance
 
 # Share of the contacts that tell whose forces they are.
@@ -78,14 +78,14 @@ def _require_formulae(law: FrictionalLaw, state: ContactState) -> None:
         raise refuse(f"{name} with {', '.join(changed)}", expected, remedy)
     radii = np.array([state.radii_i, state.radii_j])
     try:
-        own = FormulaPairs.made(law, radii, np.full(radii.shape[1], -1))
+        own = PairLaw.made(law, radii, np.full(radii.shape[1], -1))
         _, pressed = own.contacts(state.overlap)
         D = own.local_stiffness(pressed, Regime.ELASTIC)
     except NotImplementedError as lacks:
         remedy = "Add it to the class."
         expected = "closed_force, and kt or stiffnesses"
         raise refuse(f"{name} without {lacks}", expected, remedy) from None
-    parting = own.parting()
+    parting = own.parting
     rise = law.gap(pressed) - law.gap(parting)
     if np.any(own.reach < 0) or not np.allclose(rise, pressed.length - parting.length):
         expected = "a gap of the branch less its length where the contact opens, at touch or beyond"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional, contact_state
-from loops.compiled import laws as kernels
 from loops.graph import GrainGraph
 from loops.laws.compiled import answer_of, compiled
+from loops.laws.of_pairs import law_of_pairs
 
 COUNT = 40
 NO_WALLS = np.zeros((4, COUNT))
@@ -106,22 +106,14 @@ def test_a_compiled_law_is_that_of_numpy(law):
 def test_kernels_of_known_laws_are_these_laws(kind):
     """By displacement `T` goes with `kt`."""
     mu = np.where(MODULI > 2.5, np.inf, 0.4)
-    if kind == "linear":
-        law = LinearFrictional(MODULI, 0.5, mu)
-        constants, function = [MODULI, 0.5 + 0 * MODULI, mu], kernels.linear
-    elif kind in ("attraction", "bond"):
-        bonded = kind == "bond"
-        law = CohesiveFrictional(MODULI, 0.5, mu, 0.02, bonded=bonded)
-        attraction, cohesion = 0.0 if bonded else 0.02, np.broadcast_to(law.cohesion, COUNT)
-        rows = [MODULI, 0.5 + 0 * MODULI, mu, attraction + 0 * MODULI, cohesion]
-        constants, function = rows, kernels.cohesive
-    else:
-        law = HertzMindlin(MODULI, 0.2, mu, shear_history=kind)
-        root = np.sqrt(RADII[0] * RADII[1] / RADII.sum(axis=0))
-        kn = MODULI / (1 - 0.2**2) * root
-        constants = [2 / 3 * kn, law.stiffness_ratio * kn, mu]
-        function = kernels.hertz if kind == "force" else kernels.hertz_by_displacement
-    found, wanted = filled(function, constants), answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
+    law = {
+        "linear": LinearFrictional(MODULI, 0.5, mu),
+        "attraction": CohesiveFrictional(MODULI, 0.5, mu, 0.02),
+        "bond": CohesiveFrictional(MODULI, 0.5, mu, 0.02, bonded=True),
+    }.get(kind) or HertzMindlin(MODULI, 0.2, mu, shear_history=kind)
+    filling = law_of_pairs(law, RADII, np.full(COUNT, -1)).filling(False)
+    found = filled(filling.pointer.function, filling.constants)
+    wanted = answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
     if kind == "displacement":
         wanted[3] = SHEAR * np.sqrt(OVERLAP / BEFORE)
     np.testing.assert_allclose(found, wanted, rtol=1e-14 if "Hertz" not in repr(law) else 4e-15)

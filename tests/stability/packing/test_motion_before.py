@@ -8,7 +8,6 @@ import pytest
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
 from loops.compiled import motion as now
 from loops.contacts import contacts_of, start_state
-from loops.laws.of_pairs import HertzPairs
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from tests.loops.laws.test_compiled import Stiffening
 from tests.oracles import motion_before as before
@@ -44,9 +43,9 @@ def steps_of(kernel, moving, steps, dt):
     then = {name: getattr(motion, name) for name in before.MovingDiscs._fields if name != "root"}
     root = np.sqrt(np.maximum(motion.overlap, 0.0)) * (motion.kt > 0)
     state = before.MovingDiscs(**then, root=root)
-    kn, kt, mu = discs.constants
+    kn, kt, mu = discs.constants[:3]
     shared = {name: getattr(discs, name) for name in before.Discs._fields if hasattr(discs, name)}
-    hertz, own = isinstance(law, HertzPairs), np.zeros((0, 5))
+    hertz, own = isinstance(law.law, HertzMindlin), np.zeros((0, 5))
     of_law = {"kn": kn, "kt": kt, "mu": mu, "hertz": hertz, "own": own}
     listed = before.Discs(**shared, **of_law, by_displacement=law.remembers)
     return state, lambda: before.run(state, listed, moving.servo, *how)

@@ -39,7 +39,7 @@ def test_energy_of_each_spring_in_closed_form():
         state = replace(state, rolling_moment=M)
         N, T = state.normal_force, state.shear_force
         kt = state.law.stiffnesses(OVERLAP)[1]
-        own = N**2 / (2 * state.law.kn) if law is LINEAR else 0.4 * N * OVERLAP
+        own = N**2 / (2 * LINEAR.kn) if law is LINEAR else 0.4 * N * OVERLAP
         wanted = np.sum(own + T**2 / (2 * kt) + M**2 / (2 * np.array([0.3, 0.5, 0.9])))
         assert state.stored_energy == pytest.approx(wanted, rel=1e-12)
         none = {"shear_force": np.zeros(3), "closed": np.zeros(3, dtype=bool)}

@@ -87,8 +87,8 @@ def test_a_grain_with_room_moves_out_of_overlap_and_carries_nothing(aside):
 @pytest.mark.parametrize("too_large", [1e-3, 1e-4])
 def test_a_grain_without_room_is_loaded_in_balance(too_large, aside):
     """Without friction it ends in the middle, where all four press alike by its overlap."""
-    state = caged(ROOM + too_large, 0.5 + np.array(aside))
-    freed = free_rattlers(replace(state, law=replace(state.law, mu=0.0 * state.law.mu)))
+    state = caged(ROOM + too_large, 0.5 + np.array(aside), law=LinearFrictional(1.0, 0.5, 0.0))
+    freed = free_rattlers(state)
     rows, overlap = of_small(freed.state)
     assert not freed.rattlers.any()
     np.testing.assert_allclose(freed.state.x[4], 0.5, rtol=0, atol=1e-3 * too_large)
