@@ -32,6 +32,10 @@ from stability.path import Event, EventKind, Spring, reason
 CHATTER = 12
 # Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
 GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
+# No contact stops a grain that moves so far between two events (in mean radii): its path and the work
+# of its slip are those of its ground spring, which from then on is this one (in kn).
+RUNS_AWAY = 0.01
+HELD_BACK = 1e-5
 # Columns of `Path.work`.
 SLIP = 1
 INCREMENT = 2
@@ -153,6 +157,9 @@ class StrainIncrement:
             self.reached = speed * self.left > 0 and self.left / speed < left
             if self.reached:
                 left = self.left / speed
+            if self._held_back(v, min(step, left)):
+                rates = self._settled()
+                continue
             self.left -= speed * min(step, left)
             self.left_to_strain -= strain_speed * min(step, left)
             if step >= left:
@@ -162,6 +169,15 @@ class StrainIncrement:
             self._advance(h, v, step)
             self._change(c, kind, rates)
             rates = self._settled()
+
+    def _held_back(self, v: Floats, step: float) -> bool:
+        """Hold grains that no contact stops, turned by the friction of one; whether any are."""
+        packing = self.packing
+        size = np.linalg.norm(v.reshape(-1, 3), axis=1) * step / packing.length
+        grains = np.flatnonzero((size > RUNS_AWAY) & (packing.ground_spring < HELD_BACK))
+        if len(grains):
+            packing.add_ground_springs(grains, HELD_BACK)
+        return bool(len(grains))
 
     @property
     def at_goal(self) -> bool:
