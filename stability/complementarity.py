@@ -226,8 +226,7 @@ def _family(q: Floats, M: Floats, sliding: Flags, errors: Errors) -> Family | No
     if np.abs(q + M @ slip)[a].max() > tol:
         return None
     # From there, `slip + t directions` keeps the signs of `z` where sliding and of `w` elsewhere.
-    start = np.where(sliding, slip, q + M @ slip)
-    start = np.where(np.abs(start) <= tol, 0.0, start) / scale
+    start = np.where(sliding, slip, q + M @ slip) / scale
     slopes = np.where(sliding, directions, directions @ M.T).T
     corners, rays = [], 0
     for row in (*np.eye(len(directions)), *-np.eye(len(directions))):
@@ -451,8 +450,7 @@ def _every_solution(
         parts.append(actives[~regular])
     singular = np.concatenate(parts)
     rest = np.where(singular[:, None, :], M, -np.eye(m))
-    null = m / LOST * (singular @ errors.M) / np.maximum(np.linalg.norm(rest, axis=(1, 2)), 1e-300)
-    inverse = np.linalg.pinv(rest, rcond=np.maximum(PIVOT, null))
+    inverse = np.linalg.pinv(rest, rcond=PIVOT)
     smallest = -inverse @ q
     low = errors.q + (singular * np.abs(smallest)) @ errors.M
     carried = np.abs(rest @ smallest[..., None] + q[:, None]).max(axis=(1, 2), initial=0.0)

@@ -21,7 +21,6 @@ from loops.arrays import Regimes as RegimeArray
 from loops.laws.frictional import Regime
 from loops.shown import Shown
 from stability.complementarity import (
-    EXACT,
     STARTS,
     Complementarity,
     Errors,
@@ -180,14 +179,14 @@ class SlipProblem(NamedTuple):
     What agrees are sets of sliding contacts, (m,) flags in the place of rates: whoever asks solves
     for the rates of those that it needs, with factors of its own. `free` (m,) are the contacts that
     may slide in any case: where there is no solution the others are kept from it. `feasible` tells
-    that some slip is known to be enough under every load, `errors` what `q` and `M` may err by.
+    that some slip is known to be enough under every load, `low` what entries of `q` may err by.
     """
 
     q: Floats
     M: Floats
     free: Flags | None = None
     feasible: bool = False
-    errors: Errors = EXACT
+    low: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -363,14 +362,14 @@ def _sliding_sets(
     problem: SlipProblem, starts: int, known: Sequence[Flags], complete: str
 ) -> Complementarity:
     """Find the sets that slide in each solution."""
-    q, M, free, feasible, errors = problem
+    q, M, free, feasible, low = problem
     if complete:
         return known_solutions(q, M, known, complete)
-    found = solve_complementarity(q, M, starts, known, feasible, errors=errors)
+    found = solve_complementarity(q, M, starts, known, feasible, errors=Errors(low))
     if starts == 0 or len(found.active) or found.proof or free is None or free.all():
         return found
-    own = Errors(errors.q, np.broadcast_to(errors.M, q.shape)[free])
-    others = solve_complementarity(q[free], M[np.ix_(free, free)], starts, errors=own).active
+    left = q[free], M[np.ix_(free, free)]
+    others = solve_complementarity(*left, starts, errors=Errors(low)).active
     sets = np.zeros((len(others), len(q)), dtype=bool)
     sets[:, free] = others
     return Complementarity(sets, HELD_STUCK) if len(others) else found

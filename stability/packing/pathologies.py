@@ -6,7 +6,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
-from stability.complementarity import Errors, positive_definite
+from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
@@ -80,7 +80,7 @@ def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:
     told = "" if sure is not None else told
     solutions, proved = (1, True) if sure else (-1, False)
     if not sure and m < FEW_CANDIDATES:
-        found = agreeing(SlipProblem(q, M, errors=Errors(low)), starts=FEW_STARTS)
+        found = agreeing(SlipProblem(q, M, low=low), starts=FEW_STARTS)
         solutions, proved = len(found.solutions), found.exhaustive
     return Pathologies(m, asymmetry, definite, sure, solutions, proved, w2, told)
 

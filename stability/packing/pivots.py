@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from loops.arrays import Floats, Integers
-from stability.complementarity import Errors
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, ROOM, SLIDING, Combination, RegimeFactor
 from stability.regimes import SlipProblem, agreeing
@@ -106,8 +105,7 @@ def seek(
 
     All that changed regime, None if no regimes were found, and the proof that there are none.
     """
-    pair = slip_system(packing, control, contacts)
-    found = agreeing(SlipProblem(*pair, errors=Errors(rounding)))
+    found = agreeing(SlipProblem(*slip_system(packing, control, contacts), low=rounding))
     if not found.solutions:
         return None, found.proof
     active = found.taken.rates

@@ -25,7 +25,6 @@ from stability.complementarity import (
     SIGN,
     STARTS,
     Complementarity,
-    Errors,
     Family,
     feasible_for_all,
     nearest_regimes,
@@ -260,12 +259,6 @@ class PackingRates:
         """Return `q` and `M` of the complementarity problem of all candidates."""
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
-    @cached_property
-    def _slip_errors(self) -> Floats:
-        """(m,) what a column of `M` errs by: rounding of the largest motion, times stiffness."""
-        stiffest = np.abs(self.yielding.gauge).max(initial=0.0)
-        return ROUNDED * (1.0 + stiffest * np.abs(self.slips).max(axis=0, initial=0.0))
-
     def rounding(self, answer: LinearAnswer, H: Floats) -> float:
         """Return what rates of candidates err by: rounding of the largest motion of all."""
         affine = self.yielding.system.branches @ H.reshape(2, 2).T
@@ -291,7 +284,7 @@ class PackingRates:
         starts = starts if len(q) <= STARTED else min(starts, 1)
         feasible = np.array_equal(M, self._feasible)
         low = self.rounding(self.elastic, controlled_strain(self.elastic, control))
-        problem = SlipProblem(q, M, free, feasible, Errors(low, self._slip_errors))
+        problem = SlipProblem(q, M, free, feasible, low)
         found = agreeing(problem, starts=starts, known=known, complete=complete)
         missed = found.status == "none found" or found.proof == HELD_STUCK
         if starts and missed and not feasible and feasible_for_all(M):

@@ -20,8 +20,8 @@ from stability.paths.state_rates import is_trusted
 from stability.regimes import ENUMERATION_LIMIT, Choice, EdgeRates, agreeing, edge_options
 from stability.regimes import Regimes as AgreeingRegimes
 
-# Rounding of rates over the largest motion.
-ROUNDED = 1e-13
+# Rounding of rates over the largest motion, which soft clusters amplify.
+ROUNDED = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -192,10 +192,13 @@ def test_a_path_goes_on_in_all_frames():
         assert path.status == "finished", k
 
 
-def hanging(beta=None):
-    """A disc on a contact at yield with a held one; or two such discs in a row, the last free."""
-    x, contacts = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.75**0.5]]), np.array([[0, 1], [1, 2]])
-    return x, contacts, np.array([1.0, -1.0]), np.array([[1.0, 0.3, 0.0], [0] * 3, [0] * 3])
+def hanging(contacts, at, N):
+    """Two free discs that hang on a held one, which moves: no contact is loaded."""
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.75**0.5]])
+    return x, np.array(contacts), np.array(at), np.array([[1.0, 0.3, 0.0], [0] * 3, [0] * 3]), N
+
+
+ROW, TRIANGLE = [[0, 1], [1, 2]], [[0, 1], [1, 2], [0, 2]]
 
 
 def three_discs(beta):
@@ -203,7 +206,7 @@ def three_discs(beta):
     s, c = np.sin(beta), np.cos(beta)
     x, motion = np.array([[0.0, 0.0], [s, c], [0.0, 2.0 * c]]), np.zeros((3, 3))
     motion[2, 1] = -1.0
-    return x, np.array([[0, 1], [1, 2]]), np.array([1.0, -1.0]), motion
+    return x, np.array(ROW), np.array([1.0, -1.0]), motion, 5e-4
 
 
 # `q` vanishes at the first angle, `M` at the second: mu = 0.5, N = 5e-4 kn l.
@@ -213,23 +216,24 @@ SLACK, LOST = np.radians([26.55072723249814, 26.622204339169247])
 @pytest.mark.parametrize(
     ("case", "held", "status"),
     [
-        (hanging(), [True, False, False], "family"),
+        (hanging(ROW, [1.0, -1.0], 5e-4), [True, False, False], "family"),
+        (hanging(TRIANGLE, [1.0, -1.0, 0.0], 1e-9), [True, False, False], "unique"),
         (three_discs(SLACK - 1e-10), [True, False, True], "family"),
         (three_discs(SLACK), [True, False, True], "unique"),
         (three_discs(SLACK + 1e-10), [True, False, True], "none"),
         (three_discs(LOST - 1e-9), [True, False, True], "none"),
         (three_discs(LOST + 1e-9), [True, False, True], "family"),
     ],
-    ids=["hanging", "slack", "neither", "stuck", "lost", "slips"],
+    ids=["hanging", "triangle", "slack", "neither", "stuck", "lost", "slips"],
 )
 def test_supported_clusters_have_one_status_in_all_frames(case, held, status):
     """Next to where `q` or `M` vanish, closer than rounding of a share of either would tell."""
-    (x, contacts, at, motion), rng = case, np.random.default_rng(5)
+    (x, contacts, at, motion, share), rng = case, np.random.default_rng(5)
     for k in range(8):
         turn, length, force, _ = frame(rng, 3) if k else SAME
         order, sign, moved = rng.permutation(3), np.linalg.det(turn), motion.copy()
         place = np.argsort(order)
-        moved[:, :2], N = motion[:, :2] @ turn.T, np.full(2, 5e-4 * force)
+        moved[:, :2], N = motion[:, :2] @ turn.T, np.full(len(contacts), share * force)
         graph = GrainGraph(
             x=length * (x @ turn.T)[order],
             radii=[0.5 * length] * 3,

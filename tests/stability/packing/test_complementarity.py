@@ -5,6 +5,7 @@ import pytest
 
 from stability import complementarity
 from stability.complementarity import (
+    Errors,
     _newton,
     basic_values,
     lemke,
@@ -183,3 +184,24 @@ def test_all_solutions_are_met_over_the_slip_of_one_critical_contact():
         assert found == {one.tobytes() for one in solve_complementarity(q, M).active}
         met[min(len(found), 3)] += 1
     assert met[0] > 20 and met[1] > 20 and met[2] > 20
+
+
+def test_a_regular_set_stands_for_a_singular_one_with_the_same_slips():
+    """The third contact neither is loaded nor resists, but by the rounding of its entries."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        M = np.pad(np.eye(2) + 0.3 * rng.normal(size=(2, 2)), (0, 1))
+        q = -M @ np.array([*rng.uniform(0.1, 1.0, 2), 0.0])
+        found = solve_complementarity(
+            q, M + 1e-14 * rng.normal(size=M.shape), errors=Errors(1e-13, 1e-13)
+        )
+        assert found.active[0].tolist() == [True, True, False]
+        assert found.singular and len(found.families) == 1
+
+
+@pytest.mark.parametrize("beyond", [1e-11, 1e-6])
+def test_errors_grow_in_the_inverse_of_a_set(beyond):
+    """The second contact sticks and slides alike, as far as the slip of the first is known."""
+    q, M = np.array([-1.0, -1e6 * (1.0 + beyond)]), np.array([[1e-6, 0.0], [1.0, -1.0]])
+    found = solve_complementarity(q, M, errors=Errors(1e-10))
+    assert len(found.active) == int(beyond < 1e-9)
