@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.tools.judged_loops import judged
-
 pytest.importorskip("flint")
+
+from tests.tools.judged_loops import judged
 
 
 @pytest.mark.parametrize(("loops", "seed"), [(16, 3), pytest.param(400, 1, marks=pytest.mark.slow)])
