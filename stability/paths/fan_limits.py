@@ -345,7 +345,10 @@ def followed_limits(
     watched = ("diagonal", "symmetric")
     options = LoopPathOptions(spins=spins, subspace=watched)
     around = boundary_of(start, volume=model.volume)
-    path = follow_loop(Scene(start, model.law, around), [stage], model.closure, options)
+    path = follow_loop(
+        Scene(start, model.law, around), [stage], model.closure, options, rows=1,
+        stop=("det_K_zero", "opening"),
+    )  # fmt: skip
     i, j = model.contacts.T
 
     def state(row: int, H: ArrayLike) -> LoopStates:
