@@ -16,7 +16,6 @@ from loops.closures.rings import Solved, is_ring, tangents_of_rings
 from loops.closures.system import (
     Closure,
     HasLaw,
-    Relaxed,
     Spins,
     named_closure,
     relaxed_loop,
@@ -24,7 +23,6 @@ from loops.closures.system import (
 )
 from loops.errors import InputError, check_choice
 from loops.geometry import (
-    area_growth,
     checked_volume,
     polygon_area,
     reference_volume,
@@ -201,23 +199,7 @@ def affine_tangent(
     graph, law = with_law(graph, law)
     check_choice("spins", spins, get_args(Spins))
     v0 = reference_volume(graph) if volume is None else checked_volume(volume, graph)
-    state = contact_state(graph)
-    regimes = contact_regime(state, law, regime)
-    growth = volume_growth(graph) if volume is None else 0.0
-    if is_ring(graph, law, spins, state, regimes):
-        found = tangents_of_rings(graph, law, "affine", spins, state, regimes)
-        return of_ring(found, "affine", spins, v0, 0.0 if volume is not None else found.growth)
-    if spins != "blocked":
-        relaxed, turned = relaxed_loop(graph, law, "affine", spins, state, regimes, v0)
-        return of_relaxed(relaxed, "affine", spins, v0, growth, turned)
-    d0 = graph.reference_branches
-    blocks, pair = translational_blocks(state, law, regimes), d0[..., :, None] * d0[..., None, :]
-    total = np.einsum("...cik,...cjl->...ijkl", blocks, pair, optimize=True)
-    matrix = total.reshape(*total.shape[:-4], 4, 4)
-    sizes = frobenius(local_sizes(state, law, regimes))
-    bound = ROUNDING * (sizes * (d0 * d0).sum(axis=-1)).sum(axis=-1)
-    matrix = matrix / v0[..., None, None]
-    return solved(matrix, "affine", spins, v0, amplification(bound / v0, matrix) + growth)
+    return tangent_of(graph, law, "affine", spins, regime, v0, 1 if volume is None else 0)
 
 
 def traction_tangent(
@@ -276,15 +258,8 @@ def traction_tangent(
         remedy = "Uniform traction needs a polygon: the centres must not lie on a line."
         raise InputError(where, f"area {np.min(polygon)}", "a positive area", remedy)
     v0 = polygon if volume is None else checked_volume(volume, graph)
-    state = contact_state(graph)
-    regimes = contact_regime(state, law, regime)
     # The area of the polygon stands in the strain, and in V0 once more where that is not its own.
-    times = 1.0 if volume is None else 2.0
-    if is_ring(graph, law, spins, state, regimes):
-        found = tangents_of_rings(graph, law, "traction", spins, state, regimes)
-        return of_ring(found, "traction", spins, v0, times * found.growth)
-    relaxed, turned = relaxed_loop(graph, law, "traction", spins, state, regimes, v0)
-    return of_relaxed(relaxed, "traction", spins, v0, times * area_growth(graph.x0), turned)
+    return tangent_of(graph, law, "traction", spins, regime, v0, 1 if volume is None else 2)
 
 
 def macroscopic_tangent(
@@ -335,6 +310,40 @@ def macroscopic_tangent(
     return tangent(graph, law, spins=spins, regime=regime, volume=volume)
 
 
+def tangent_of(
+    graph: GrainGraph,
+    law: ContactLaw,
+    closure: Closure,
+    spins: Spins,
+    regime: ArrayLike | None,
+    volume: Floats,
+    areas: int,
+) -> MacroTangent:
+    """Tangent of a ring by its own equations, of another graph by the closure system.
+
+    The rounding of the area of the polygon or cell stands in the operator so many times.
+    """
+    state = contact_state(graph)
+    regimes = contact_regime(state, law, regime)
+    if is_ring(graph, law, spins, state, regimes):
+        found = tangents_of_rings(graph, law, closure, spins, state, regimes)
+        return of_ring(found, closure, spins, volume, areas * found.growth)
+    growth = areas * volume_growth(graph) if areas else 0.0
+    if closure == "affine" and spins == "blocked":
+        # One sum over the contacts, in little memory: packings are large.
+        d0, blocks = graph.reference_branches, translational_blocks(state, law, regimes)
+        pair = d0[..., :, None] * d0[..., None, :]
+        total = np.einsum("...cik,...cjl->...ijkl", blocks, pair, optimize=True)
+        matrix = total.reshape(*total.shape[:-4], 4, 4) / volume[..., None, None]
+        sizes = frobenius(local_sizes(state, law, regimes)) * (d0 * d0).sum(axis=-1)
+        bound = ROUNDING * sizes.sum(axis=-1) / volume
+        return solved(matrix, closure, spins, volume, amplification(bound, matrix) + growth)
+    relaxed, turned = relaxed_loop(graph, law, closure, spins, state, regimes, volume)
+    condition = amplification(frobenius(relaxed.error), relaxed.stress) + growth
+    status = relaxed.residual, relaxed.ambiguity, turned
+    return solved(relaxed.stress, closure, spins, volume, condition, *status)
+
+
 def of_ring(
     found: Solved, closure: Closure, spins: Spins, volume: Floats | None, growth: Floats | float
 ) -> MacroTangent:
@@ -347,17 +356,3 @@ def of_ring(
     condition = amplification(error, matrix) + growth
     status = found.residual, found.ambiguity, sensitivity
     return solved(matrix, closure, spins, area, condition, *status)
-
-
-def of_relaxed(
-    relaxed: Relaxed,
-    closure: Closure,
-    spins: Spins,
-    volume: Floats,
-    growth: Floats | float,
-    sensitivity: Floats | float = 0.0,
-) -> MacroTangent:
-    """Tangent of a solution; `growth` is added to the condition for the rounding of the area."""
-    condition = amplification(frobenius(relaxed.error), relaxed.stress) + growth
-    status = relaxed.residual, relaxed.ambiguity, sensitivity
-    return solved(relaxed.stress, closure, spins, volume, condition, *status)
