@@ -290,14 +290,18 @@ def _eliminate_poor(
             continue
         bound = equations.bound_error(*one, spin, solver)
         if gear[at] == equations.UNSURE:
-            # By symmetry such a mode may have no stiffness and no load either: it stands still.
+            # Arms that cancel two by two, as those of mirrored grains, leave such a mode no
+            # stiffness, and by symmetry no load either: it stands still.
+            bi, bj = alone.contacts[:, equations.BI], alone.contacts[:, equations.BJ]
+            uneven = np.sort(np.abs(bi - bj) / np.maximum(bi, bj))
             unknowns, sizes = np.linalg.norm(solver.X, axis=1), solver.sizes[1]
             equations.sum_sizes(alone, n, closure, 0.0, unknowns, np.ones(4), spin, sizes)
             moment = np.abs(A[N:, :N, at] @ solver.X + A[N:, N:, at]).max(axis=1)
             wi, wj = alone.contacts[:, equations.WI], alone.contacts[:, equations.WJ]
             load = wi * moment + wj * np.roll(moment, -1)
             loaded = load > ROUNDING * sizes[alone.places[ROLL, :n]]
-            bound = np.inf if loaded.any() else bound
+            if loaded.any() or (uneven[1::2] - uneven[::2] > ROUNDING).any():
+                continue
         if bound < ERROR_LIMIT * np.linalg.norm(out):
             found.matrix[at], found.error[at] = out, bound
             found.residual[at] = found.ambiguity[at] = 0.0

@@ -50,9 +50,12 @@ def assert_same_tangents(graph, law, regime):
         error = np.linalg.norm(one.matrix - other.matrix, axis=(1, 2))
         assert (error <= one.rounding + other.rounding)[one.trusted].all()
         np.testing.assert_allclose(one.volume, other.volume, rtol=1e-12)
-        # Kernels take norms of rows; numpy keeps a contact's motion if it is soft in any loop.
+        # Kernels take norms of rows; numpy keeps a contact's motion if it is soft in any loop, and
+        # looks for null vectors of what is nearly singular.
         ratio = (one.rounding / other.rounding)[one.trusted]
-        assert 0.01 < ratio.min() and ratio.max() < 100.0 and 0.8 < np.median(ratio) < 4.0
+        assert (
+            np.quantile(ratio, 0.02) > 0.1 and ratio.max() < 100.0 and 0.8 < np.median(ratio) < 4.0
+        )
         (sign, known), (also, too) = signs(one), signs(other)
         assert (sign == also)[known & too].all()
         assert np.count_nonzero(known != too) <= 0.01 * len(known)
