@@ -26,12 +26,12 @@ from stability.packing import LoopRates, loop_changes, replay
 from stability.path import describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
-from studies.output import UNITS, Summary, components, definitions, readable
+from studies.output import UNITS, Summary, components, definitions, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
-from studies.questions import Evolving, options_of, taken
+from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
 from studies.series.packing import DEFAULT_RATE, Following, Rate
-from studies.snapshot.in_packing import balance_notes, held_snapshot, hold_control
+from studies.snapshot.in_packing import balance_notes, held_snapshot
 from studies.snapshot.table import loop_polygons
 from studies.study import files_of, study
 
@@ -244,12 +244,6 @@ def run_evolve(
     paths: Sequence[Path],
     out: Path,
     *,
-    inertial_number: float | None = None,
-    times: Path | None = None,
-    time_step: float | None = None,
-    mean_mass: float | None = None,
-    hold: bool = False,
-    hold_stress: bool = False,
     cells: Path | None = None,
     animation: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -257,27 +251,26 @@ def run_evolve(
 ) -> Summary:
     """Follow the first snapshot, write tables, figures and a report; return the summary.
 
-    `how` are options of `evolve`, of `read_planar` and files of `study`; later snapshots are
-    compared with the path `by` events, with a `replay` by the equations of motion, or with both.
-    The replay has the rate at which the code went on to the next snapshot, as in `run_series`.
-    `hold` brings the first snapshot to rest at fixed cell before it is followed, `hold_stress` at
-    fixed stress.
+    `how` are options of `evolve`, of `Replaying`, `Holding` and `read_planar`, and files of
+    `study`; later snapshots are compared with the path `by` events, with a `replay` by the
+    equations of motion, or with both. The replay has the rate at which the code went on to the next
+    snapshot, as in `run_series`.
     """
     files = files_of(how)
     asked: Any = taken(Programmed, how)
-    held_control = hold_control(hold, hold_stress)
+    rates, control = taken(Replaying, how), taken(Holding, how).control
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
-    configuration |= {"hold": held_control}
+    configuration |= {"hold": control}
     with study("evolve", out, configuration, UNITS["evolve"], **files) as results:
-        planned = plan_series(paths, cells, reading(**how), times)
-        snapshot, held = held_snapshot(planned[0].read(), held_control)
+        planned = plan_series(paths, cells, reading(**how), rates.times)
+        snapshot, held = held_snapshot(planned[0].read(), control)
         asked = asked.along(snapshot.scene)
         after = [one.read() for one in planned[1:]]
         notes, rate = [*snapshot.notes, *balance_notes(snapshot)], None
         if asked.by != "events":
-            known = Following(asked.past, inertial_number, time_step, mean_mass)
-            moments = [one.time for one in planned]
-            rate = replay_rate(snapshot, after, moments, known, asked.stage)
+            known = rates.inertial_number, rates.time_step, rates.mean_mass
+            follows, moments = Following(asked.past, *known), [one.time for one in planned]
+            rate = replay_rate(snapshot, after, moments, follows, asked.stage)
         found = followed(snapshot.scene, snapshot.ids, asked, rate, progress)
         changes = found.changes()
         tables = evolution_tables(found, changes)
@@ -296,13 +289,12 @@ def run_evolve(
             # Nothing has moved at the start.
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
-        if results.figures:
-            from studies.packing_figures import path_figures
-            from studies.snapshot.table import loops_for_map
-
-            drawn, title = path_figures(snapshot, tables, summary), readable(planned[0].name)
-            maps = loops_for_map(snapshot, tables["loops"])
-            results.write_report(f"Path of {title}", summary, drawn, maps)
+        title, figures = (
+            f"Path of {readable(planned[0].name)}",
+            "studies.packing_figures.path_figures",
+        )
+        of, given = (snapshot, tables["loops"]), (snapshot, tables, summary)
+        results.report_packing(title, summary, of, figures, *given)
     return summary
 
 
@@ -483,15 +475,13 @@ def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str
         "definitions": definitions("evolve"),
         "end": end_of(tables["path"], driven),
         "events": dict(Counter(event.kind for event in way.events)),
-        "intervals": way.intervals,
+        **values_of(way, "intervals", "message", "status"),
         "limit": None if math.isnan(way.limit) else way.limit,
         "limit_spread": way.limit_spread if math.isfinite(way.limit_spread) else None,
         "loops": len(tables["loops"]),
-        "message": way.message,
         "negative_loops": float((work < 0).mean()) if len(work) else None,
         "passed": {name or "other": count for name, count in passed.items()},
         "reached": float(last["driven"]),
-        "status": way.status,
         "stress_spread": None if math.isnan(way.stress_spread) else way.stress_spread,
         "unstable_contacts": len({event.contacts for event in instabilities}),
         "work": float(last["work"]) if len(way.work) else None,

@@ -7,7 +7,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -19,7 +18,8 @@ from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
 from studies.forecast import Forecast, spread_of
 from studies.packing_figures import driven_change
-from studies.snapshot.figures import loop_drawer
+from studies.snapshot.figures import draw_scaled, loop_drawer
+from studies.study import Drawings
 from studies.style import (
     BLUE,
     GREEN,
@@ -28,7 +28,6 @@ from studies.style import (
     SEQUENTIAL,
     VERMILION,
     edge_ticks,
-    figure_of,
     new_panels,
     styled,
 )
@@ -38,6 +37,11 @@ KIND_LOOKS = {"opens": ("s", BLUE), "lost": ("o", VERMILION), "unstable": ("^", 
 # Loops below which a share says nothing.
 FEW = 10
 WAY_LOOKS = {"events": ("path by events", BLUE, "-"), "replay": ("replay", VERMILION, "--")}
+
+
+def figures(found: Forecast) -> Drawings:
+    """Every figure of a forecast by name."""
+    yield "forecast", lambda: forecast_figure(found)
 
 
 @styled()
@@ -54,14 +58,12 @@ def forecast_figure(found: Forecast) -> Figure:
 def probability_map(found: Forecast, ax: Axes) -> Axes:
     """Draw the loops of the sample by the probability that they are lost."""
     values = found.loops["lost_probability"].to_numpy()
-    scale = Normalize(0.0, 1.0)
-    colours = mpl.colormaps[SEQUENTIAL]
-    loop_drawer(planar(found.evolution.scene))(ax, values, colours, scale)
     driven, to = found.evolution.driven, found.evolution.to
     name = f"{driven[0]}_{{{driven[1:]}}}"
     label = f"probability that the loop is lost up to $\\Delta {name}$ = {to:g}"
-    shown: Any = {"location": "bottom", "shrink": 0.75, "label": label}
-    figure_of(ax).colorbar(ScalarMappable(scale, colours), ax=ax, **shown)
+    draw, colours = loop_drawer(planar(found.evolution.scene)), mpl.colormaps[SEQUENTIAL]
+    scale, shown = Normalize(0.0, 1.0), {"location": "bottom", "label": label}
+    draw_scaled(draw, ax, values, colours, scale, **shown)
     if not np.isfinite(values).any():
         ax.set_title("no probabilities: see the notes")
     return ax

@@ -10,7 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from loops import InputError, force_chains
-from loops.arrays import Floats, one_blas_thread
+from loops.arrays import Floats, Integers, one_blas_thread
 from loops.errors import check_type
 from loops.scene import Subject
 from patterns import Snapshot, planar
@@ -277,3 +277,45 @@ def events_of_rows(path: Path) -> list[str]:
     for event in path.events:
         kinds[event.index].append(event.kind)
     return [", ".join(dict.fromkeys(row)) for row in kinds]
+
+
+def order_work_table(
+    theta_deg: Floats, work: Floats, order: Integers, area: Floats, whole: Floats | None = None
+) -> pd.DataFrame:
+    """One row per direction and order: share of the loops in the work, in its negative part.
+
+    `work` (D, L) is that of the loops in each direction; of the `whole` (D,) order 0 has what they
+    leave: the contacts that are in no loop or in only one.
+    """
+    orders, at = np.unique(order, return_inverse=True)
+    member = at == np.arange(len(orders))[:, None]
+    loops, covers = member.sum(axis=1), np.bincount(at, area) / area.sum()
+    total, negative = work @ member.T, np.minimum(work, 0.0) @ member.T
+    if whole is not None:
+        rest = (whole - total.sum(axis=1))[:, None]
+        total, negative = np.hstack([rest, total]), np.hstack([0.0 * rest, negative])
+        orders, loops, covers = (np.append(0, values) for values in (orders, loops, covers))
+    summed = total.sum(axis=1) if whole is None else whole
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = total / summed[:, None], negative / negative.sum(axis=1, keepdims=True) + 0.0
+    columns = {
+        "theta_deg": theta_deg[:, None],
+        "order": orders,
+        "loops": loops,
+        "area_share": covers,
+        "W2": total,
+        "W2_share": shares[0],
+        "negative": negative,
+        "negative_share": shares[1],
+    }
+    return pd.DataFrame(
+        {name: np.broadcast_to(value, total.shape).ravel() for name, value in columns.items()}
+    )
+
+
+def loop_work_table(
+    order: Integers, area: Floats, work: Floats, volume: float = 1.0
+) -> pd.DataFrame:
+    """One row per loop: its work (over `volume`), and that over its own area."""
+    columns = {"loop": np.arange(len(order)), "order": order, "area": area, "W2": work}
+    return pd.DataFrame(columns | {"additive_w": work * volume / area})

@@ -35,7 +35,7 @@ from studies.present_domain import (
     virgin_domain,
 )
 from studies.study import Drawings, study
-from studies.style import BLACK, LINE_COLOURS, key_columns, new_panels, styled
+from studies.style import BLACK, LINE_COLOURS, figure_key, key_columns, new_panels, styled
 
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95
@@ -312,7 +312,5 @@ def share_figure(loops: pd.DataFrame) -> Figure:
         ax.set(title=title, xlabel="order $n$ (–)", ylabel="unstable share of the strains (–)")
         ax.set_ylim(0, 1)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    handles, labels = ax.get_legend_handles_labels()
-    beside = key_columns(figure, 4)
-    figure.legend(handles, labels, loc="outside lower center", ncols=beside)
+    figure_key(figure, ncols=key_columns(figure, 4))
     return figure

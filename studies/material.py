@@ -18,8 +18,9 @@ from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
 from studies.evolve import major_axis, start_of
-from studies.output import Summary, definitions, readable
+from studies.output import Summary, definitions, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
+from studies.questions import Averaging
 from studies.reading import read_planar, reading
 from studies.study import files_of, study
 from studies.style import BLUE, GREY, VERMILION, edge_ticks, new_panels, say_empty, styled
@@ -31,7 +32,7 @@ SETS = ("mean", "single")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MaterialOptions:
+class MaterialOptions(Averaging):
     """Options of `grainloops material`.
 
     `order`: Of a regular loop, or 6 with `alpha0_deg`, the angle of the H-model's hexagon;
@@ -44,21 +45,13 @@ class MaterialOptions:
     """
 
     order: int = 6
-    alpha0_deg: float | None = None
     orientations: int = 36
     kappa: float = 0.5
     phi_deg: float = 30.0
     confine: float = 1e-2
+    orders: tuple[int, ...] | None = None  # type: ignore[assignment]
     closure: MaterialClosure = "traction"
-    programme: str = "drained"
     end: float = 0.1
-    steps: int = 200
-    orders: tuple[int, ...] | None = None
-    count: int | None = None
-    fluid_bulk_modulus: float | None = None
-    strain_ratio: float | None = None
-    single: int | None = None
-    axis: int | None = None
 
     def __post_init__(self) -> None:
         whole_number("--order", self.order, 3)
@@ -239,9 +232,7 @@ def material_summary(
     return {
         "loops": len(loops.weights),
         "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
-        "closure": options.closure,
-        "programme": options.programme,
-        "steps": options.steps,
+        **values_of(options, "closure", "programme", "steps"),
         **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
         "definitions": definitions("material"),
     }

@@ -79,6 +79,11 @@ def components(name: str, values: Floats) -> Columns:
     }
 
 
+def values_of(owner: object, *names: str) -> dict[str, Any]:
+    """Attributes by name."""
+    return {name: getattr(owner, name) for name in names}
+
+
 def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:
     """Command, configuration, version and conventions of a result, as plain values."""
     return {

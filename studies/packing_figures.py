@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.projections.polar import PolarAxes
 
 from loops.arrays import Floats
 from patterns import Snapshot
@@ -38,6 +37,9 @@ from studies.style import (
     new_figure,
     new_panels,
     outer_legend,
+    polar_grid,
+    polar_or_new,
+    shade_sectors,
     styled,
     write_animation,
 )
@@ -119,38 +121,33 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
 
 
 @styled()
-def polar_work(found: Probe) -> Figure:
+def polar_work(found: Probe) -> Axes:
     """Normalised second-order work over the directions, with the cones."""
-    figure = new_figure(ONE_COLUMN, 3.5)
-    ax = figure.add_subplot(projection="polar")
-    assert isinstance(ax, PolarAxes)
+    ax = polar_or_new(None, 3.5)
     circle = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(circle, np.full(361, RADIUS), color=GREY, linewidth=0.8)
-    for begin, end in found.cones:
-        arc = np.linspace(begin, end, 181)
-        ax.fill_between(arc, 0.0, RADIUS + 1.0, color=ORANGE, alpha=0.35, linewidth=0)
+    shade_sectors(ax, found.cones, RADIUS + 1.0, 0.35)
     theta, radius = found.theta, RADIUS + found.normalised
     if found.subspace == "diagonal":
         order = np.append(np.argsort(theta), np.argmin(theta))
         ax.plot(theta[order], radius[order], "o-", color=BLUE, markersize=2.2, linewidth=1.0)
     else:
         dots = ax.scatter(theta, radius, c=found.directions[:, 2], s=6, cmap=SEQUENTIAL)
-        figure.colorbar(dots, ax=ax, shrink=0.7, pad=0.12, label="shear part of the direction")
+        figure_of(ax).colorbar(
+            dots, ax=ax, shrink=0.7, pad=0.12, label="shear part of the direction"
+        )
     unknown = theta[~found.determined]
     ax.plot(unknown, np.full(len(unknown), RADIUS + 1.0), "x", color=GREY, markersize=3.5)
     driven = "H" if found.control == "strain" else "P"
     ax.set_ylim(0.0, RADIUS + 1.05)
-    ax.set_rticks([1.0, 2.0, 3.0], ["−1", "0", "1"])
-    ax.set_rlabel_position(112.5)
-    ax.set_thetagrids(range(0, 360, 45))
-    ax.grid(color=LIGHT_GREY, linewidth=0.5)
+    polar_grid(ax, [1.0, 2.0, 3.0], ["−1", "0", "1"], 112.5)
     note = f"; x: {len(unknown)} undetermined" if len(unknown) else ""
     share = f"{100 * found.unstable_fraction:.2g} %" if found.determined.any() else "unknown share"
     ax.set_title(
         rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$, degrees{note}"
         f"\n$w_2 < 0$ in {share} of directions"
     )
-    return figure
+    return ax
 
 
 @styled()
@@ -328,16 +325,13 @@ def sustain_figures(
 @styled()
 def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
     """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
-    ax = new_figure(ONE_COLUMN, 4.4).add_subplot(projection="polar") if ax is None else ax
-    assert isinstance(ax, PolarAxes)
+    ax = polar_or_new(ax, 4.4)
     largest, theta = found.largest, found.theta
     table = {
         name: np.array([getattr(path, name) for path in found.paths])
         for name in ("first_event", "limit", "first_large_load")
     }
-    for begin, end in found.rates.cones:
-        arc = np.linspace(begin, end, 181)
-        ax.fill_between(arc, 0.0, 1.1, color=ORANGE, alpha=0.25, linewidth=0)
+    shade_sectors(ax, found.rates.cones, 1.1, 0.25)
     radius = {
         name: _radius(np.where(np.isnan(loads), largest, loads) / largest)
         for name, loads in table.items()
@@ -356,10 +350,7 @@ def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
     ax.set_ylim(0.0, 1.1)
     decades = np.arange(np.ceil(np.log10(LOWEST_LOAD * largest)), np.log10(largest) + 1e-9)
     loads = 10.0**decades
-    ax.set_rticks(_radius(loads / largest), [f"{load:g}" for load in loads])
-    ax.set_rlabel_position(22.5)
-    ax.set_thetagrids(range(0, 360, 45))
-    ax.grid(color=LIGHT_GREY, linewidth=0.5)
+    polar_grid(ax, _radius(loads / largest), [f"{load:g}" for load in loads])
     ax.set_title("load (force/length, logarithmic)\nalong $(P'_{11}, P'_{22})$")
     outer_legend(ax, "upper center", (0.5, 0.0), 2.5, ncols=2)
     return ax

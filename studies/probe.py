@@ -25,14 +25,14 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.packing.yielding import checked_band
 from stability.path import Past
-from studies.output import UNITS, Summary, components, definitions, readable
-from studies.questions import Probing, taken
+from studies.frames import loop_work_table, order_work_table
+from studies.output import UNITS, Summary, components, definitions, readable, values_of
+from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
 from studies.series.workers import open_runner
 from studies.snapshot.in_packing import (
     balance_notes,
     held_snapshot,
-    hold_control,
     sample_edge,
     scene_at_rest,
 )
@@ -40,6 +40,8 @@ from studies.study import files_of, study
 
 # Way to an amplitude.
 By = Literal["events", "increment"]
+# What is told of the control that destabilises.
+CONTROL = ("status", "direction", "held", "work", "reaction")
 OUTLINE = (
     "walls and cell are unknown: the outline's grains follow the strain, which stiffens the sample"
 )
@@ -49,8 +51,6 @@ def run_probe(
     path: Path,
     out: Path,
     *,
-    hold: bool = False,
-    hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int], None] | None = None,
@@ -58,10 +58,10 @@ def run_probe(
 ) -> Summary:
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
-    `hold` brings the state to rest at fixed cell or walls first, `hold_stress` at fixed stress.
-    `how` are the options of `Probing` and `read_planar`, and files of `study`. Directions that are
-    followed to an amplitude are shared among this number of processes, by default one a core, or
-    among the workers of a Dask scheduler. `progress` is called with how many directions are done.
+    `how` are the options of `Probing`, `Holding` and `read_planar`, and files of `study`.
+    Directions that are followed to an amplitude are shared among this number of processes, by
+    default one a core, or among the workers of a Dask scheduler. `progress` is called with how
+    many are done.
     """
     # The words are checked below, each with what is expected.
     asked: Any = taken(Probing, how)
@@ -72,11 +72,10 @@ def run_probe(
     told = asdict(asked) | {"by": by if amplitude is not None else None}
     share = told.pop("candidates")
     told["candidates_from"] = share if by == "increment" else None
-    held_control = hold_control(hold, hold_stress)
-    files = files_of(how)
-    configuration = {"path": path, **reading(**how), **told, "hold": held_control}
+    control, files = taken(Holding, how).control, files_of(how)
+    configuration = {"path": path, **reading(**how), **told, "hold": control}
     with study("probe", out, configuration, UNITS["probe"], **files) as results:
-        snapshot, held = held_snapshot(read_planar(path, **how), held_control)
+        snapshot, held = held_snapshot(read_planar(path, **how), control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, asked.yield_band)
         way = asked.directions, asked.control, asked.subspace
@@ -106,7 +105,11 @@ def run_probe(
                 f"{found.candidates} contacts at yield: solutions were searched in one of {step} "
                 "directions, the others were read from the branches of those"
             )
-        orders, loops = order_work_table(found), loop_work_table(found)
+        softest, theta_deg = found.softest, np.degrees(found.theta)
+        orders = order_work_table(theta_deg, found.loop_work, found.order, found.area, found.work)
+        unknown = np.full(len(found.order), np.nan)
+        work = unknown if softest is None else found.loop_work[softest]
+        loops = loop_work_table(found.order, found.area, work, found.system.volume)
         tables = {"probe": probe_table(found), "orders": orders, "loops": loops}
         if amplitude is None:
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
@@ -116,13 +119,9 @@ def run_probe(
         found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
         found_values["ended"] = ended_paths(paths, reached)
         summary = results.write_results(tables, found_values | told)
-        if results.figures:
-            from studies.packing_figures import probe_figures
-            from studies.snapshot.table import loops_for_map
-
-            drawn = probe_figures(snapshot, found, loops, summary)
-            title, maps = f"Probes of {readable(path.name)}", loops_for_map(snapshot, loops)
-            results.write_report(title, summary, drawn, maps)
+        title, figures = f"Probes of {readable(path.name)}", "studies.packing_figures.probe_figures"
+        given = snapshot, found, loops, summary
+        results.report_packing(title, summary, (snapshot, loops), figures, *given)
     return summary
 
 
@@ -232,12 +231,7 @@ def probe_table(found: Probe) -> pd.DataFrame:
         | {
             "W2": found.work,
             "w2": found.normalised,
-            "status": found.status,
-            "proof": found.proof,
-            "sliding": found.sliding,
-            "disagreeing": found.disagreeing,
-            "residual": found.residual,
-            "piece": found.piece,
+            **values_of(found, *("status", "proof", "sliding", "disagreeing", "residual", "piece")),
             "fold_before_deg": np.degrees(found.between_folds[:, 0]),
             "fold_after_deg": np.degrees(found.between_folds[:, 1]),
         }
@@ -303,56 +297,10 @@ def piece_table(found: Probe) -> pd.DataFrame:
     )
 
 
-def order_work_table(found: Probe) -> pd.DataFrame:
-    """One row per direction and order: share of the loops in the sample's W2, in its negative part.
-
-    Order 0 stands for the contacts that are in no loop or in only one.
-    """
-    orders, at = np.unique(found.order, return_inverse=True)
-    member = at == np.arange(len(orders))[:, None]
-    work = found.loop_work @ member.T
-    negative = np.minimum(found.loop_work, 0.0) @ member.T
-    rest = (found.work - work.sum(axis=1))[:, None]
-    work, negative = np.hstack([rest, work]), np.hstack([0.0 * rest, negative])
-    shape = work.shape
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shares = work / found.work[:, None], negative / negative.sum(axis=1, keepdims=True) + 0.0
-    area = np.bincount(at, found.area, minlength=len(orders)) / found.area.sum()
-    columns = {
-        "theta_deg": np.degrees(found.theta)[:, None],
-        "order": np.append(0, orders),
-        "loops": np.append(0, member.sum(axis=1)),
-        "area_share": np.append(0.0, area),
-        "W2": work,
-        "W2_share": shares[0],
-        "negative": negative,
-        "negative_share": shares[1],
-    }
-    return pd.DataFrame(
-        {name: np.broadcast_to(value, shape).ravel() for name, value in columns.items()}
-    )
-
-
-def loop_work_table(found: Probe) -> pd.DataFrame:
-    """One row per loop: its work in the softest direction, and that work over its own area."""
-    softest = found.softest
-    work = np.full(len(found.order), np.nan) if softest is None else found.loop_work[softest]
-    return pd.DataFrame(
-        {
-            "loop": np.arange(len(found.order)),
-            "order": found.order,
-            "area": found.area,
-            "W2": work,
-            "additive_w": work * found.system.volume / found.area,
-        }
-    )
-
-
 def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
     """Summary of a probe and its table of orders."""
     statuses, counts = np.unique(found.status, return_counts=True)
-    softest, control, carrying = found.softest, found.destabilising, found.system.carrying
-    theta, shares, cover = np.degrees(found.theta), {}, None
+    softest, theta, shares, cover = found.softest, np.degrees(found.theta), {}, None
     listed = found.solutions
     least = int(np.argmin(listed.normalised)) if len(listed.normalised) else None
     unstable = listed.direction[listed.normalised < -NEUTRAL]
@@ -366,26 +314,20 @@ def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
         # Arcs overlap only where a direction has several solutions.
         cover = float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))
     return {
+        **values_of(found, "candidates", "elastic_tangent", "settled", "unstable_fraction"),
+        **values_of(found.system.carrying, "clusters", "rattlers"),
         "boundary": found.system.boundary,
-        "candidates": found.candidates,
-        "clusters": carrying.clusters,
         "cones": [
             {"begin_deg": begin, "end_deg": end, "refined": sure.tolist()}
             for (begin, end), sure in zip(np.degrees(found.cones), found.refined, strict=True)
         ],
         "definitions": definitions("probe"),
-        "destabilising": {
-            name: getattr(control, name)
-            for name in ("status", "direction", "held", "work", "reaction")
-        },
-        "elastic_tangent": found.elastic_tangent,
+        "destabilising": values_of(found.destabilising, *CONTROL),
         "folds_deg": np.degrees(found.folds),
         "loops": len(found.order),
         "orders": shares,
         "pieces": len(found.tangents),
         "pieces_cover": cover,
-        "rattlers": carrying.rattlers,
-        "settled": found.settled,
         "smallest_w2": None if softest is None else float(found.normalised[softest]),
         "softest_theta_deg": None if softest is None else float(theta[softest]),
         "solutions": len(listed.direction),
@@ -396,5 +338,4 @@ def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
         "solutions_unstable_directions": len(np.unique(unstable)),
         "statuses": dict(zip(statuses.tolist(), counts.tolist(), strict=True)),
         "undetermined": int(np.count_nonzero(~found.determined)),
-        "unstable_fraction": found.unstable_fraction,
     }

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from cyclopts import Group, Parameter, Token
 
@@ -105,6 +105,30 @@ class Snapshotting:
     yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Holding:
+    """Whether a state is brought to rest first, by the names of the studies.
+
+    Parameters
+    ----------
+    hold
+        Bring the state to rest first, at fixed cell or between its walls.
+    hold_stress
+        Bring the state to rest first, at fixed stress.
+    """
+
+    hold: bool = False
+    hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False
+
+    @property
+    def control(self) -> Literal["strain", "stress"] | None:
+        """What stays fixed meanwhile, None without; `InputError` if both are given."""
+        if self.hold and self.hold_stress:
+            raise InputError("--hold, --hold-stress", "both", "one of them", "Leave one out.")
+        return "strain" if self.hold else "stress" if self.hold_stress else None
 
 
 @Parameter(name="*")
@@ -280,6 +304,63 @@ class Tracking:
     indicators: Annotated[bool, Parameter(group=FURTHER)] = False
     skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False
     animation: Annotated[bool, Parameter(group=FURTHER)] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Averaging:
+    """Options of `material`; None where the default hangs on what is averaged.
+
+    Parameters
+    ----------
+    order
+        Number of grains of a regular loop. Default: 6.
+    alpha0_deg
+        Angle of a hexagon's inclined branches (degrees).
+    orientations
+        Copies of the loop, turned evenly over half a turn. Default: 36.
+    kappa
+        Stiffness ratio kt/kn. Default: 0.5.
+    phi_deg
+        Friction angle of the contacts (degrees). Default: 30.
+    confine
+        Isotropic stress over kn before the programme. Default: 0.01.
+    orders
+        Orders of the snapshot's loops to average. Default: all.
+    count
+        Largest number of the snapshot's loops, taken at even spacing.
+    closure
+        How the mean strain drives a loop: affine, traction, or cell (the H-model's).
+    programme
+        Loading programme: drained, cauchy-drained, biaxial, isotropic, isotropic-stress,
+        oedometric, undrained, proportional-strain.
+    axis
+        Driven axis, 1 or 2. Default: that of the major stress of a snapshot's loops, else 1.
+    single
+        Number in loops.parquet of the loop that is also followed alone. Default: of the median
+        order, the one with the stress nearest to the mean at the start.
+    end
+        Driven strain at the end (isotropic-stress: stress). Default: 0.1; for a snapshot 1e-3.
+    steps
+        Number of steps of the programme.
+    """
+
+    order: Whole | None = None
+    alpha0_deg: Annotated[float | None, Parameter(group=FURTHER, name="--alpha0")] = None
+    orientations: Annotated[Whole | None, Parameter(group=FURTHER)] = None
+    kappa: float | None = None
+    phi_deg: Annotated[float | None, Parameter(name="--phi")] = None
+    confine: Annotated[float | None, Parameter(group=FURTHER)] = None
+    orders: Annotated[str | None, Parameter(group=FURTHER, metavar="N1,N2,...")] = None
+    count: Annotated[Whole | None, Parameter(group=FURTHER)] = None
+    closure: str = "traction"
+    programme: str = "drained"
+    fluid_bulk_modulus: FluidBulkModulus = None
+    strain_ratio: StrainRatio = None
+    axis: Annotated[Whole | None, Parameter(group=FURTHER)] = None
+    single: Annotated[Whole | None, Parameter(group=FURTHER)] = None
+    end: float | None = None
+    steps: Annotated[Whole, Parameter(group=FURTHER)] = 200
 
 
 def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:

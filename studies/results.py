@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from loops import InputError, MacroTangent
 from loops.lazy import named
 from stability import COMPONENTS, PlaneCone, Verdict
-from studies.output import Row
+from studies.output import Row, values_of
 from studies.snapshot.stress import Stress
 
 # By the class of a result: the function or the attribute that is its table, and the function that
@@ -121,13 +121,13 @@ def stress_row(result: Stress) -> pd.DataFrame:
     names = ("p", "p_error", "q", "q_error", "q_over_p", "q_over_p_error", "wall_share", "volume",
              "volume_is", "rattlers")  # fmt: skip
     tensor = {f"S{ij}": s for ij, s in zip(COMPONENTS, result.tensor.ravel(), strict=True)}
-    return pd.DataFrame([{**tensor, **{name: getattr(result, name) for name in names}}])
+    return pd.DataFrame([tensor | values_of(result, *names)])
 
 
 def verdict_row(result: Verdict) -> pd.DataFrame:
     """Verdict in one row."""
     names = ("status", "subspace", "lambda_min", "over_kn", "margin", "tolerance", "mode")
-    return pd.DataFrame([{name: getattr(result, name) for name in names}])
+    return pd.DataFrame([values_of(result, *names)])
 
 
 def cone_rows(result: PlaneCone) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
 from loops.errors import check_choice
+from loops.lazy import named
 from studies.output import (
     Summary,
     folder_within,
@@ -131,6 +132,18 @@ class Results:
         said = ((*told[one.name], one) for one in pictures)
         figures = [(name, text.format(**summary), one) for name, text, one in said]
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
+
+    def report_packing(
+        self, title: str, summary: Summary, of: tuple[Any, Any], figures: str, *given: Any
+    ) -> None:
+        """Write the report of a packing if figures are wanted, with the map of its loops.
+
+        The map is `of` a snapshot and the table of its loops; `figures` names the function that
+        makes them of what is `given`.
+        """
+        if self.figures is not None:
+            maps = named("studies.snapshot.table.loops_for_map")(*of)
+            self.write_report(title, summary, named(figures)(*given), maps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,12 @@ import matplotlib as mpl
 import numpy as np
 from cycler import cycler
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
+from matplotlib.projections.polar import PolarAxes
 
 from loops import InputError
 from studies.output import as_json
@@ -175,6 +177,38 @@ def outer_legend(ax: Axes, loc: Any, at: tuple[float, float], pad: float, **how:
     ax.legend(loc=loc, bbox_to_anchor=at, borderaxespad=pad, **how)
     if figure_of(ax).get_layout_engine() is None:
         figure_of(ax).set_layout_engine("constrained")
+
+
+def figure_key(figure: Figure, *axes: Axes, at: str = "lower center", **how: Any) -> None:
+    """One key outside of a figure, of all panels or of these, each label once."""
+    shown: dict[str, Artist] = {}
+    for ax in axes or figure.axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            shown.setdefault(label, handle)
+    how["loc"] = f"outside {at}"
+    figure.legend(list(shown.values()), list(shown), **how)
+
+
+def polar_or_new(ax: Axes | None, height: float) -> PolarAxes:
+    """The polar axes to draw into: the caller's, or those of a new figure."""
+    ax = new_figure(ONE_COLUMN, height).add_subplot(projection="polar") if ax is None else ax
+    assert isinstance(ax, PolarAxes)
+    return ax
+
+
+def polar_grid(ax: PolarAxes, rings: Any, labels: Any = None, at: float = 22.5) -> None:
+    """Angles and rings of polar axes, the values of the rings along the direction `at`."""
+    ax.set_thetagrids(range(0, 360, 45))
+    ax.set_rticks(rings, labels)
+    ax.set_rlabel_position(at)
+    ax.grid(color=LIGHT_GREY, linewidth=0.5)
+
+
+def shade_sectors(ax: PolarAxes, ranges: Any, reach: float, alpha: float) -> None:
+    """Shade ranges of angles, such as cones."""
+    for begin, end in ranges:
+        arc = np.linspace(begin, end, 181)
+        ax.fill_between(arc, 0.0, reach, color=ORANGE, alpha=alpha, linewidth=0)
 
 
 def key_columns(figure: Figure, wide: int) -> int:

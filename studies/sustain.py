@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
+import pickle
 import shutil
 from collections.abc import Iterable
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
@@ -23,14 +23,13 @@ from loops.errors import check_choice
 from loops.laws.of_pairs import MovableLaw
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
-from stability.packing import Motion, Sustained
+from stability.packing import Sustained
 from stability.packing import sustain as sustain_packing
 from stability.packing.hold import HoldControl
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
-from stability.path import Event
 from stability.path import Path as LoadedPath
-from studies.frames import load_table
+from studies.frames import load_table, loop_work_table, order_work_table
 from studies.output import (
     Summary,
     code_version,
@@ -39,6 +38,7 @@ from studies.output import (
     errors_of,
     readable,
     require_folder,
+    values_of,
 )
 from studies.questions import Sustaining, taken
 from studies.reading import read_planar, reading
@@ -50,11 +50,14 @@ UNITS = (
     "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
     "H and P over the cell of the start; angles in degrees"
 )
-# Numbers and arrays of a direction's path that are kept while others run.
-KEPT = (
-    "status message parameter stage H P work energy imbalance intervals direction limit "
-    "limit_spread resting first_large_strain first_large_spread seconds spread_seconds"
-).split()
+
+
+# Columns by the names of the attributes: of a direction's path, of its motions and their modes.
+LOADS = ("status", "first_large_load", "first_large_strain", "first_large_spread", "limit",
+         "limit_spread", "first_instability", "first_event")  # fmt: skip
+MOTION = ("status", "lost", "load", "cause", "contact")
+COUNTS = ("opened", "closed", "slid")
+ENDED = ("released", "kinetic", "steps", *COUNTS)
 
 
 def run_sustain(
@@ -96,21 +99,16 @@ def run_sustain(
             "orders": order_table(found),
             "loops": mode_work_table(found),
         }
-        results.write_tables(tables)
-        summary = results.write_summary(
+        summary = results.write_results(
+            tables,
             asked
             | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
             | {"mean_kn": snapshot.mean_kn}
-            | sustain_summary(found, tables)
+            | sustain_summary(found, tables),
         )
-        if results.figures:
-            from studies.packing_figures import sustain_figures
-            from studies.snapshot.table import loops_for_map
-
-            drawn = sustain_figures(snapshot, found, tables, summary)
-            maps = loops_for_map(snapshot, tables["loops"])
-            title = f"Loads that {readable(path.name)} sustains"
-            results.write_report(title, summary, drawn, maps)
+        title, figures = f"Loads that {readable(path.name)} sustains", "sustain_figures"
+        of, given = (snapshot, tables["loops"]), (snapshot, found, tables, summary)
+        results.report_packing(title, summary, of, f"studies.packing_figures.{figures}", *given)
     parts.remove()
     return summary
 
@@ -278,47 +276,24 @@ class _Parts:
         return self.out.parent / f".{self.out.name}.directions"
 
     def _file(self, number: int) -> Path:
-        return self.folder / f"{self.digest}-{number:05d}.npz"
+        return self.folder / f"{self.digest}-{number:05d}.pickle"
 
     def read(self, number: int) -> LoadedPath | None:
         """A direction that was finished before; None if it was not."""
-        if not self._file(number).is_file():
-            return None
-        with np.load(self._file(number)) as kept:
-            count = int(kept["motions"])
-            motions = [
-                Motion(**{f.name: _plain(kept[f"motion {f.name}"][k]) for f in fields(Motion)})
-                for k in range(count)
-            ]
-            told: list[dict[str, Any]] = json.loads(str(kept["events"]))
-            values = {name: _plain(kept[name]) for name in KEPT}
-        # JSON has no tuples.
-        for event in told:
-            event |= {key: tuple(v) for key, v in event.items() if isinstance(v, list)}
-        values["events"] = tuple(Event(**event) for event in told)
-        return LoadedPath(motions=tuple(motions), **values)
+        file = self._file(number)
+        return pickle.loads(file.read_bytes()) if file.is_file() else None
 
     def write(self, number: int, path: LoadedPath) -> None:
-        """Keep a finished direction; the file appears when it is whole."""
+        """Keep a finished direction as processes pass it on; the file appears when it is whole."""
         with errors_of(self.out):
             self.folder.mkdir(parents=True, exist_ok=True)
-            arrays = {name: getattr(path, name) for name in KEPT}
-            arrays["events"] = json.dumps([asdict(event) for event in path.events])
-            arrays["motions"] = len(path.motions)
-            for one in fields(Motion):
-                arrays[f"motion {one.name}"] = [getattr(m, one.name) for m in path.motions]
-            partial_file = self.folder / f"{number}.partial.npz"
-            np.savez(partial_file, **arrays)
+            partial_file = self.folder / f"{number}.partial"
+            partial_file.write_bytes(pickle.dumps(path))
             partial_file.replace(self._file(number))
 
     def remove(self) -> None:
         """Remove the folder: the results are written."""
         shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def _plain(value: Any) -> Any:
-    """A number or text where the stored array holds one."""
-    return value.item() if value.ndim == 0 else value
 
 
 def direction_table(found: Sustained) -> pd.DataFrame:
@@ -328,25 +303,18 @@ def direction_table(found: Sustained) -> pd.DataFrame:
         mode, rested = path.mode, [one for one in path.motions if one.status == "at rest"]
         taken = [float(np.linalg.norm(one.strain)) for one in rested]
         row = {
-            "status": path.status,
-            "first_large_load": path.first_large_load,
-            "first_large_strain": path.first_large_strain,
-            "first_large_spread": path.first_large_spread,
-            "limit": path.limit,
-            "limit_spread": path.limit_spread,
-            "first_instability": path.first_instability,
-            "first_event": path.first_event,
+            **values_of(path, *LOADS),
             "snaps": len(taken),
             "snap_strain": sum(taken),
             "largest_snap": max(taken, default=0.0),
             "released": path.work[-1, 3] - path.work[0, 3],
             "balance_error": path.balance_error,
             "mode_cause": "" if mode is None else mode.cause,
+            "mode_load": np.nan if mode is None else mode.load,
+            "mode_grains": 0 if mode is None else len(mode.grains),
         }
-        counts = ("opened", "closed", "slid")
-        row["mode_load"] = np.nan if mode is None else mode.load
-        row["mode_grains"] = 0 if mode is None else len(mode.grains)
-        row |= {f"mode_{name}": 0 if mode is None else getattr(mode, name) for name in counts}
+        counts = dict.fromkeys(COUNTS, 0) if mode is None else values_of(mode, *COUNTS)
+        row |= {f"mode_{name}": count for name, count in counts.items()}
         rows.append(row)
     names = ("n11", "n22", "n12")[: found.directions.shape[1]]
     head = {"theta_deg": np.degrees(found.theta)} | dict(
@@ -363,25 +331,16 @@ def motion_table(found: Sustained) -> pd.DataFrame:
     rows = [
         {
             "theta_deg": angle,
-            "status": one.status,
-            "lost": one.lost,
-            "load": one.load,
-            "cause": one.cause,
-            "contact": one.contact,
+            **values_of(one, *MOTION),
             **{f"H{ij}": value for ij, value in zip(COMPONENTS, one.strain, strict=True)},
-            "released": one.released,
-            "kinetic": one.kinetic,
-            "steps": one.steps,
-            "opened": one.opened,
-            "closed": one.closed,
-            "slid": one.slid,
+            **values_of(one, *ENDED),
             "grains": len(one.grains),
         }
         for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
         for one in path.motions
     ]
-    names = "theta_deg status lost load cause contact H11 H12 H21 H22 released kinetic steps"
-    return pd.DataFrame(rows, columns=[*names.split(), "opened", "closed", "slid", "grains"])
+    strains = [f"H{ij}" for ij in COMPONENTS]
+    return pd.DataFrame(rows, columns=["theta_deg", *MOTION, *strains, *ENDED, "grains"])
 
 
 def loading_table(found: Sustained) -> pd.DataFrame:
@@ -395,49 +354,22 @@ def loading_table(found: Sustained) -> pd.DataFrame:
 
 def order_table(found: Sustained) -> pd.DataFrame:
     """One row a direction with a mode and an order: share of the loops in the mode's work."""
-    faces = found.scene.faces
-    orders, at = np.unique(faces.order[faces.loops], return_inverse=True)
-    area = np.bincount(at, faces.area[faces.loops])
-    tables = [pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])]
-    for angle, path in zip(np.degrees(found.theta).tolist(), found.paths, strict=True):
-        mode = path.mode
-        if mode is None:
-            continue
-        work = np.bincount(at, mode.loop_work, minlength=len(orders))
-        negative = np.bincount(at, np.minimum(mode.loop_work, 0.0), minlength=len(orders))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            shares = {"W2_share": work / work.sum(), "negative_share": negative / negative.sum()}
-        tables.append(
-            pd.DataFrame(
-                {
-                    "theta_deg": angle,
-                    "order": orders,
-                    "loops": np.bincount(at),
-                    "area_share": area / area.sum(),
-                    "W2": work,
-                    "negative": negative,
-                    **shares,
-                }
-            )
-        )
-    return pd.concat(tables[1:] or tables, ignore_index=True)
+    loops, modes = found.scene.faces.loops, [path.mode for path in found.paths]
+    order, area = found.scene.faces.order[loops], found.scene.faces.area[loops]
+    work = np.array([mode.loop_work for mode in modes if mode is not None]).reshape(-1, len(loops))
+    if not len(work):
+        return pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])
+    theta_deg = np.degrees(found.theta)[[mode is not None for mode in modes]]
+    table = order_work_table(theta_deg, work, order, area)
+    return table[[*table.columns[:5], "negative", "W2_share", "negative_share"]]
 
 
 def mode_work_table(found: Sustained) -> pd.DataFrame:
     """One row a loop: its work in the mode of the weakest direction, and that over its area."""
-    faces = found.scene.faces
-    weakest, area = weakest_of(found), faces.area[faces.loops]
+    faces, weakest = found.scene.faces, weakest_of(found)
     mode = None if weakest is None else found.paths[weakest].mode
-    work = np.zeros(len(area)) if mode is None else mode.loop_work
-    return pd.DataFrame(
-        {
-            "loop": np.arange(len(area)),
-            "order": faces.order[faces.loops],
-            "area": area,
-            "W2": work,
-            "additive_w": work / area,
-        }
-    )
+    work = np.zeros(len(faces.loops)) if mode is None else mode.loop_work
+    return loop_work_table(faces.order[faces.loops], faces.area[faces.loops], work)
 
 
 def weakest_of(found: Sustained) -> int | None:

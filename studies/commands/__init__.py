@@ -8,13 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
 
 from loops.errors import InputError, check_choice
+from loops.lazy import named
 from studies.questions import EVERYDAY, FURTHER, Cells, Whole
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
@@ -95,23 +96,6 @@ class Sharing:
     scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class Holding:
-    """Whether a state is brought to rest first, by the names of the studies.
-
-    Parameters
-    ----------
-    hold
-        Bring the state to rest first, at fixed cell or between its walls.
-    hold_stress
-        Bring the state to rest first, at fixed stress.
-    """
-
-    hold: bool = False
-    hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False
-
-
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Reading:
@@ -174,6 +158,10 @@ class Reading:
         """The options as `read_planar` names them, cell and columns as numbers and names."""
         given = {one.name: getattr(self, one.name) for one in fields(self)}
         return given | {"cell": cell_of(self.cell), "columns": columns_of(self.columns)}
+
+    def how_of(self, path: Path) -> dict[str, Any]:
+        """The options for this file."""
+        return self.how()
 
 
 @Parameter(name="*", group=FURTHER)
@@ -244,6 +232,39 @@ def answer(
     others = [f"note: {note}" for note in notes if note not in doubts]
     more = [f"{len(others) - most} more notes are in summary.json"] if len(others) > most else []
     return Answer([*doubts, *lines, *others[:most], *more, where], out=out)
+
+
+def answered(
+    command: str,
+    paths: Path | Sequence[Path],
+    lines: Callable[[dict[str, Any]], Sequence[str]],
+    writing: Writing | None,
+    reading: Reading,
+    *groups: Any,
+    progress: Callable[[Any], str] | None = None,
+    unanswered: Callable[[dict[str, Any]], bool] | None = None,
+    kept: str = "",
+    **options: Any,
+) -> Answer:
+    """Run the study of a packing, and answer: `run_NAME` of `studies.NAME`, from the first path.
+
+    `groups` are dataclasses of options, None where none is given. `progress` is what the clock says
+    of what the study tells; `kept` what an interruption leaves. Exit status 1 if `unanswered`.
+    """
+    writing, first = writing or Writing(), paths if isinstance(paths, Path) else paths[0]
+    out = out_or(writing.out, command, first)
+    for group in groups:
+        options |= {} if group is None else asdict(group)
+    with clock(f"grainloops {command}") as tell:
+        if progress is not None:
+            options["progress"] = lambda done: tell(progress(done))
+        run = named(f"studies.{command}.run_{command}")
+        try:
+            summary = run(paths, out, **options, **writing.files(), **reading.how_of(first))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(kept) from None
+    said = answer(writing.json, out, lines(summary), summary["notes"])
+    return replace(said, status=int(unanswered is not None and unanswered(summary)))
 
 
 def driven_line(summary: dict[str, Any]) -> str:

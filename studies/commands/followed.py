@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,14 +10,11 @@ from cyclopts import Parameter
 
 from studies.commands import (
     Answer,
-    Holding,
     OneReading,
     PlaneReading,
     Writing,
-    answer,
-    clock,
+    answered,
     driven_line,
-    out_or,
     spread_words,
 )
 from studies.questions import (
@@ -26,6 +23,7 @@ from studies.questions import (
     Damping,
     Driving,
     Evolving,
+    Holding,
     Instabilities,
     Replaying,
     Whole,
@@ -122,24 +120,17 @@ def evolve_command(
     animation
         Animate the loops' second-order work, as GIF.
     """
-    writing, reading = writing or Writing(), reading or PlaneReading()
-    out = out_or(writing.out, "evolve", paths[0])
-    with clock("grainloops evolve") as tell:
-        from studies.evolve import run_evolve
+    return answered(
+        *("evolve", paths, _evolve_lines, writing, reading or PlaneReading()),
+        *(asked, replaying, holding),
+        progress=_reached(asked),
+        cells=cells,
+        animation=animation,
+    )
 
-        summary = run_evolve(
-            paths,
-            out,
-            **asdict(asked),
-            **asdict(replaying or Replaying()),
-            **asdict(holding or Holding()),
-            cells=cells,
-            animation=animation,
-            progress=lambda reached: tell(f"{reached:.3g} of {abs(asked.to):g}"),
-            **writing.files(),
-            **reading.how(),
-        )
-    return answer(writing.json, out, _evolve_lines(summary), summary["notes"])
+
+def _reached(asked: Driving) -> Callable[[float], str]:
+    return lambda reached: f"{reached:.3g} of {abs(asked.to):g}"
 
 
 COUNTED_WORDS = {"opens": "loses a contact", "lost": "lost", "unstable": "W2 < 0"}
@@ -199,25 +190,13 @@ def forecast_command(
     inertial_number
         Inertial number of the replay.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
-    out = out_or(writing.out, "forecast", path)
-    with clock("grainloops forecast") as tell:
-        from studies.forecast_report import run_forecast
-
-        summary = run_forecast(
-            path,
-            out,
-            **asdict(asked),
-            instabilities=instabilities,
-            rows=rows,
-            spread=not no_spread,
-            inertial_number=inertial_number,
-            damping=damping,
-            **asdict(holding or Holding()),
-            progress=lambda reached: tell(f"{reached:.3g} of {abs(asked.to):g}"),
-            **writing.files(),
-            **reading.how_of(path),
-        )
-    said = answer(writing.json, out, _forecast_lines(summary), summary["notes"])
-    # Neither way reached its end.
-    return replace(said, status=int(not summary["answered"]))
+    return answered(
+        *("forecast", path, _forecast_lines, writing, reading or OneReading(), asked, holding),
+        progress=_reached(asked),
+        unanswered=lambda summary: not summary["answered"],
+        instabilities=instabilities,
+        rows=rows,
+        spread=not no_spread,
+        inertial_number=inertial_number,
+        damping=damping,
+    )

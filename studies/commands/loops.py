@@ -179,24 +179,25 @@ def polygon_command(
 
         if snapshot is not None:
             options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))
-            summary = run_polygon(options, out, **writing.files())
-            return answer(writing.json, out, _polygon_lines(summary), summary["notes"])
-        law = _refuse_reading(loop, reading)
-        asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
-        asked["radii"] = sizes = numbers("--radii", radii)
-        if centres is not None:
-            asked["centres"], asked["radii"] = _ring_of(centres)
-            sizes = asked["radii"]
+        else:
+            law, sizes = _refuse_reading(loop, reading), numbers("--radii", radii)
+            asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
+            if centres is not None:
+                asked["centres"], sizes = _ring_of(centres)
+            orders = (order or len(sizes or ()),) if compare is None else orders_of(compare)
+            options = PolygonOptions(orders[0], radii=sizes, **asked)
         if compare is None:
-            count = order if sizes is None else len(sizes)
-            summary = run_polygon(PolygonOptions(count or 0, **asked), out, **writing.files())
-            return answer(writing.json, out, _polygon_lines(summary), summary["notes"])
-        listed = orders_of(compare)
-        compared = ComparisonOptions(listed, PolygonOptions(listed[0], **asked))
-        summary = run_comparison(compared, out, **writing.files())
+            summary = run_polygon(options, out, **writing.files())
+        else:
+            summary = run_comparison(ComparisonOptions(orders, options), out, **writing.files())
+    lines = (_polygon_lines if compare is None else _comparison_lines)(summary)
+    return answer(writing.json, out, lines, summary["notes"])
+
+
+def _comparison_lines(summary: Summary) -> list[str]:
     lines = [
         "order  isotropic path: critical strain in 11, 22 / symmetric / full; "
-        f"{programme} path: E1 at first yield, peak s1, status"
+        f"{summary['parameters']['programme']} path: E1 at first yield, peak s1, status"
     ]
     for row in summary["loops"]:
         strains = [shown(strain) for strain in row["critical_strain"].values()]
@@ -204,7 +205,7 @@ def polygon_command(
         values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
         columns = "  ".join(f"{value:>9}" for value in values)
         lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
-    return answer(writing.json, out, lines, summary["notes"])
+    return lines
 
 
 def _ring_of(path: Path) -> tuple[Any, Any]:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from studies.commands import (
     Answer,
-    Holding,
     OneReading,
     Sharing,
     Writing,
-    answer,
-    clock,
-    out_or,
+    answered,
     shown,
     spread_words,
 )
-from studies.questions import FURTHER, Probing, Sustaining
+from studies.questions import FURTHER, Holding, Probing, Sustaining
 
 if TYPE_CHECKING:
     from studies.output import Summary
@@ -148,24 +144,13 @@ def probe_command(
     path
         File of the snapshot, or of its grains.
     """
-    writing, reading, asked = writing or Writing(), reading or OneReading(), asked or Probing()
-    out = out_or(writing.out, "probe", path)
-    with clock("grainloops probe") as tell:
-        from studies.probe import run_probe
-
-        summary = run_probe(
-            path,
-            out,
-            **asdict(asked),
-            **asdict(holding or Holding()),
-            **asdict(sharing or Sharing()),
-            progress=lambda done: tell(f"{done} of {asked.directions} directions"),
-            **writing.files(),
-            **reading.how_of(path),
-        )
-    said = answer(writing.json, out, _probe_lines(summary), summary["notes"])
-    # The question found no answer at all.
-    return replace(said, status=int(summary["undetermined"] == summary["directions"]))
+    asked = asked or Probing()
+    groups = writing, reading or OneReading(), asked, holding, sharing
+    return answered(
+        *("probe", path, _probe_lines, *groups),
+        progress=lambda done: f"{done} of {asked.directions} directions",
+        unanswered=lambda summary: bool(summary["undetermined"] == summary["directions"]),
+    )
 
 
 def _sustain_lines(summary: Summary) -> list[str]:
@@ -220,23 +205,7 @@ def sustain_command(
     hold_stress
         Bring the sample to rest at fixed stress first. Default: at fixed cell.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
-    out = out_or(writing.out, "sustain", path)
-    with clock("grainloops sustain"):
-        from studies.sustain import run_sustain
-
-        try:
-            summary = run_sustain(
-                path,
-                out,
-                **asdict(asked or Sustaining()),
-                spread=not no_spread,
-                hold_stress=hold_stress,
-                **asdict(sharing or Sharing()),
-                **writing.files(),
-                **reading.how_of(path),
-            )
-        except KeyboardInterrupt:
-            kept = "finished directions are kept; the same command computes the others"
-            raise KeyboardInterrupt(kept) from None
-    return answer(writing.json, out, _sustain_lines(summary), summary["notes"])
+    kept = "finished directions are kept; the same command computes the others"
+    groups = writing, reading or OneReading(), asked, sharing
+    own: Any = {"spread": not no_spread, "hold_stress": hold_stress}
+    return answered("sustain", path, _sustain_lines, *groups, kept=kept, **own)

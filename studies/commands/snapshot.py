@@ -24,6 +24,7 @@ from studies.commands import (
     Sharing,
     Writing,
     answer,
+    answered,
     clock,
     out_or,
     shown,
@@ -124,17 +125,10 @@ def snapshot_command(
     path
         File of the snapshot, or of its grains.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
-    out = out_or(writing.out, "snapshot", path)
     with suppress(OSError, AttributeError, TypeError):
         for option in MALLOC.values():
             ctypes.CDLL(None).mallopt(*option)
-    with clock("grainloops snapshot"):
-        from studies.snapshot import run_snapshot
-
-        options = asdict(asked or Snapshotting())
-        summary = run_snapshot(path, out, **options, **writing.files(), **reading.how_of(path))
-    return answer(writing.json, out, _snapshot_lines(summary), summary["notes"])
+    return answered("snapshot", path, _snapshot_lines, writing, reading or OneReading(), asked)
 
 
 def check_command(

@@ -23,7 +23,7 @@ from patterns import Snapshot, planar, read_snapshot
 from studies.examples import run_example, save
 from studies.output import Columns
 from studies.reading import cell_reader
-from studies.snapshot.quadrons import BINS, DRAWN_ORDERS, densities, quadron_columns
+from studies.snapshot.quadrons import DRAWN_ORDERS, densities, draw_densities, quadron_columns
 from studies.style import BLACK, BLUE, GREY, ORDER_COLOURS, VERMILION, new_panels, styled
 
 # Intervals that begin at an axial strain below START_STRAIN, and those beyond.
@@ -196,19 +196,9 @@ def draw_kinetics(
 def draw_quadrons(parts: dict[int, Floats], by_order: pd.DataFrame) -> Figure:
     """Draw the density of the areas over the mean, by order, and the mean areas of the orders."""
     figure, ((left, right),) = new_panels(1, 2, 2.9)
-    middle = 0.5 * (BINS[:-1] + BINS[1:])
-    for n, values in parts.items():
-        mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(len(values))
-        shown = mean > 0
-        look = {"color": ORDER_COLOURS[n - DRAWN_ORDERS[0]], "label": f"order {n}"}
-        look["label"] += "+" if n == DRAWN_ORDERS[-1] else ""
-        look = look if n else {"color": BLACK, "label": "all"}
-        left.errorbar(
-            middle[shown], mean[shown], error[shown], elinewidth=0.6, linewidth=1.0, **look
-        )
-    left.set(yscale="log", xlabel="area of a quadron over the mean", ylabel="density")
+    error = {n: one.std(axis=0, ddof=1) / np.sqrt(len(one)) for n, one in parts.items()}
+    draw_densities(left, {n: one.mean(axis=0) for n, one in parts.items()}, error)
     left.set_ylim(bottom=1e-3)
-    left.legend(ncols=2)
     right.errorbar(by_order.order, by_order.mean_area, by_order.error, fmt="o", color=BLACK)
     right.axhline(1.0, color=GREY, linewidth=0.8)
     right.set(xlabel="loop order", ylabel="mean area over that of all")

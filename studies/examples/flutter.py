@@ -22,7 +22,7 @@ from loops.geometry import outward
 from patterns import random_loop
 from stability import flutter_pairs, operator_norm, restrict, spectrum, statuses, symmetric_spectrum
 from studies.examples import run_example, save
-from studies.style import LINE_COLOURS, TWO_COLUMNS, new_figure, styled
+from studies.style import LINE_COLOURS, TWO_COLUMNS, figure_key, new_figure, styled
 
 ORDERS = (3, 4, 5, 6, 7, 8)
 BALANCES = ("assigned", "balanced")
@@ -112,8 +112,7 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
                 label = f"{forces} forces, {contacts}" if key == "share" else None
                 ax.semilogy(own.order, own[key].replace(0, np.nan), look, color=colour, label=label)
         ax.set(xlabel="order", ylabel="share with flutter (dashed: W2 > 0)", title=closure)
-    named = ax.get_legend_handles_labels()
-    figure.legend(*named, loc="outside lower center", ncols=4)
+    figure_key(figure, ncols=4)
     return figure
 
 

@@ -34,7 +34,7 @@ from studies.series.skill import (
     targets,
 )
 from studies.series.tasks import require_about
-from studies.style import LIGHT_GREY, LINE_COLOURS, TWO_COLUMNS, new_figure, styled
+from studies.style import LIGHT_GREY, LINE_COLOURS, TWO_COLUMNS, figure_key, new_figure, styled
 
 # The closures are left out: they know the strain that each loop really took.
 COMPARED = (
@@ -165,8 +165,7 @@ def draw(table: pd.DataFrame) -> Figure:
     panels[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     title = "dots: mean and 95 % interval over packings; ticks: targets shuffled"
-    legend = panels[0].get_legend_handles_labels()
-    figure.legend(*legend, loc="outside lower center", ncols=max(len(steps), 1), title=title)
+    figure_key(figure, ncols=max(len(steps), 1), title=title)
     return figure
 
 

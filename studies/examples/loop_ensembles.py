@@ -37,7 +37,7 @@ from patterns import Snapshot, random_loop, read_snapshot, sample_cell, sample_p
 from stability.verdict import loop_stability
 from studies.examples import run_example, save
 from studies.examples.cells import read
-from studies.style import BLACK, BLUE, TWO_COLUMNS, VERMILION, new_figure, styled
+from studies.style import BLACK, BLUE, TWO_COLUMNS, VERMILION, figure_key, new_figure, styled
 
 ORDERS = range(3, 13)
 # Discs of nearly one size have no re-entrant loop below this order.
@@ -69,16 +69,8 @@ def drawn_forces(
     i, j = np.triu_indices(2 * n, 1)
     det = B[:, i, 0] * B[:, j, 1] - B[:, i, 1] * B[:, j, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        corners = (
-            np.stack(
-                [
-                    B[:, i, 1] * a[:, j] - B[:, j, 1] * a[:, i],
-                    B[:, j, 0] * a[:, i] - B[:, i, 0] * a[:, j],
-                ],
-                axis=-1,
-            )
-            / det[..., None]
-        )
+        met = B[:, i, ::-1] * a[:, j, None] - B[:, j, ::-1] * a[:, i, None]
+        corners = [1.0, -1.0] * met / det[..., None]
     least = np.stack([(a + (B @ f[..., None])[..., 0]).min(axis=1)
                       for f in np.moveaxis(corners, 1, 0)], axis=1)  # fmt: skip
     size = np.abs(a).mean(axis=1, keepdims=True)
@@ -87,11 +79,8 @@ def drawn_forces(
     # A contact that reaches both of its limits carries nothing: no corner to choose.
     first = (weight * ((j - i) != n)).argmax(axis=1)
     limit = np.where(rng.random(count) < 0.5, i[first], j[first])
-    beside = (
-        good
-        & ((i == limit[:, None]) | (j == limit[:, None]))
-        & (np.arange(len(i)) != first[:, None])
-    )
+    on_side = (i == limit[:, None]) | (j == limit[:, None])
+    beside = good & on_side & (np.arange(len(i)) != first[:, None])
     second, share = beside.argmax(axis=1), rng.uniform(size=(count, 1))
     corner = corners[every, first]
     side = corner + share * (corners[every, second] - corner)
@@ -258,7 +247,7 @@ def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figur
     convex.set(xlabel=LABELS["order"], ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
     for axis in (*axes[:2, 0], mean, convex):
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure_key(figure, axes[0, 0], ncols=2)
     return figure
 
 

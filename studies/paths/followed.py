@@ -44,14 +44,14 @@ from stability import (
     unstable_fraction,
 )
 from stability import Path as LoopPath
-from studies.output import Summary
+from studies.output import Summary, values_of
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
 # States named in every study: det K = 0 in the confinement, its end, the first yield.
 NAMED = ("I", "A", "B")
 # A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
-TOLERANCES = {"rtol": 1e-13, "atol": 1e-15}
+TOLERANCES: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up with the status `lost`.
 PATH_STEPS = 2000
 # Contacts are at yield if |T| lacks at most this share of mu N.
@@ -319,14 +319,9 @@ def follow_path(
     path = follow(
         Scene(graph, options.law(), boundary_of(graph, volume=options.volume)),
         stages,
-        closure=options.closure,
-        spins=options.spins,
         subspace=subspaces,
-        contact_on_touch=options.contact_on_touch,
-        **TOLERANCES,
         max_steps=PATH_STEPS,
-        rows=options.rows,
-        model=options.model,
+        **TOLERANCES | values_of(options, "closure", "spins", "contact_on_touch", "rows", "model"),
     )
     return path, names
 
@@ -406,8 +401,7 @@ def operator_values(
 
 def verdict_values(verdict: Verdict) -> dict[str, Any]:
     """A verdict as plain values."""
-    names = ("status", "mode", "margin", "tolerance", "witness")
-    return {name: getattr(verdict, name) for name in names}
+    return values_of(verdict, "status", "mode", "margin", "tolerance", "witness")
 
 
 def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:

@@ -36,6 +36,7 @@ from patterns.polygons import (
 from stability import Programme, Stage, programmes
 from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
+from studies.output import values_of
 
 if TYPE_CHECKING:
     from patterns import Snapshot
@@ -302,10 +303,7 @@ class PolygonOptions:
 
     def of_programme(self) -> dict[str, Any]:
         """Return the numbers of the programme that were given."""
-        numbers = {
-            "fluid_bulk_modulus": self.fluid_bulk_modulus,
-            "strain_ratio": self.strain_ratio,
-        }
+        numbers = values_of(self, "fluid_bulk_modulus", "strain_ratio")
         return {name: value for name, value in numbers.items() if value is not None}
 
     def loading_programme(self) -> Programme:
@@ -322,7 +320,7 @@ class PolygonOptions:
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
         names = ("order", "orientation", "kappa", "phi_deg", "mu", "closure", "spins", "confine")
-        values = {name: getattr(self, name) for name in (*names, "programme", "model")}
+        values = values_of(self, *names, "programme", "model")
         return {**values, "end": self.last_strain, **self.special()}
 
     def special(self) -> dict[str, Any]:
@@ -392,9 +390,8 @@ class LoopOptions(PolygonOptions):
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
-        names = ("order", "closure", "spins", "programme", "model")
-        values = {name: getattr(self, name) for name in names} | {"end": self.last_strain}
-        return {**self.special(), **values}
+        values = values_of(self, "order", "closure", "spins", "programme", "model")
+        return {**self.special(), **values, "end": self.last_strain}
 
     def special(self) -> dict[str, Any]:
         """The snapshot, the number of the loop, and how far its grains were moved."""

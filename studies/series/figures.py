@@ -55,6 +55,7 @@ from studies.style import (
     TWO_COLUMNS,
     VERMILION,
     axes_or_new,
+    figure_key,
     figure_of,
     key_columns,
     new_figure,
@@ -104,8 +105,7 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
         ax.set(xlabel=strain_label, title=title)
     figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
-    key = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*key, loc="outside upper center", ncols=3)
+    figure_key(figure, at="upper center", ncols=3)
     return figure
 
 
@@ -284,9 +284,7 @@ def survival_by_verdict(table: pd.DataFrame) -> Figure:
         right.set_xticks(orders, labels=GROUPS)
         right.set_xlim(2.5, 2.5 + len(GROUPS))
         left.set_ylabel(f"{JUDGE_TITLES[judge]}\nshare that survives")
-    keys = [ax.get_legend_handles_labels() for ax in figure.axes]
-    shown = {label: handle for key in keys for handle, label in zip(*key, strict=True)}
-    figure.legend(list(shown.values()), list(shown), loc="outside upper center", ncols=3)
+    figure_key(figure, at="upper center", ncols=3)
     low = table["share_low"].min()
     figure.axes[0].set_ylim(low - 0.05 * (1.0 - low), 1.0 + 0.05 * (1.0 - low))
     left.set_xlabel("interval, by its later snapshot")
@@ -318,8 +316,7 @@ def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
     figure, (axes,) = new_panels(1, 1 + steady, 3.4, TWO_COLUMNS if steady else ONE_COLUMN)
     left, right = axes[0], axes[-1]
     _balance(left, tables["kinetics"])
-    key, beside = left.get_legend_handles_labels(), key_columns(figure, 6)
-    figure.legend(*key, title="merged loop", loc="outside lower center", ncols=beside)
+    figure_key(figure, left, title="merged loop", ncols=key_columns(figure, 6))
     if not steady:
         return figure
     shown = orders["order"] <= LAST_DRAWN

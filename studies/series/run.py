@@ -24,7 +24,7 @@ from stability.packing.increment import CANDIDATES
 from stability.packing.response import SOLVED
 from stability.packing.yielding import checked_band
 from stability.path import Past
-from studies.output import SERIES, UNITS, Row, Summary, definitions
+from studies.output import SERIES, UNITS, Row, Summary, definitions, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
@@ -391,9 +391,7 @@ def followed_summary(
         for k in beyond
     ]
     return {
-        "past": following.past,
-        "programme": following.programme,
-        "damping": following.damping,
+        **values_of(following, "past", "programme", "damping"),
         "path_statuses": dict(Counter(row["path_status"] for row in rows)),
         "path_instabilities": sum(row["path_instabilities"] for row in rows),
         "path_from_replay": largest_of(known_values(intervals, "path_from_replay"), numbers),

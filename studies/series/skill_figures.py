@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
@@ -26,7 +25,7 @@ from studies.series.skill import (
     PREDICTORS,
     TARGETS,
 )
-from studies.snapshot.figures import loop_drawer
+from studies.snapshot.figures import draw_scaled, loop_drawer
 from studies.style import (
     BLACK,
     BLUE,
@@ -40,6 +39,7 @@ from studies.style import (
     SKY,
     VERMILION,
     axes_or_new,
+    figure_key,
     figure_of,
     key_columns,
     new_panels,
@@ -91,7 +91,7 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
         ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
     for ax in axes[:, 0]:
         ax.set_ylabel("survived loops")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure_key(figure, ncols=2)
     return figure
 
 
@@ -103,10 +103,8 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]
     palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
-    scale = Normalize(-1.0, 1.0)
-    loop_drawer(before)(ax, work, palette, scale)
-    bar = figure_of(ax).colorbar(ScalarMappable(scale, palette), ax=ax, shrink=0.8)
-    bar.set_label(r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated")
+    shown: Any = {"label": r"actual $w_2 = dP:dH/(|dP||dH|)$, corotated", "shrink": 0.8}
+    draw_scaled(loop_drawer(before), ax, work, palette, Normalize(-1.0, 1.0), **shown)
     handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
     ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     return ax
@@ -172,12 +170,7 @@ def skill_by_interval(table: pd.DataFrame) -> Figure:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     for ax in axes[::2]:
         ax.set_ylabel("AUC; share of the loops")
-    lines: dict[str, Artist] = {}
-    for ax in axes:
-        handles, labels = ax.get_legend_handles_labels()
-        lines |= dict(zip(labels, handles, strict=True))
-    beside = key_columns(figure, 4)
-    figure.legend(list(lines.values()), list(lines), loc="outside lower center", ncols=beside)
+    figure_key(figure, ncols=key_columns(figure, 4))
     return figure
 
 

@@ -12,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -52,7 +53,6 @@ from studies.style import (
     DIVERGING,
     GREY,
     LIGHT_GREY,
-    ONE_COLUMN,
     ORANGE,
     ORDER_COLOURS,
     SEQUENTIAL,
@@ -62,10 +62,11 @@ from studies.style import (
     axes_or_new,
     figure_of,
     key_columns,
-    new_figure,
     new_panels,
     outer_legend,
     panel_width,
+    polar_grid,
+    polar_or_new,
     say_empty,
     styled,
 )
@@ -159,9 +160,7 @@ def draw_values(
         steps = np.arange(values.min(), values.max() + 1)
         edges = BoundaryNorm(np.append(steps, steps[-1] + 1) - 0.5, len(steps))
         colours = mpl.colormaps[SEQUENTIAL].resampled(len(steps))
-        draw(ax, values, colours, edges)
-        mapped = ScalarMappable(edges, colours)
-        figure_of(ax).colorbar(mapped, ax=ax, ticks=steps, shrink=0.75, label=label)
+        draw_scaled(draw, ax, values, colours, edges, label=label, ticks=steps)
         return
     known = values[np.isfinite(values)]
     unit, top = linear_part(known)
@@ -172,11 +171,18 @@ def draw_values(
         decades = unit * 10.0 ** np.arange(np.log10(top / unit) + 1e-9)
         ticks = np.concatenate([-decades[::-1], [0.0], decades])
     colours = mpl.colormaps[DIVERGING if low < 0 else SEQUENTIAL]
-    draw(ax, values, colours, scale)
-    shown: Any = {"extend": "both", "shrink": 0.75, "label": label}
-    bar = figure_of(ax).colorbar(ScalarMappable(scale, colours), ax=ax, **shown)
+    bar = draw_scaled(draw, ax, values, colours, scale, label=label, extend="both")
     bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
     bar.ax.minorticks_off()
+
+
+def draw_scaled(
+    draw: Drawer, ax: Axes, values: Floats, colours: Colormap, scale: Normalize, **bar: Any
+) -> Colorbar:
+    """Loops coloured on a scale, and its colour bar beside them, which is returned."""
+    draw(ax, values, colours, scale)
+    how = {"shrink": 0.75} | bar
+    return figure_of(ax).colorbar(ScalarMappable(scale, colours), ax=ax, **how)
 
 
 def loop_drawer(snapshot: Snapshot) -> Drawer:
@@ -432,11 +438,9 @@ def _joined(segments: Floats) -> list[Floats]:
 
 
 @styled()
-def fabric_rose(fabric_density: Columns, summary: Summary) -> Figure:
+def fabric_rose(fabric_density: Columns, summary: Summary) -> Axes:
     """Density of the contact directions, and its Fourier series of second order."""
-    figure = new_figure(ONE_COLUMN, 3.6)
-    ax = figure.add_subplot(projection="polar")
-    assert isinstance(ax, PolarAxes)
+    ax = polar_or_new(None, 3.6)
     _bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
     fabric = summary["contact_fabric"]
     theta = np.linspace(0, 2 * np.pi, 721)
@@ -444,7 +448,7 @@ def fabric_rose(fabric_density: Columns, summary: Summary) -> Figure:
     label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
     ax.plot(theta, density, color=VERMILION, label=label)
     finish_rose(ax, "contact direction", "probability density (1/rad)")
-    return figure
+    return ax
 
 
 def rose_judges(table: Columns) -> tuple[str, ...]:
@@ -565,14 +569,11 @@ def _bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -
 
 def finish_rose(ax: PolarAxes, title: str, unit: str) -> None:
     """Angles, rings with their values, title and key of a rose."""
-    ax.set_thetagrids(range(0, 360, 45))
-    ax.set_rticks(MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
+    polar_grid(ax, MaxNLocator(3).tick_values(0.0, ax.get_ylim()[1])[1:-1])
     ax.tick_params(axis="y", labelsize=6, labelcolor=BLACK)
     # The grid is drawn above the bars, which would hide the numbers.
     ax.set_axisbelow(False)
     for label in ax.get_yticklabels():
         label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-    ax.set_rlabel_position(22.5)
-    ax.grid(color=LIGHT_GREY, linewidth=0.5)
     ax.set_title(f"{title}\n{unit}")
     outer_legend(ax, "upper center", (0.5, 0.0), 2.5)

@@ -243,13 +243,6 @@ MOVING = 5e-4
 REST_SPREAD = 0.03
 
 
-def hold_control(hold: bool, hold_stress: bool) -> HoldControl | None:
-    """Control of the options `--hold` and `--hold-stress`; `InputError` if both are given."""
-    if hold and hold_stress:
-        raise InputError("--hold, --hold-stress", "both", "one of them", "Leave one out.")
-    return "strain" if hold else "stress" if hold_stress else None
-
-
 def motion_note(snapshot: Snapshot) -> str:
     """Say that a state moves, and what to do; nothing at rest, or where no walls are known."""
     from stability.packing.hold import unbalanced_force

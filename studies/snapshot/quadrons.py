@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -81,7 +84,9 @@ def quadron_figure(table: Columns) -> Figure:
     return figure
 
 
-def draw_densities(ax: Axes, found: dict[int, Floats]) -> None:
+def draw_densities(
+    ax: Axes, found: dict[int, Floats], errors: Mapping[int, Floats] | None = None
+) -> None:
     """Draw densities of areas over the mean, the whole in black and its parts by order."""
     middle = 0.5 * (BINS[:-1] + BINS[1:])
     for n, values in found.items():
@@ -89,6 +94,8 @@ def draw_densities(ax: Axes, found: dict[int, Floats]) -> None:
         last = DRAWN_ORDERS[-1]
         label = "all" if n == 0 else f"order {n}{'+' if n == last else ''}"
         colour = BLACK if n == 0 else ORDER_COLOURS[n - DRAWN_ORDERS[0]]
-        ax.plot(middle[shown], values[shown], color=colour, label=label)
+        error = None if errors is None else errors[n][shown]
+        look: Any = {"color": colour, "label": label, "elinewidth": 0.6}
+        ax.errorbar(middle[shown], values[shown], error, **look)
     ax.set(yscale="log", xlabel="area of a quadron over the mean", ylabel="density")
     ax.legend(ncols=2)

@@ -28,7 +28,7 @@ from loops.fabric import (
 )
 from patterns import Snapshot
 from stability import RTOL
-from studies.output import Columns, Summary, definitions
+from studies.output import Columns, Summary, definitions, values_of
 from studies.snapshot.stress import stress
 from studies.snapshot.table import (
     CLOSURES,
@@ -138,10 +138,7 @@ def _network(snapshot: Snapshot) -> dict[str, Any]:
         "wall_contacts": snapshot.wall_contacts,
         "rattlers": int(np.count_nonzero(degree == 0)),
         "dangling_grains": graph.grain_count - euler.vertices,
-        "components": euler.components,
-        "vertices": euler.vertices,
-        "edges": euler.edges,
-        "faces": euler.faces,
+        **values_of(euler, "components", "vertices", "edges", "faces"),
         "euler_ok": euler.ok,
         "coordination": z,
         "coordination_all": 2 * graph.contact_count / graph.grain_count,

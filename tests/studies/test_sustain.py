@@ -125,7 +125,7 @@ def test_an_interrupted_run_goes_on(results, state, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         run_sustain(state, out, **HOW, workers=1, figures=False)
     parts = tmp_path / ".out.directions"
-    assert len(list(parts.glob("*.npz"))) == 2 and not out.exists()
+    assert len(list(parts.glob("*.pickle"))) == 2 and not out.exists()
     monkeypatch.setattr(study_module, "load_path", lambda *how: done.append(0) or load_path(*how))
     run_sustain(state, out, **HOW, workers=1, figures=False)
     assert len(done) == 4 and not parts.exists()

@@ -14,7 +14,8 @@ from stability.packing.hold import hold, unbalanced_force
 from studies.cli import main
 from studies.evolve import run_evolve
 from studies.probe import run_probe
-from studies.snapshot.in_packing import held_snapshot, hold_control
+from studies.questions import Holding
+from studies.snapshot.in_packing import held_snapshot
 
 WALLS = sample_path()
 
@@ -95,7 +96,7 @@ def test_a_path_begins_at_rest(tmp_path):
 @pytest.mark.parametrize("change", [{}, {"walls": None}])
 def test_what_cannot_be_held_is_said(change, tmp_path):
     with pytest.raises(InputError, match="both"):
-        hold_control(True, True)
+        Holding(hold=True, hold_stress=True).control
     snapshot = read_snapshot(WALLS)
     snapshot = type(snapshot)(**{**vars(snapshot), **change})
     if change:
