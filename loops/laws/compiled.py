@@ -124,8 +124,10 @@ FILLING = """
 def fill(constants, radii, overlap, before, T, out):
     law = Law({rows})
     factor, pull, k, mu = constants[{n}], constants[{n} + 1], constants[{n} + 2], constants[{n} + 3]
-    wall = factor > 0.0
-    i, j = where(wall, 2.0 * radii[0], radii[0]), where(wall, 2.0 * radii[0], radii[1])
+    wall, i, j = factor > 0.0, radii[0], radii[1]
+    walled = wall.any()
+    if walled:
+        i, j = where(wall, 2.0 * radii[0], radii[0]), where(wall, 2.0 * radii[0], radii[1])
     touching = i + j
     length = touching - overlap
     state = State(overlap, touching, length, i, j, T, T)
@@ -136,7 +138,7 @@ def fill(constants, radii, overlap, before, T, out):
     out[1] = kt
     out[2] = method_2(law, state)
     out[3] = where(T != 0.0, T - method_3(law, state) * (before - overlap), T)
-    for p in range(len(overlap)):
+    for p in range(len(overlap) if walled else 0):
         if wall[p]:
             pushed = out[0, p] - pull[p]
             out[0, p], out[1, p] = factor[p] * pushed, k[p] * pushed / overlap[p]
