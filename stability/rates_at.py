@@ -16,7 +16,7 @@ from loops.errors import check_choice, whole_number
 from loops.scene import Scene, Subject, of_scene
 from loops.validation import real
 from stability.complementarity import STARTS
-from stability.packing.controls import HeldAndDriven, component_control
+from stability.packing.controls import MixedControl, component_control
 from stability.packing.response import PackingResponse, packing_rates
 from stability.packing.yielding import YIELD_BAND
 from stability.paths.of_graph import rates_of_loop
@@ -169,7 +169,7 @@ def rates_at(
     _refuse(options, of_packing if closure == "packing" else ("spins",), f"the {closure} closure")
     strain, stress = _components(H, P) if programme is None else (np.eye(2), np.eye(2))
     if closure == "packing":
-        control: HeldAndDriven | Programme = component_control(strain, stress)
+        control: MixedControl | Programme = component_control(strain, stress)
         if programme is not None:
             control = programme_of(programme)
         band = YIELD_BAND if yield_band is None else yield_band

@@ -197,13 +197,7 @@ def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
     return values
 
 
-def stage_along(direction: Floats, subspace: Subspace, control: Driven, amplitude: float) -> Stage:
+def stage_along(direction: Floats, subspace: Subspace, driven: Driven, amplitude: float) -> Stage:
     """Return the stage that drives one direction of the subspace, with no strain outside of it."""
-    basis = subspace_basis(subspace)
-    m = len(basis)
-    # The rest of an orthonormal basis.
-    outside = np.linalg.svd(basis)[2][m:]
-    driven, other = np.vstack([basis, 0.0 * outside]), np.vstack([0.0 * basis, outside])
-    stress, strain = (0.0 * driven, driven + other) if control == "strain" else (driven, other)
-    rate = np.append(direction, np.zeros(4 - m))
-    return Stage(Programme("probe", stress, strain, rate), "parameter", amplitude)
+    control = direction_control(direction, subspace, driven)
+    return Stage(Programme("probe", *control), "parameter", amplitude)

@@ -24,7 +24,7 @@ from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
 from stability.complementarity import positive_definite, raise_load
-from stability.packing.controls import HeldAndDriven, component_control
+from stability.packing.controls import MixedControl, component_control, controlled_strain
 from stability.packing.response import (
     CONDENSED,
     TRUSTED,
@@ -57,16 +57,14 @@ class PackingIncrements:
         """Answer one increment, see `packing_increment`."""
         return self.solved(component_control(strain, stress))
 
-    def solved(self, control: HeldAndDriven) -> PackingResponse:
+    def solved(self, control: MixedControl) -> PackingResponse:
         """Answer one control; strain and stress are whole increments."""
         q, M = self.rates.problem(control)
         raised = raise_load(self.yielding.distance, q, M)
         slip = raised.slip
         yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
         stress_of_slip = self.rates.whole[1] @ slip
-        held, B = control.held.T @ control.strain, control.driven
-        wanted = control.stress - B @ (elastic.stress @ held + stress_of_slip)
-        h = held + B.T @ np.linalg.solve(B @ elastic.stress @ B.T, wanted)
+        h = controlled_strain(elastic, control, stress_of_slip)
         H = h.reshape(2, 2)
         motion = elastic.motion @ h + self.rates.slips @ slip
         relative, forces = self._forces(motion, H, slip)

@@ -26,7 +26,7 @@ from loops.geometry import boundary_vectors, polygon_area
 from loops.graph import GrainGraph
 from loops.in_place import inverse_at_contacts
 from loops.laws.frictional import Regime
-from loops.loop_batches import LoopBatch, loop_batches
+from loops.loop_batches import loop_batches
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import contact_forces
@@ -114,7 +114,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     turn = np.sum(state.t * branch, axis=1) / state.length
     normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
     losing = _time(state.normal_force, normal)
-    return _of_all(_Parts(graph, carries, response.strain_rate, branch, force, losing), faces)
+    return _of_loops(graph, faces, carries, response.strain_rate, branch, force, losing)
 
 
 def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopRates:
@@ -142,7 +142,7 @@ def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopR
     overlap = before.radii[before.contacts].sum(axis=1) - length
     losing = _time(overlap, length - np.linalg.norm(end, axis=1))
     force, every = after.forces[:count] - contact_forces(before), np.ones(count, dtype=bool)
-    return _of_all(_Parts(before, every, after.strain, end - d, force, losing), faces)
+    return _of_loops(before, faces, every, after.strain, end - d, force, losing)
 
 
 def loop_sums(values: Floats, faces: Faces) -> Floats:
@@ -152,69 +152,61 @@ def loop_sums(values: Floats, faces: Faces) -> Floats:
     return np.asarray(sums[faces.loops])
 
 
-def _of_all(parts: _Parts, faces: Faces) -> LoopRates:
+def _of_loops(
+    graph: GrainGraph,
+    faces: Faces,
+    carries: Flags,
+    strain: Floats,
+    branch_rate: Floats,
+    force_rate: Floats,
+    losing: Floats,
+) -> LoopRates:
+    """Return rates of loops from those of a packing's branches and forces.
+
+    `losing` (C,) are the times until each contact loses its force.
+    """
+    forces, branches = contact_forces(graph), graph.branches
+    whole = 0.5 * (strain + strain.T)
     count = len(faces.loops)
     out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
     out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
-    for batch in loop_batches(parts.graph, faces):
-        for name, values in parts.of(batch).items():
-            out[name][batch.row] = values
-    return LoopRates(**out)
-
-
-class _Parts:
-    """Rates of a packing's branches and forces; (C,) time until each contact loses its force."""
-
-    def __init__(
-        self,
-        graph: GrainGraph,
-        carries: Flags,
-        strain: Floats,
-        branch: Floats,
-        force: Floats,
-        losing: Floats,
-    ) -> None:
-        self.graph, self.carries, self.losing = graph, carries, losing
-        self.strain, self.branch_rate, self.force_rate = strain, branch, force
-        self.forces, self.branches = contact_forces(graph), graph.branches
-
-    def of(self, batch: LoopBatch) -> dict[str, Floats]:
-        """Return the fields of `LoopRates` for loops of one order."""
+    for batch in loop_batches(graph, faces):
         c, x = batch.contacts, batch.graph.x
-        known = self.carries[c].all(axis=1)
+        known = carries[c].all(axis=1)
         sides = np.roll(x, -1, axis=1) - x
         # Whether a loop's sides run along its contacts or against them.
-        along = np.sign(np.sum(sides * self.branches[c], axis=2, keepdims=True))
-        stretch = along * self.branch_rate[c]
-        force, rate = along * self.forces[c], along * self.force_rate[c]
+        along = np.sign(np.sum(sides * branches[c], axis=2, keepdims=True))
+        stretch = along * branch_rate[c]
+        force, rate = along * forces[c], along * force_rate[c]
         area = polygon_area(x)
         v = np.cumsum(stretch, axis=1) - stretch
-        strain = -np.swapaxes(v, 1, 2) @ boundary_vectors(x) / area[:, None, None]
+        H = -np.swapaxes(v, 1, 2) @ boundary_vectors(x) / area[:, None, None]
         half = 0.5 / area[:, None, None]
         stress = half * np.swapaxes(rate, 1, 2) @ sides
-        spin = 0.5 * (strain[:, 0, 1] - strain[:, 1, 0])
+        spin = 0.5 * (H[:, 0, 1] - H[:, 1, 0])
         held = half * np.swapaxes(force, 1, 2) @ sides
         turned = stress - spin[:, None, None] * (QUARTER_TURN @ held)
-        e = 0.5 * (strain + np.swapaxes(strain, 1, 2))
-        whole = 0.5 * (self.strain + self.strain.T)
+        e = 0.5 * (H + np.swapaxes(H, 1, 2))
         work = np.sum(turned * e, axis=(1, 2))
         with np.errstate(invalid="ignore", divide="ignore"):
             sizes = np.linalg.norm(turned, axis=(1, 2)) * np.linalg.norm(e, axis=(1, 2))
             normalised = work / sizes
             nonaffinity = np.linalg.norm(e - whole, axis=(1, 2)) / np.linalg.norm(whole)
         columns = {
-            "strain": strain,
+            "strain": H,
             "stress": stress,
             "second_order_work": work,
             "normalised_work": normalised,
             "additive_work": -np.sum(rate * stretch, axis=(1, 2)) / (2 * area),
             "nonaffinity": nonaffinity,
-            "opening": self.losing[c].min(axis=1),
+            "opening": losing[c].min(axis=1),
             "closing": _first_closing(x, batch.graph.radii, v),
         }
-        for values in columns.values():
+        for name, values in columns.items():
             values[~known] = np.nan
-        return columns | {"area": area}
+            out[name][batch.row] = values
+        out["area"][batch.row] = area
+    return LoopRates(**out)
 
 
 def _time(left: Floats, rate: Floats) -> Floats:

@@ -9,7 +9,8 @@ from loops.contacts import AT_YIELD, Contacts
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
-from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
+from stability.packing.pivots import slip_system
+from stability.packing.regime_factor import ELASTIC, RegimeFactor
 from stability.path import Pathologies
 from stability.regimes import SlipProblem, agreeing
 
@@ -39,33 +40,20 @@ def pathologies(
     T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
     frame = state.records()
     candidates: Integers = at_yield(frame, regime, held, N, T, AT_YIELD)
-    side = side.copy()
+    side, none = side.copy(), np.zeros(3 * len(state.x))
     stuck = candidates[regime[candidates] == ELASTIC]
-    sliding = candidates[regime[candidates] == SLIDING]
     side[stuck] = np.sign(T[stuck])
-    # All of them stick in the factor; slips are forces on it.
-    reference = regime.copy()
-    reference[candidates] = ELASTIC
-    none = np.zeros(3 * len(state.x))
-    packing = RegimeFactor(state, frame, reference, side, none, before)
-    m = len(candidates)
+    packing = RegimeFactor(state, frame, regime, side, none, before)
+    w2, m = _second_order_work(packing, control), len(candidates)
     if m > MOST_CANDIDATES:
-        packing.set_regimes(sliding, SLIDING)
-        w2 = _second_order_work(packing, control)
         said = f"{m} candidates, {MOST_CANDIDATES} at most"
         return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing
     if m == 0:
-        return _judged(np.zeros(0), np.eye(0), _second_order_work(packing, control)), packing
-    rows = (len(packing.frame) + candidates).tolist()
-    pushes = packing.edges_of_pushes(control, rows, candidates)
-    rates = packing.solve(*control)
-    q = packing.edge((rates,), candidates)[:, 0]
+        return _judged(np.zeros(0), np.eye(0), w2), packing
+    low = packing.rounding(packing.solve(*control))
+    q, M = slip_system(packing, control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
-    M = (np.eye(m) - side[candidates] * pushes) * packing.frame["kt"][candidates]
-    for c in sliding.tolist():
-        packing.set_regime(c, SLIDING, side[c])
-    w2 = _second_order_work(packing, control)
-    return _judged(q, M, w2, packing.rounding(rates)), packing
+    return _judged(q, M * frame["kt"][candidates], w2, low), packing
 
 
 def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:

@@ -17,28 +17,18 @@ MODE_SHARE = 0.1
 PIVOT_STEPS = 40
 
 
-class UnsolvedError(Exception):
-    """No regimes agree, or none were found: the motion of a pivot that nothing stops.
+def unstable_mode(motion: Floats, turns: bool) -> dict[str, Any]:
+    """Facts of a motion that nothing stops, as `Event` has them: its grains, and what det K does.
 
-    `turns` tells whether det K changes sign, `proof` why there are none (`Complementarity`), if
-    they have been sought.
+    `turns` tells whether det K changes sign.
     """
-
-    def __init__(self, contact: int, motion: Floats, turns: bool, proof: str = "") -> None:
-        super().__init__("no solution was found")
-        self.contact, self.motion, self.turns, self.proof = contact, motion, turns, proof
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Facts of the unstable mode, as `Event` has them: its grains, and what det K does."""
-        square = np.sum(self.motion.reshape(-1, 3)[:, :2] ** 2, axis=1)
-        size = np.linalg.norm(self.motion.reshape(-1, 3), axis=1)
-        return {
-            "cause": "no_regimes" if self.proof else "none_found",
-            "taking_part": float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300)),
-            "sign_changes": self.turns,
-            "grains": tuple(np.flatnonzero(size > MODE_SHARE * size.max()).tolist()),
-        }
+    square = np.sum(motion.reshape(-1, 3)[:, :2] ** 2, axis=1)
+    size = np.linalg.norm(motion.reshape(-1, 3), axis=1)
+    return {
+        "taking_part": float(square.sum() ** 2 / max(float(np.sum(square**2)), 1e-300)),
+        "sign_changes": turns,
+        "grains": tuple(np.flatnonzero(size > MODE_SHARE * size.max()).tolist()),
+    }
 
 
 def pivot(
@@ -47,13 +37,13 @@ def pivot(
     c: int,
     critical: Integers,
     rounding: float,
-) -> list[int]:
+) -> tuple[list[int] | None, dict[str, Any]]:
     """Bring one contact at yield to agree with its rates; all pairs that changed regime.
 
     The method of Cottle and Dantzig: the slip rate of the contact (or the distance of its rates
     from the cone) is raised from zero until it agrees with its regime, and others change regime
     where they would disagree. `critical` are the pairs at yield that agree, or have an event to
-    come. Where that meets no end, regimes are as before: `UnsolvedError`.
+    come. Where that meets no end regimes are as before: None, and the facts of `unstable_mode`.
     """
     others = critical[critical != c]
     every = np.append(others, c)
@@ -71,7 +61,7 @@ def pivot(
         now = value + raised * along
         if now[-1] >= -rounding:
             packing.flip(c)
-            return [*changed, c]
+            return [*changed, c], {}
         own = raised - now[-1] / along[-1] if along[-1] > 1e-12 else np.inf
         falls = (along[:-1] < -1e-12) & (now[:-1] > -rounding)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,7 +76,7 @@ def pivot(
             changed.append(int(others[k]))
         elif np.isfinite(own):
             packing.flip(c)
-            return [*changed, c]
+            return [*changed, c], {}
         else:
             break
     for other in changed:
@@ -95,7 +85,7 @@ def pivot(
     packing.flip(c)
     turns *= packing.sign(control.stress, control.strain)
     packing.flip(c)
-    raise UnsolvedError(c, packing.motion(unit), bool(turns < 0))
+    return None, unstable_mode(packing.motion(unit), bool(turns < 0))
 
 
 def seek(
@@ -103,11 +93,11 @@ def seek(
 ) -> tuple[list[int] | None, str]:
     """Seek regimes of all contacts at yield that agree, where a pivot meets no end.
 
-    All that changed regime, None if no regimes were found, and the proof that there are none.
+    All that changed regime, or None and the cause: a proof that there are none, or not.
     """
     found = agreeing(SlipProblem(*slip_system(packing, control, contacts), low=rounding))
     if not found.solutions:
-        return None, found.proof
+        return None, "no_regimes" if found.proof else "none_found"
     active = found.taken.rates
     changed = contacts[active != (packing.regime[contacts] == SLIDING)].tolist()
     packing.set_regimes(contacts, np.where(active, SLIDING, ELASTIC))

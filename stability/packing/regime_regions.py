@@ -16,7 +16,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.directional.branches import plane_directions, works
-from stability.packing.controls import HeldAndDriven, controlled_strain, direction_control
+from stability.packing.controls import MixedControl, controlled_strain, direction_control
 from stability.packing.response import (
     CRITICAL,
     SCALED,
@@ -181,7 +181,7 @@ class RegimeRegions:
         angles = [branch.folds for branch in self.branches]
         return np.unique(np.concatenate([np.empty(0), *angles]))
 
-    def control(self, direction: Floats) -> HeldAndDriven:
+    def control(self, direction: Floats) -> MixedControl:
         """Return the control along a direction; strain outside of the subspace is zero."""
         return direction_control(direction, self.subspace, self.driven)
 
@@ -223,7 +223,7 @@ class RegimeRegions:
             rates[:, 0], rates[:, 1], np.count_nonzero(solved.solutions, axis=1),
         )  # fmt: skip
 
-    def _solved(self, direction: Floats, control: HeldAndDriven, starts: int | None) -> Solved:
+    def _solved(self, direction: Floats, control: MixedControl, starts: int | None) -> Solved:
         """Answer a direction from known branches, new starts or the nearest answer."""
         rates, known = self.rates, self.sets(direction)
         complete = self.complete if len(rates.every) > ENUMERATED else ""
@@ -248,7 +248,7 @@ class RegimeRegions:
             solved = self._from_nearest(direction, control) or solved
         return solved
 
-    def _from_nearest(self, direction: Floats, control: HeldAndDriven) -> Solved | None:
+    def _from_nearest(self, direction: Floats, control: MixedControl) -> Solved | None:
         """Follow the solution of the nearest answered direction along the great circle to here."""
         if len(self.basis) == 2 or not (self.answered and self.rates.small):
             return None

@@ -33,9 +33,8 @@ from stability.complementarity import (
 )
 from stability.packing.controls import (
     ROUNDED,
-    Control,
+    MixedControl,
     component_control,
-    control_of,
     controlled,
     controlled_strain,
 )
@@ -249,13 +248,13 @@ class PackingRates:
         """Answer one control by components."""
         return self.solved(component_control(strain_rate, stress_rate), starts).response
 
-    def given(self, control: Control, active: Flags) -> PackingResponse:
+    def given(self, control: MixedControl, active: Flags) -> PackingResponse:
         """Answer one control with these candidates sliding, whether that agrees or not."""
         answer = linear_answer(self.yielding, active) if active.any() else self.elastic
         told = of_sets(Complementarity(active[None], GIVEN))
         return self._response(answer, active, told, control)
 
-    def problem(self, control: Control) -> tuple[Floats, Floats]:
+    def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
         return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
 
@@ -267,7 +266,7 @@ class PackingRates:
 
     def solved(
         self,
-        control: Control,
+        control: MixedControl,
         starts: int = STARTS,
         known: Sequence[Flags] = (),
         complete: str = "",
@@ -296,19 +295,19 @@ class PackingRates:
             active = nearest_regimes(q, M)
         return self._solved(self._answer(active), active, found, control)
 
-    def rates_of(self, control: Control, active: Flags) -> tuple[Floats, Floats]:
+    def rates_of(self, control: MixedControl, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
         answer = self._answer(active)
         H = controlled_strain(answer, control)
         return H, answer.stress @ H
 
-    def _by_parts(self, control: Control, free: Flags, proof: str) -> Solved:
+    def _by_parts(self, control: MixedControl, free: Flags, proof: str) -> Solved:
         active, answer, done = regimes_by_parts(self.yielding, control, free)
         found = of_sets(Complementarity(active[None][: int(done)], proof if done else ""))
         return self._solved(answer, active, found, control)
 
     def _solved(
-        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: Control
+        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: MixedControl
     ) -> Solved:
         sets = np.array([one.rates for one in found.solutions], dtype=bool)
         response = self._response(answer, active, found, control)
@@ -329,7 +328,7 @@ class PackingRates:
         return self.last[1]
 
     def _response(
-        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: Control
+        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: MixedControl
     ) -> PackingResponse:
         yielding = self.yielding
         system, graph = yielding.system, yielding.system.graph
@@ -414,7 +413,7 @@ def response_of(
 
 
 def regimes_by_parts(
-    yielding: YieldResponse, control: Control, free: Flags
+    yielding: YieldResponse, control: MixedControl, free: Flags
 ) -> tuple[Flags, LinearAnswer, bool]:
     """Find regimes of too many candidates to condense; and the answer, and whether they agree.
 
@@ -460,7 +459,7 @@ def regimes_by_parts(
 
 def packing_rates(
     scene: Scene,
-    control: Control | Programme,
+    control: MixedControl | Programme,
     *,
     regime: Literal["elastic", "sliding"] | None = None,
     yield_band: float = YIELD_BAND,
@@ -475,7 +474,8 @@ def packing_rates(
     yielding = yield_response(scene, yield_band=yield_band)
     rates = PackingRates(yielding)
     if isinstance(control, Programme):
-        control = control_of(control, packing_stress(yielding.system))
+        stress = packing_stress(yielding.system)
+        control = MixedControl(*control.equations(np.zeros(4), stress.ravel()))
     if regime is None:
         return rates.solved(control, starts).response
     return rates.given(control, rates.none if regime == "elastic" else ~rates.none)

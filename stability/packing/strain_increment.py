@@ -14,7 +14,7 @@ from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
 from stability.packing.controls import MixedControl
-from stability.packing.pivots import UnsolvedError, disagreeing, pivot, seek
+from stability.packing.pivots import disagreeing, pivot, seek
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -347,34 +347,29 @@ class StrainIncrement:
 
     def _pivot(self, c: int, rates: Combination) -> None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
-        packing, facts = self.packing, dict[str, Any]()
+        packing, facts, passed = self.packing, dict[str, Any](), list[Event]()
         for spring in GROUND_SPRINGS:
             critical = packing.at_yield(self.N, self.T, self.held)
             # A stuck contact on the friction limit would slide in the direction of its force.
             stuck = critical[(packing.regime[critical] == ELASTIC) & (critical != c)]
             packing.set_side(stuck, np.sign(self.T[stuck]))
             low = packing.rounding(rates)
-            try:
-                changed = pivot(packing, self.control, c, critical, low)
-            except UnsolvedError as stop:
-                # A light grain leaves before regimes of all contacts are sought.
-                if self._free(c, LIGHT_SHARE):
-                    return
+            changed, mode = pivot(packing, self.control, c, critical, low)
+            # A light grain leaves before regimes of all contacts are sought.
+            if changed is None and self._free(c, LIGHT_SHARE):
+                return
+            if changed is None and not facts:
                 # Springs make another problem: whether this one has a solution is asked once.
                 every = np.append(critical[critical != c], c)
-                found, stop.proof = (None, "") if facts else seek(packing, self.control, every, low)
-                if found is None:
-                    # The first mode is told; the last one is dragged.
-                    grains = stop.facts["grains"]
-                    facts = (facts or stop.facts) | {"grains": grains}
-                    passed = self._pass(c, spring, facts)
-                    continue
-                changed = found
-            if facts:
-                self.events.append(passed)
-            for k in changed:
-                self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
-            return
+                changed, mode["cause"] = seek(packing, self.control, every, low)
+            if changed is not None:
+                self.events += passed
+                for k in changed:
+                    self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
+                return
+            # The first mode is told; the last one is dragged.
+            facts = (facts or mode) | {"grains": mode["grains"]}
+            passed = [self._pass(c, spring, facts)]
         self._hold(c, "yield", **facts)
 
     def _settled(self) -> Combination:

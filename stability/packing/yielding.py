@@ -84,50 +84,46 @@ def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
     near = [_near_yield(law, state, regimes, yield_band)]
     base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
-    planes = boundary.walls
+    planes, ends, count = boundary.walls, graph.contacts, graph.contact_count
     if planes is not None:
-        walls = planes.law(law), planes.state(graph.radii)
-        near.append(_near_yield(*walls, planes.regime, yield_band))
-        may_slide = near[1].may_slide & (planes.kt > 0)
-        near[1] = near[1]._replace(may_slide=may_slide)
-        slides = (near[1].regimes == Regime.SLIDING) & ~may_slide
-        planes = replace(planes, sliding=slides)
-        boundary = replace(boundary, walls=planes)
+        at_walls = _near_yield(
+            planes.law(law), planes.state(graph.radii), planes.regime, yield_band
+        )
+        at_walls = at_walls._replace(may_slide=at_walls.may_slide & (planes.kt > 0))
+        near.append(at_walls)
+        slides = (at_walls.regimes == Regime.SLIDING) & ~at_walls.may_slide
+        boundary = replace(boundary, walls=replace(planes, sliding=slides))
+        ends = np.concatenate([ends, np.tile(planes.grain[:, None], 2)])
     system = system_of(replace(scene, boundary=boundary), state, base)
-    grains, picked = [graph.contacts], [system.contacts]
-    if planes is not None:
-        grains.append(planes.grain[:, None])
-        picked.append(np.flatnonzero(system.carrying.grains[planes.grain]))
-    degree = np.bincount(
-        np.concatenate([g[c].ravel() for g, c in zip(grains, picked, strict=True)]),
-        minlength=graph.grain_count,
+    # All contacts of the system; those with walls have one grain.
+    carrying = system.carrying
+    picked = np.flatnonzero(np.append(carrying.contacts, carrying.grains[ends[count:, 0]]))
+    degree = np.bincount(ends[picked, 0], minlength=graph.grain_count)
+    degree += np.bincount(ends[system.contacts, 1], minlength=graph.grain_count)
+    two = (degree[ends] == 2).any(axis=1)
+    may_slide, full = (
+        np.concatenate(flags) for flags in zip(*(one[3:] for one in near), strict=True)
     )
-    rows, of_two, settled, first = [], [], 0, 0
-    for k, (one, g, c) in enumerate(zip(near, grains, picked, strict=True)):
-        two = (degree[g] == 2).any(axis=1)
-        inside = one.may_slide & two & ~one.full
-        settled += int(np.count_nonzero(inside[c]))
-        own = np.flatnonzero((one.may_slide & ~inside)[c])
-        rows.append(first + own)
-        near[k], first = one.take(c[own]), first + len(c)
-        of_two.append(two[c[own]])
+    inside = may_slide & two & ~full
+    rows = np.flatnonzero((may_slide & ~inside)[picked])
+    chosen = picked[rows]
+    own = chosen[chosen < count], chosen[chosen >= count] - count
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
     gauge, push, sliding, distance = (
-        np.concatenate(parts) for parts in zip(*(one.slips() for one in near), strict=True)
+        np.concatenate(parts) for parts in zip(*map(_NearYield.slips, near, own), strict=True)
     )
     if planes is not None:
-        sliding[len(rows[0]) :] = plane_stiffness(
-            replace(planes, sliding=np.ones(len(planes.grain), dtype=bool)), graph.radii, law
-        )[near[1].number]
+        slide = replace(planes, sliding=np.ones(len(planes.grain), dtype=bool))
+        sliding[len(own[0]) :] = plane_stiffness(slide, graph.radii, law)[own[1]]
     return YieldResponse(
         system,
-        np.concatenate(rows),
+        rows,
         gauge * scale,
         push * scale,
         scale[:, None] * sliding * scale,
         distance,
-        np.concatenate(of_two),
-        settled,
+        two[chosen],
+        int(np.count_nonzero(inside[picked])),
     )
 
 
@@ -139,24 +135,15 @@ class _NearYield(NamedTuple):
     regimes: Regimes
     may_slide: Flags
     full: Flags
-    number: Integers
 
-    def take(self, c: Integers) -> _NearYield:
-        """Return the picked contacts."""
-        at = self.state
+    def slips(self, c: Integers) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
+        at, law, regimes = self.state, self.law.take(c), self.regimes[c]
         forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
         state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
-        flags = self.regimes[c], self.may_slide[c], self.full[c]
-        return _NearYield(self.law.take(c), state, *flags, self.number[c])
-
-    def slips(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
-        law, state = self.law, self.state
         sign = np.sign(state.shear_force)[:, None]
         stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
-        change = (
-            law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, self.regimes)[:, 1]
-        )
+        change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
         g, b_i, b_j = law.shear_kinematics(state)
         normal = np.hstack([state.n, np.zeros_like(state.n)])
         shear = np.column_stack([g[:, None] * state.t, -b_i, -b_j])
@@ -165,7 +152,7 @@ class _NearYield(NamedTuple):
         return (
             sign * (change[:, :1] * normal + change[:, 1:] * shear),
             sign * push,
-            contact_tangent(state, law, self.regimes),
+            contact_tangent(state, law, regimes),
             np.where(np.isfinite(distance), distance, 0.0),
         )
 
@@ -179,7 +166,7 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
     rough = (np.asarray(law.mu) > 0) | (law.strength(state) > 0)
     may_slide = rough & (state.shear_force != 0) & (regimes == Regime.SLIDING)
     full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
-    return _NearYield(law, state, regimes, may_slide, full, np.arange(len(regimes)))
+    return _NearYield(law, state, regimes, may_slide, full)
 
 
 def checked_band(share: float, name: str = "yield_band", usual: float = YIELD_BAND) -> float:
