@@ -19,7 +19,7 @@ from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes
 from stability.packing.path import PackingPathOptions, follow_packing
-from stability.packing.probe import Probe, Solutions, additive_work
+from stability.packing.probe import TOLD, Probe, Solutions, additive_work
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.packing.yielding import YieldResponse
 from stability.path import Path
@@ -28,13 +28,6 @@ from stability.spectra import subspace_basis
 
 # Function that follows stages and returns their paths in order.
 FollowStages = Callable[[Sequence[Stage]], Sequence[Path]]
-NO_SOLUTIONS = Solutions(
-    np.empty(0, dtype=np.int64),
-    np.empty((0, 2, 2)),
-    np.empty((0, 2, 2)),
-    np.empty(0),
-    np.empty(0, dtype=np.int64),
-)
 
 
 def probe_to(
@@ -152,11 +145,7 @@ def probe_by_increment(
         done,
         strain,
         stress,
-        status=np.array([answer.status for answer in answers]),
-        proof=np.array([answer.proof for answer in answers]),
-        residual=np.array([answer.residual for answer in answers]),
-        sliding=np.array([answer.sliding for answer in answers]),
-        disagreeing=np.array([answer.disagreeing for answer in answers]),
+        **{name: np.array([getattr(answer, name) for answer in answers]) for name in TOLD},
         loop_work=_of_finished(done, loops),
         candidates=len(increments.yielding.rows),
         settled=increments.yielding.settled,
@@ -172,6 +161,7 @@ def _over_amplitude(
     sizes = np.linalg.norm(strain @ basis, axis=1) * np.linalg.norm(stress @ basis, axis=1)
     normalised = work / sizes
     known, m = normalised[done], found.directions.shape[1]
+    none: list[Any] = [part[:0] for part in found.solutions]
     return replace(
         found,
         strain_rate=strain.reshape(-1, 2, 2),
@@ -184,7 +174,7 @@ def _over_amplitude(
         cones=np.empty((0, 2)),
         refined=np.empty((0, 2), dtype=bool),
         folds=np.empty(0),
-        solutions=NO_SOLUTIONS,
+        solutions=Solutions(*none),
         unstable_fraction=float(np.mean(known < -NEUTRAL)) if len(known) else float("nan"),
         destabilising=no_control("undetermined", m),
         **rest,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,16 +61,12 @@ def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: F
         raise InputError("control", "strains that turn or shear the box", expected, remedy)
 
 
-class Snap(NamedTuple):
-    """The packing at rest again, and the work until then, as `Path.work`."""
-
-    state: Contacts
-    work: Floats
-
-
-def snap_through(state: Contacts, load: Floats, control: MixedControl, damping: float) -> Snap:
+def snap_through(
+    state: Contacts, load: Floats, control: MixedControl, damping: float
+) -> tuple[Contacts, Floats]:
     """Strain slowly by the whole of a control under a load (B, 3), then hold until at rest.
 
+    The packing at rest again, and the work until then, as `Path.work`.
     Masses are those of discs of unit density, `damping` is Cundall's. `ArithmeticError` where
     grains run off, or don't come to rest.
     """
@@ -81,7 +77,6 @@ def snap_through(state: Contacts, load: Floats, control: MixedControl, damping: 
     steps = max(1, round(duration_of(H, masses, state, SNAP_RATE) / dt))
     moving = Moving(state, masses, inertias, lasting(servo, steps * dt))
     moving.load(load)
-    energy = state.stored_energy
     ran, checks = moving.run(steps, dt, damping), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
     while ran and not rests(moving, slow):
@@ -93,8 +88,7 @@ def snap_through(state: Contacts, load: Floats, control: MixedControl, damping: 
     end = moving.state()
     if not ran or not np.isfinite(end.x).all():
         raise ArithmeticError("grains ran off at an instability")
-    work = work_of(moving, end, load, energy)
-    return Snap(end, work)
+    return end, work_of(moving, end, load, state.stored_energy)
 
 
 def work_of(moving: Moving, end: Contacts, load: Floats, energy: float) -> Floats:
@@ -116,13 +110,10 @@ def rests(moving: Moving, slow: float, force: float | None = None) -> bool:
     # Without contacts there is no moment, and nothing to wait for.
     if motion.moment.any() and not np.linalg.norm(motion.gradient) < slow:
         return False
-    state = moving.state()
+    state, least = moving.state(), REST_FORCE if force is None else force
     if not state.closed.any():
         return True
-    left = np.linalg.norm(motion.resultant[: state.count, :2], axis=1).mean() / state.mean_force
-    return bool(
-        left < (REST_FORCE if force is None else force) and np.linalg.norm(motion.gradient) < slow
-    )
+    return bool(moving.unbalanced(state) < least and np.linalg.norm(motion.gradient) < slow)
 
 
 def masses_of(
@@ -427,6 +418,11 @@ class Moving:
         motion.overlap[:] = before
         parted = finish(self.law, motion, discs, self.servo, dt, self.by_radii)
         return -1 if parted else 1
+
+    def unbalanced(self, state: PackingState) -> float:
+        """Mean resultant on a grain, walls included, over the mean contact force."""
+        left = np.linalg.norm(self.motion.resultant[: state.count, :2], axis=1)
+        return float(left.mean() / state.mean_force) if state.closed.any() else np.inf
 
     def state(self) -> Contacts:
         """The current packing; its first pairs are those of the start."""

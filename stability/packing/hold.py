@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -238,7 +238,7 @@ def hold(
             servo = steered(servo, start, HELD_STRESS, NO_ROTATION, np.zeros(4))
             servo = lasting(servo, dt)
         moving = Moving(start, masses, inertias, servo, velocity=velocities, spin=spins)
-        before = _unbalanced(moving, start)
+        before = moving.unbalanced(start)
         return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
 
     # A run at rest comes first.
@@ -266,21 +266,18 @@ def _told(
     kn, kt = (k[touching] for k in end.law.stiffnesses(end.overlap))
     grain, mu = end.contacts[touching, 0], end.law.mu[touching]
     walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu, -end.forces[touching])
+    around: dict[str, Any] = {"walls": walls, "volume": scene.boundary.volume} if walled else {}
     at_rest = end.graph()
     return HeldPacking(
         graph=at_rest,
         law=law_of(scene.law, end.law, last),
-        boundary=boundary_of(
-            at_rest,
-            walls=walls if walled else None,
-            volume=scene.boundary.volume if walled else None,
-        ),
+        boundary=boundary_of(at_rest, **around),
         status=found.status,
         other_status=other.status,
         damping=found.damping,
         control=control,
         unbalanced_before=found.before,
-        unbalanced=_unbalanced(found.moving, end),
+        unbalanced=found.moving.unbalanced(end),
         stress_before=_stress(start),
         stress=stress,
         strain=end.strain,
@@ -305,12 +302,6 @@ def _stress(state: PackingState) -> Floats:
     return np.asarray(state.forces.T @ state.branches / abs(np.linalg.det(state.cell)))
 
 
-def _unbalanced(moving: Moving, state: PackingState) -> float:
-    """Return the mean resultant on a grain, walls included, over the mean contact force."""
-    left = np.linalg.norm(moving.motion.resultant[: state.count, :2], axis=1)
-    return float(left.mean() / state.mean_force) if state.closed.any() else np.inf
-
-
 def _rest(
     moving: Moving, dt: float, damping: float, bound: float, most_steps: int
 ) -> tuple[Contacts, HoldStatus, int]:
@@ -326,7 +317,7 @@ def _rest(
         # Without any force left there is nothing to be in balance with.
         if not state.closed.any() or np.linalg.norm(state.strain) > FLOWS:
             return state, "flows", steps
-        if _unbalanced(moving, state) <= bound:
+        if moving.unbalanced(state) <= bound:
             return state, "at rest", steps
         if steps >= most_steps:
             return state, "not at rest", steps

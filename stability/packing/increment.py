@@ -37,6 +37,7 @@ from stability.packing.yielding import (
     YieldResponse,
     checked_band,
     forces_with_slip,
+    taken,
     yield_response,
 )
 
@@ -98,25 +99,19 @@ class PackingIncrements:
 
     def _beyond(self, relative: Floats) -> Flags:
         """Return contacts between grains, no candidates, that end beyond their strength (C',)."""
-        system = self.yielding.system
-        n = len(system.contacts)
-        own = system.contacts
-        state, law = system.state, system.law
-        turns = relative[:n, 2:] / system.length
-        g, b_i, b_j = (values[own] for values in law.shear_kinematics(state))
-        un = np.zeros(system.graph.contact_count)
-        ut = un.copy()
-        un[own] = np.sum(state.n[own] * relative[:n, :2], axis=1)
-        along = np.sum(state.t[own] * relative[:n, :2], axis=1)
-        ut[own] = g * along - b_i * turns[:, 0] - b_j * turns[:, 1]
+        system, rows, own = self.yielding.system, self.yielding.rows, self.yielding.system.contacts
+        state, law, n = taken(system.state, own), system.law.take(own), len(own)
+        branch, turns = relative[:n, :2], relative[:n, 2:] / system.length
+        g, b_i, b_j = law.shear_kinematics(state)
+        un, along = (np.sum(axis * branch, axis=1) for axis in (state.n, state.t))
+        ut = g * along - b_i * turns[:, 0] - b_j * turns[:, 1]
         _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
         strength = law.strength(state)
         with np.errstate(invalid="ignore"):
             beyond = (
                 np.abs(state.shear_force + shear) > (strength + grown) + BEYOND_STRENGTH * strength
             )
-        beyond = beyond[own] & (system.regime[:n] == Regime.ELASTIC)
-        rows = self.yielding.rows
+        beyond &= system.regime[:n] == Regime.ELASTIC
         beyond[rows[rows < n]] = False
         return np.asarray(beyond)
 

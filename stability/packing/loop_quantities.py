@@ -306,9 +306,8 @@ def indicators(
         at_walls = np.bincount(whole.walls.grain, minlength=graph.grain_count)
         coordination = coordination + at_walls
     strength = law.strength(state)
-    mobilised = np.divide(
-        np.abs(state.shear_force), strength, out=np.zeros(len(strength)), where=strength > 0
-    )
+    mobilised = np.where(closed, 0.0, np.nan)
+    np.divide(np.abs(state.shear_force), strength, out=mobilised, where=closed & (strength > 0))
     motion, spin, slip, opening = _compliances(system)
     by_grain = {
         "coordination": np.where(coordination > 0, coordination, np.nan),
@@ -320,25 +319,19 @@ def indicators(
     }
     if nonaffinity is not None:
         by_grain["past_nonaffinity"] = real("nonaffinity", nonaffinity, graph.grain_count)
-    by_contact = {"mobilisation": np.where(closed, mobilised, np.nan)}
-    most = {
-        "largest_mobilisation": by_contact["mobilisation"],
-        "slip_criticality": -slip,
-        "opening_criticality": -opening,
+    extreme = {
+        "largest_mobilisation": (np.fmax, mobilised),
+        "slip_criticality": (np.fmin, slip),
+        "opening_criticality": (np.fmin, opening),
     }
-    count = len(faces.loops)
-    out = {name: np.full(count, np.nan) for name in (*by_grain, *by_contact, *most)}
+    known = (*by_grain, "mobilisation", *extreme)
+    out = {name: np.full(len(faces.loops), np.nan) for name in known}
     for batch in loop_batches(graph, faces):
-        at = batch.row
         for name, values in by_grain.items():
-            out[name][at] = _mean(values[batch.grains])
-        for name, values in by_contact.items():
-            out[name][at] = _mean(values[batch.contacts])
-        for name, values in most.items():
-            found = np.where(np.isnan(values), -np.inf, values)[batch.contacts].max(axis=1)
-            out[name][at] = np.where(np.isfinite(found), found, np.nan)
-    for name in ("slip_criticality", "opening_criticality"):
-        out[name] *= -1.0
+            out[name][batch.row] = _mean(values[batch.grains])
+        out["mobilisation"][batch.row] = _mean(mobilised[batch.contacts])
+        for name, (most, values) in extreme.items():
+            out[name][batch.row] = most.reduce(values[batch.contacts], axis=1)
     out["chain"] = force_chains(graph).on_loops(faces) / faces.order[faces.loops]
     return {name: out[name] for name in EXPECTED if name in out}
 

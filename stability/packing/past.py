@@ -85,13 +85,13 @@ class Dynamic:
     def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
         """Return the packing at rest."""
         try:
-            snap = snap_through(here.state, here.load, control, self.damping)
-            jump = jumped(here.state, snap.state, here.first_stress)
+            end, work = snap_through(here.state, here.load, control, self.damping)
+            jump = jumped(here.state, end, here.first_stress)
             if jump:
                 raise ArithmeticError(jump)
         except ArithmeticError as error:
             return Passed("lost", message=str(error))
-        return Passed("replayed", snap.state, snap.work)
+        return Passed("replayed", end, work)
 
 
 def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:

@@ -81,7 +81,7 @@ class PackingPathSolver:
         self.free_share = 1.0
         self.work = np.zeros(4)
         self.events: list[Event] = []
-        self.rows: list[tuple[Any, ...]] = []
+        self.rows: list[dict[str, Any]] = []
         # Values of the stage's quantity at which rows are left to record, and where to go back to.
         self.targets: deque[float] = deque()
         self.history: deque[dict[str, Any]] = deque(maxlen=HISTORY)
@@ -104,12 +104,11 @@ class PackingPathSolver:
         """Add the pairs that are close to the list, as open contacts."""
         self.wandered = 0.0
         self.state = self.state.with_near(self.listed_gap)
-        springs = self.state.law.springs
+        springs, known = self.state.law.springs, len(self.regime)
+        fresh = np.zeros((springs, len(self.state.contacts) - known // springs))
         regime, side = self.regime.reshape(springs, -1), self.side.reshape(springs, -1)
-        fresh = self.state.closed[regime.shape[1] :]
-        closed = np.tile(np.where(fresh, ELASTIC, OPEN), (springs, 1))
-        self.regime = np.hstack([regime, closed]).astype(np.int8).ravel()
-        self.side = np.hstack([side, np.zeros(closed.shape)]).ravel()
+        self.regime = np.hstack([regime, fresh + OPEN]).astype(np.int8).ravel()
+        self.side = np.hstack([side, fresh]).ravel()
 
     def _find_regimes(self) -> None:
         """Mark closed contacts on the friction limit as sliding, on the side of their force."""
@@ -223,11 +222,24 @@ class PackingPathSolver:
             self.record()
 
     def step(self, stage: Stage, instabilities: int) -> Stop | None:
-        """Go on by one interval, and through the instability that ends it; why the path ends."""
+        """Go on by one interval, and through the instability that ends it; why the path ends.
+
+        It is a shorter one where it catches grains that carried nothing.
+        """
         before = self.saved()
         events: list[Event] = []
         try:
-            met, duration = self._interval_to_catch(stage, events)
+            for cut in range(CUTS_AT_CATCH + 1):
+                met, duration = self._interval(stage, events)
+                if self.free_share == 1.0 or cut == CUTS_AT_CATCH:
+                    break
+                # There forces of grains that are caught are next to nothing, and grow with the
+                # rates of the packing.
+                size = self.free_share * self.size
+                self.restore(before)
+                events.clear()
+                self.size = size
+            self.size = before["size"]
         except RejectedError as error:
             status, message = error.args
         except ControlLimitError:
@@ -249,27 +261,6 @@ class PackingPathSolver:
             # The events that led there stay.
             self._add_events(events)
         return status, message
-
-    def _interval_to_catch(
-        self, stage: Stage, events: list[Event]
-    ) -> tuple[InstabilityError | ControlLimitError | None, float]:
-        """Strain by an increment, a shorter one where it catches grains that carried nothing.
-
-        There their forces are next to nothing, and grow with the rates of the packing.
-        """
-        before = self.saved()
-        for _ in range(CUTS_AT_CATCH):
-            ended = self._interval(stage, events)
-            if self.free_share == 1.0:
-                break
-            size = self.free_share * self.size
-            self.restore(before)
-            events.clear()
-            self.size = size
-        else:
-            ended = self._interval(stage, events)
-        self.size = before["size"]
-        return ended
 
     def _increment(self, stage: Stage) -> tuple[StrainIncrement, float]:
         """Return the increment that comes next, and the share of the resultants that it takes."""
@@ -317,7 +308,7 @@ class PackingPathSolver:
         taken = increment, decrease / duration
         try:
             increment.run()
-            while len(self.targets) > 1 and increment.at_goal:
+            while len(self.targets) > 1 and increment.reached and increment.time < duration:
                 # A row within the interval, which goes on as if there were none.
                 before = self.saved()
                 self._take(*taken)
@@ -472,18 +463,26 @@ class PackingPathSolver:
                 # The energy of a grain belongs to its first instability.
                 left[grains] = 0.0
             parameter = self.parameter + event.parameter
-            index = sum(one[0] <= parameter for one in self.rows) - 1
+            index = sum(one["parameter"] <= parameter for one in self.rows) - 1
             place = {"parameter": parameter, "stage": self.stage, "index": index}
             self.events.append(replace(event, **place))
 
     def record(self) -> None:
         """Add a row."""
         state = self.state
-        energy = state.stored_energy
-        largest = np.abs(self.imbalance)[:, :2].max() / state.mean_force
-        found = self._pathologies() if self.looks_at_pathologies else None
-        row = self.parameter, self.stage, self.H, self.P, state, self.work.copy(), energy, largest
-        self.rows.append((*row, found))
+        row = {
+            "parameter": self.parameter,
+            "stage": self.stage,
+            "H": self.H,
+            "P": self.P,
+            "states": state,
+            "work": self.work.copy(),
+            "energy": state.stored_energy,
+            "imbalance": np.abs(self.imbalance)[:, :2].max() / state.mean_force,
+        }
+        if self.looks_at_pathologies:
+            row["pathologies"] = self._pathologies()
+        self.rows.append(row)
 
     def _pathologies(self) -> Pathologies:
         """Look at the matrix of the candidates of this state, with a factor of its own."""
@@ -494,21 +493,9 @@ class PackingPathSolver:
 
     def path(self, status: PathStatus, message: str) -> Path:
         """The path so far."""
-        parameter, stage, H, P, states, work, energy, imbalance, found = zip(
-            *self.rows, strict=True
-        )
-        return Path(
-            status=status,
-            message=message,
-            events=tuple(self.events),
-            parameter=np.array(parameter),
-            stage=np.array(stage),
-            H=np.array(H),
-            P=np.array(P),
-            states=states,
-            work=np.array(work),
-            energy=np.array(energy),
-            imbalance=np.array(imbalance),
-            intervals=self.intervals,
-            pathologies=found if self.looks_at_pathologies else (),
-        )
+        columns: dict[str, Any] = {}
+        for name in self.rows[0]:
+            values = tuple(row[name] for row in self.rows)
+            columns[name] = values if name in ("states", "pathologies") else np.array(values)
+        columns |= {"events": tuple(self.events), "intervals": self.intervals}
+        return Path(status=status, message=message, **columns)

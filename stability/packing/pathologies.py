@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.contacts import AT_YIELD, Contacts
+from loops.arrays import Flags, Floats, Regimes
+from loops.contacts import Contacts
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
@@ -34,16 +34,13 @@ def pathologies(
 
     Pairs that are `held` have no regimes of their own.
     """
-    from stability.compiled.packing_rates import at_yield
-
     N = np.tile(state.normal_force, state.law.springs)
     T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
-    frame = state.records()
-    candidates: Integers = at_yield(frame, regime, held, N, T, AT_YIELD)
-    side, none = side.copy(), np.zeros(3 * len(state.x))
+    none = np.zeros(3 * len(state.x))
+    packing = RegimeFactor(state, state.records(), regime, side, none, before)
+    candidates = packing.at_yield(N, T, held)
     stuck = candidates[regime[candidates] == ELASTIC]
-    side[stuck] = np.sign(T[stuck])
-    packing = RegimeFactor(state, frame, regime, side, none, before)
+    packing.side[stuck] = np.sign(T[stuck])
     w2, m = _second_order_work(packing, control), len(candidates)
     if m > MOST_CANDIDATES:
         said = f"{m} candidates, {MOST_CANDIDATES} at most"
@@ -53,7 +50,7 @@ def pathologies(
     low = packing.rounding(packing.solve(*control))
     q, M = slip_system(packing, control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
-    return _judged(q, M * frame["kt"][candidates], w2, low), packing
+    return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing
 
 
 def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:
@@ -86,18 +83,11 @@ def _second_order_work(packing: RegimeFactor, control: MixedControl) -> float:
 
 def columns(found: tuple[Pathologies, ...]) -> dict[str, Floats]:
     """Return columns of a table: flags as 1, 0, nan where they are not known."""
-
-    def numbers(values: list[bool | None]) -> Floats:
-        return np.array([np.nan if value is None else float(value) for value in values])
-
-    return {
-        "candidates": np.array([one.candidates for one in found]),
-        "asymmetry": np.array([one.asymmetry for one in found]),
-        "symmetric": numbers([one.symmetric for one in found]),
-        "definite": numbers([one.definite for one in found]),
-        "p_matrix": numbers([one.p_matrix for one in found]),
-        "solutions": np.array([one.solutions for one in found]),
-        "proved": np.array([one.proved for one in found]),
-        "path_w2": np.array([one.w2 for one in found]),
-        "withheld": np.array([one.withheld for one in found], dtype=str),
-    }
+    names = ("candidates", "asymmetry", "symmetric", "definite", "p_matrix", "solutions", "proved")
+    kinds = {"candidates": int, "solutions": int, "withheld": str}
+    out: dict[str, Floats] = {}
+    for name in (*names, "w2", "withheld"):
+        values = [getattr(one, name) for one in found]
+        # None becomes not a number.
+        out["path_w2" if name == "w2" else name] = np.array(values, kinds.get(name, float))
+    return out

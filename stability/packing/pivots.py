@@ -117,7 +117,9 @@ def slip_system(
     parts = []
     for first in range(0, len(rows), ROOM):
         packing.set_regimes(sliding, ELASTIC)
-        parts.append(packing.edges_of_pushes(control, rows[first : first + ROOM], contacts))
+        columns = packing.columns(rows[first : first + ROOM])
+        units = packing.driven(control.stress, control.strain, columns)
+        parts.append(packing.edge(units, contacts))
     q = packing.edge((packing.solve(*control),), contacts)[:, 0]
     packing.set_regimes(sliding, SLIDING)
     # A force -s on the shear row is one unit of slip.

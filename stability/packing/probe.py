@@ -39,6 +39,8 @@ from stability.spectra import subspace_basis
 
 # Turn from one point of the spiral on the sphere to the next.
 GOLDEN = np.pi * (3.0 - 5.0**0.5)
+# What each direction's response tells of its search.
+TOLD = ("status", "proof", "residual", "sliding", "disagreeing")
 # Searches times the cube of the contacts at yield: some 20 s of a processor.
 SEARCH_WORK = 1.5e10
 
@@ -308,11 +310,7 @@ def probe_edge(
         control=control,
         subspace=subspace,
         directions=wanted,
-        status=np.array([row.status for row in rows]),
-        proof=np.array([row.proof for row in rows]),
-        residual=np.array([row.residual for row in rows]),
-        sliding=np.array([row.sliding for row in rows]),
-        disagreeing=np.array([row.disagreeing for row in rows]),
+        **{name: np.array([getattr(row, name) for row in rows]) for name in TOLD},
         strain_rate=strain,
         stress_rate=stress,
         work=np.array([answer.work for answer in answers]),

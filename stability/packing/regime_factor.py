@@ -18,7 +18,6 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.controls import MixedControl
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Order
@@ -225,10 +224,6 @@ class RegimeFactor:
         self.regime[contacts] = regimes
         self.factorise()
 
-    def set_side(self, contacts: Integers | int, side: Floats | int) -> None:
-        """Choose the sides to which stuck contacts would slide."""
-        self.side[contacts] = side
-
     def flip(self, c: int) -> None:
         """Make a stuck contact slide on its side, or a sliding one stick."""
         self.set_regime(c, SLIDING if self.regime[c] == ELASTIC else ELASTIC, self.side[c])
@@ -243,7 +238,10 @@ class RegimeFactor:
             h[:4] = np.linalg.solve(A, rate - stress @ whole[:, 4])
         else:
             h[:4] = np.linalg.solve(strain, rate)
-        return Combination(h, self._padded(-small.Y @ h))
+        # Nothing of the columns that came since.
+        w = np.zeros(len(self.at))
+        w[: len(small.Y)] = -small.Y @ h
+        return Combination(h, w)
 
     def driven(self, stress: Floats, strain: Floats, units: list[int]) -> list[Combination]:
         """Return rates under a unit force on the row of each column, at a control that stands."""
@@ -256,10 +254,6 @@ class RegimeFactor:
             h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
             x[:m] -= small.Y @ h
         return [Combination(*one) for one in zip(h.T, x.T, strict=True)]
-
-    def _padded(self, w: Floats) -> Floats:
-        """Return coefficients with zeros for the columns that came since."""
-        return np.concatenate([w, np.zeros(len(self.at) - len(w))])
 
     def _small(self) -> Small:
         """Return the system in the columns, eliminated once for the present regimes."""
@@ -326,10 +320,6 @@ class RegimeFactor:
         cached = self.yield_rates, self.motion_count, self.slip_sign
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
-
-    def edges_of_pushes(self, control: MixedControl, rows: list[int], c: Integers) -> Floats:
-        """Return `w - z` (k, r) of pairs under a unit force on each row, the control held."""
-        return self.edge(self.driven(*control[:2], self.columns(rows)), c)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

@@ -353,9 +353,9 @@ class PackingRates:
         own += LIGHT * np.abs(affine).max(initial=0.0)
         apart = np.abs(left) / np.where(own > 0, own, 1.0)
         # With all contacts sticking: otherwise q and M are those of the regularised packing.
-        moves = float(np.linalg.norm(self.elastic.unbalanced @ H.ravel())) / size
         told = found.proof == GIVEN
-        moves = float(np.linalg.norm(answer.unbalanced @ H.ravel())) / size if told else moves
+        left_over = (answer if told else self.elastic).unbalanced
+        moves = float(np.linalg.norm(left_over @ H.ravel())) / size
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
         walls = np.arange(len(forces) - len(system.contacts)) + graph.contact_count

@@ -73,15 +73,6 @@ class Goal(NamedTuple):
     time: float
 
 
-class End(NamedTuple):
-    """A packing after the increment, with exact normal forces; work as in `Path.work`."""
-
-    state: Contacts
-    regime: Regimes
-    side: Floats
-    work: Floats
-
-
 class StrainIncrement:
     """A packing under a control for a `duration` of the loading parameter, to its goal or a strain.
 
@@ -120,6 +111,7 @@ class StrainIncrement:
         self.T = state.law.of_springs(state.shear_force, moment)
         self.gap = np.maximum(state.length - state.law.touching, 0.0)
         self.rates = np.empty((len(self.N), 4))
+        # Whether it ended at its goal.
         self.time, self.reached = 0.0, False
         self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
         # As in `Path.work`; the last is that of held contacts, of grains it is `released`.
@@ -148,7 +140,7 @@ class StrainIncrement:
             kind: EventKind = "closing" if event else "opening"
             if event in (-1, 1):
                 kind = "yield"
-                packing.set_side(c, event)
+                packing.side[c] = event
             # Rate of the goal's quantity.
             stress = np.zeros(4)
             if goal.stress.any():
@@ -178,11 +170,6 @@ class StrainIncrement:
         if len(grains):
             packing.add_ground_springs(grains, HELD_BACK)
         return bool(len(grains))
-
-    @property
-    def at_goal(self) -> bool:
-        """Whether it ended at its goal, before its time was over."""
-        return self.reached and self.time < self.duration
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
@@ -218,24 +205,12 @@ class StrainIncrement:
         if self.event_count[c] <= CHATTER:
             if kind == "yield":
                 self._pivot(c, rates)
+            elif kind == "closing":
+                self._end_forces(c, SLIP)
+                self._close(c)
+                self._tell(kind, c)
             else:
-                # A contact that opens under shear lets its energy go; others have slipped to none.
-                broken = kind == "opening" and self.strength_at_touch(c) > 0
-                pulls = kind == "opening" and packing.frame["at_touch"][c] < 0
-                self._end_forces(c, RELEASED if broken else SLIP)
-                self._close(c) if kind == "closing" else self._open(c)
-                if kind == "opening":
-                    self._break(np.arange(len(self.absent)) == c)
-                facts: dict[str, Any] = {}
-                if pulls:
-                    ends = tuple(packing.frame["grains"][c].tolist())
-                    facts = {"cause": "pulls_off", "grains": ends}
-                    if self.past is None:
-                        raise InstabilityError(self._event(kind, c, **facts))
-                    facts["passed"] = "dragged"
-                self._tell(kind, c, **facts)
-                if kind == "opening":
-                    self._free(c)
+                self._part(c)
             return
         self.event_count[c] = 0
         if self._free(c, LIGHT_SHARE):
@@ -251,6 +226,22 @@ class StrainIncrement:
             return
         facts = {"cause": "rattles", "grains": tuple(loose.tolist())}
         self.events.append(self._pass(c, spring, facts))
+
+    def _part(self, c: int) -> None:
+        """Open a contact; what it pulled with drops at once."""
+        # One that opens under shear lets its energy go; others have slipped to none.
+        self._end_forces(c, RELEASED if self.strength_at_touch(c) > 0 else SLIP)
+        self._open(c)
+        self._break(np.arange(len(self.absent)) == c)
+        facts: dict[str, Any] = {}
+        if self.packing.frame["at_touch"][c] < 0:
+            ends = tuple(self.packing.frame["grains"][c].tolist())
+            facts = {"cause": "pulls_off", "grains": ends}
+            if self.past is None:
+                raise InstabilityError(self._event("opening", c, **facts))
+            facts["passed"] = "dragged"
+        self._tell("opening", c, **facts)
+        self._free(c)
 
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
@@ -326,11 +317,8 @@ class StrainIncrement:
         """
         packing, rows = self.packing, self._springs(c)
         self.N[rows] = packing.frame[c]["at_touch"]
-        if self.strength_at_touch(c) > 0:
-            for row in rows:
-                packing.set_regime(row, ELASTIC)
-            return
-        for sides in product((0.0, 1.0, -1.0), repeat=len(rows)):
+        sticks = self.strength_at_touch(c) > 0
+        for sides in () if sticks else product((0.0, 1.0, -1.0), repeat=len(rows)):
             for row, side in zip(rows, sides, strict=True):
                 packing.set_regime(row, SLIDING if side else ELASTIC, side)
             rates, agree = packing.solve(*self.control), True
@@ -352,7 +340,7 @@ class StrainIncrement:
             critical = packing.at_yield(self.N, self.T, self.held)
             # A stuck contact on the friction limit would slide in the direction of its force.
             stuck = critical[(packing.regime[critical] == ELASTIC) & (critical != c)]
-            packing.set_side(stuck, np.sign(self.T[stuck]))
+            packing.side[stuck] = np.sign(self.T[stuck])
             low = packing.rounding(rates)
             changed, mode = pivot(packing, self.control, c, critical, low)
             # A light grain leaves before regimes of all contacts are sought.
@@ -436,8 +424,11 @@ class StrainIncrement:
             self.work[spent] += self.T[row] ** 2 / (2 * kt) if kt > 0 else 0.0
             self.N[row] = self.T[row] = 0.0
 
-    def end(self) -> End:
-        """The packing after the increment: exact normal forces, shear forces within the cone."""
+    def end(self) -> tuple[Contacts, Regimes, Floats, Floats]:
+        """The packing after the increment: exact normal forces, shear forces within the cone.
+
+        With its regimes and sides, and the work as in `Path.work`.
+        """
         packing, moved = self.packing, self._moved()
         overlap = np.where(self.absent, 0.0, moved.overlap)
         # Bonds that have opened by then are gone, with the energy that they had left.
@@ -471,4 +462,4 @@ class StrainIncrement:
         regime[at_limit] = SLIDING
         M = law.rolling_part(T) * packing.length
         end = replace(moved, shear_force=T[:count], rolling_moment=M)
-        return End(end, regime, side, work)
+        return end, regime, side, work

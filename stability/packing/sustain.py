@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import thread_time
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +41,7 @@ from stability.packing.path_solver import PackingPathSolver, Stop
 from stability.packing.probe import Probe, probe_directions, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.yielding import yield_response
-from stability.path import LARGE_MOTION, Event, Path, PathStatus
+from stability.path import LARGE_MOTION, Path, PathStatus
 from stability.programmes import Stage
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
@@ -302,8 +302,7 @@ def load_path(scene: Scene, direction: Floats, loading: Loading, faces: Faces | 
         for share in COASTING_INTERVALS
     ]
     others = [_loaded(scene, direction, how, None) for how in (less, *coasting)]
-    for seed in NUMBERINGS:
-        others.append(_loaded(renumbered(scene, seed), direction, loading, None))
+    others += [_loaded(renumbered(scene, one), direction, loading, None) for one in NUMBERINGS]
     limits = [abs(other.limit / path.limit - 1.0) for other in others[1:]]
     loads = [other.first_large_load for other in others]
     loads += [_first_load(one.motions, nearly) for one in (path, *others)]
@@ -342,62 +341,67 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     """Load one direction until its first large motion; modes of the loops of these faces."""
     begin, halving = thread_time(), 0.0
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    way = ConstantLoad(loading.damping)
     solver = PackingPathSolver(scene, [stage], loading.interval, "stop", coasting=loading.coasting)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
     limit = spread = strain = math.nan
     status: PathStatus = "held"
-    push = PUSH
-    while solver.targets:
-        stop = _to_loss(solver, stage, loading.interval)
-        if stop is None:
-            break
-        change = math.nan
-        if math.isnan(limit):
+    message = "no large motion up to the largest load"
+    push, load = PUSH, 0.0
+    while solver.targets and load < stage.target:
+        stop, change = _to_loss(solver, stage, loading.interval), math.nan
+        if stop is not None and math.isnan(limit):
             halving -= thread_time()
             stop, change = _halved_loss(solver, stage, stop)
             halving += thread_time()
-            if not solver.targets:
-                break
-        lost = _load_of_loss(solver, stage)
+        if stop is None or not solver.targets:
+            break
+        lost, cause = _load_of_loss(solver, stage), stop[1]
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
             break
-        event = Event("control_limit", solver.parameter)
-        if stop[0] == "instabilities":
-            event = solver.events[-1]
         rise = max(push * solver.parameter, LEAST_PUSH * solver.first_stress)
         load = min(solver.parameter + rise, stage.target)
-        passed = way(solver.here, event, solver.control_to(stage, load))
-        motion = way.told(lost, load, scene.graph.contact_count, faces)
-        motions.append(replace(motion, cause=stop[1], contact=(*event.contacts, -1)[0]))
-        if math.isnan(limit) and np.linalg.norm(motion.strain) >= MICRO_STRAIN:
+        start, control = solver.here, solver.control_to(stage, load)
+        moved = move(start, control, loading.damping)
+        contact = solver.events[-1].contacts[0] if stop[0] == "instabilities" else -1
+        told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
+        motions.append(motion_past(moved, start.state, scene.graph.contact_count, faces, **told))
+        strain = float(np.linalg.norm(motions[-1].strain))
+        if math.isnan(limit) and strain >= MICRO_STRAIN:
             limit, spread = lost, change
-        strain = float(np.linalg.norm(motion.strain))
-        solver.take_motion(passed, load)
+        push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
+        solver.take_motion(Passed("replayed", moved.end, moved.work), load)
         # Halves before the loss give no history of the path behind the motion.
         solver.size = loading.interval
-        if motion.status == "no rest":
-            large = strain >= loading.large
-            status = "large motion, no rest" if large else "unfinished"
-            message = f"{stop[1]}; no rest at constant load, strain {strain:.2g}"
+        rests = moved.status == "at rest"
+        strain = _strain_of_near(motions) if rests else strain
+        if strain >= loading.large or not rests:
+            again, flows = LARGE_MOTION
+            large = again if rests else flows
+            status = large if strain >= loading.large else "unfinished"
+            message = cause
+            if not rests:
+                message += f"; no rest at constant load, strain {strain:.2g}"
             break
-        push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
-        strain = _strain_of_near(motions)
-        if strain >= loading.large:
-            status = "large motion, at rest again"
-            break
-        if load == stage.target:
-            break
-    if status == "held":
-        message = "no large motion up to the largest load"
-    elif status == "large motion, at rest again":
-        message = motions[-1].cause
-    path = _with_motions(solver.path(status, message), motions, limit, spread, strain)
-    seconds = thread_time() - begin - halving
-    return replace(path, direction=direction, seconds=seconds, spread_seconds=halving)
+    if not math.isnan(limit):
+        spread = max(spread, _spread_of_the_threshold(motions, limit))
+    path = solver.path(status, message)
+    resting = np.ones(len(path), dtype=bool)
+    resting[-1] = not motions or motions[-1].status == "at rest"
+    return replace(
+        path,
+        direction=direction,
+        limit=limit,
+        limit_spread=spread,
+        first_large_strain=strain if status in LARGE_MOTION else math.nan,
+        motions=tuple(motions),
+        resting=resting,
+        states=(),
+        seconds=thread_time() - begin - halving,
+        spread_seconds=halving,
+    )
 
 
 def _strain_of_near(motions: Sequence[Motion]) -> float:
@@ -411,25 +415,6 @@ def _first_load(motions: Sequence[Motion], least: float) -> float:
     ends = range(1, 1 + len(motions))
     found = (motions[k - 1].load for k in ends if _strain_of_near(motions[:k]) >= least)
     return next(found, math.nan)
-
-
-def _with_motions(
-    path: Path, motions: Sequence[Motion], limit: float, spread: float, strain: float
-) -> Path:
-    """Return a path with its motions, and its rows in which the packing rests."""
-    if not math.isnan(limit):
-        spread = max(spread, _spread_of_the_threshold(motions, limit))
-    resting = np.ones(len(path), dtype=bool)
-    resting[-1] = not motions or motions[-1].status == "at rest"
-    return replace(
-        path,
-        limit=limit,
-        limit_spread=spread,
-        first_large_strain=strain if path.status in LARGE_MOTION else math.nan,
-        motions=tuple(motions),
-        resting=resting,
-        states=(),
-    )
 
 
 def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
@@ -495,96 +480,76 @@ def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop |
     return None
 
 
-class ConstantLoad:
-    """A motion past a lost equilibrium: the load is raised within some steps, then constant.
+class Moved(NamedTuple):
+    """A motion past a lost equilibrium: its end, its mode (`Motion`), and the work until then."""
 
-    A function as those of `stability.packing.past`, which keeps the last motion to tell of it.
-    """
+    status: MotionStatus
+    end: Contacts
+    mode: Contacts
+    work: Floats
+    kinetic: float
+    steps: int
 
-    def __init__(self, damping: float) -> None:
-        self.damping = damping
 
-    def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
-        """Move until rest, or until the sample flows."""
-        self.begin(here, control)
-        self.status = self.hold()
-        return Passed("replayed", self.moving.state(), self.work())
+def move(here: Standing, control: MixedControl, damping: float) -> Moved:
+    """Raise the load within some steps, then keep it until rest, or until the sample flows."""
+    start = here.state
+    radii = start.radii[: start.count]
+    mass = np.full(len(radii), masses_of(radii)[0].mean())
+    masses, inertias = masses_of(radii, mass, INERTIA * mass * radii**2)
+    dt = step_of(masses, inertias, start, STRIDE)
+    servo = steered(servo_of(start, masses), start, *control, lost=True)
+    moving = Moving(start, masses, inertias, lasting(servo, PUSH_STEPS * dt))
+    moving.load(here.load)
+    # Strain rate of an inertial number of one.
+    pace = math.sqrt(start.pressure / masses.mean())
+    status: MotionStatus = "no rest"
+    mode, kinetic, back = None, 0.0, np.linalg.inv(start.cell)
+    for steps in range(LOOK, MOST_STEPS + LOOK, LOOK):
+        ran, motion = moving.run(LOOK, dt, damping), moving.motion
+        square = np.sum(motion.velocity[: start.count] ** 2, axis=1)
+        turning = motion.spin[: start.count] ** 2
+        kinetic = max(kinetic, 0.5 * float(masses @ square + inertias @ turning))
+        strain = float(np.linalg.norm(motion.cell @ back - np.eye(2)))
+        if mode is None and strain >= MODE_STRAIN:
+            mode = moving.state()
+        if not ran or strain > FLOW_STRAIN:
+            break
+        late = LATE if steps > LATE_STEPS else 1.0
+        rest = late * STILL * pace, late * REST_FORCE_LOADED
+        if steps > PUSH_STEPS and rests(moving, *rest):
+            status = "at rest"
+            break
+    end = moving.state()
+    work = work_of(moving, end, here.load, start.stored_energy)
+    return Moved(status, end, end if mode is None else mode, work, kinetic, steps)
 
-    def begin(self, here: Standing, control: MixedControl) -> None:
-        """Set the packing in motion."""
-        state, self.load = here.state, here.load
-        radii = state.radii[: state.count]
-        masses, _ = masses_of(radii)
-        mass = np.full(len(radii), masses.mean())
-        self.masses, self.inertias = masses_of(radii, mass, INERTIA * mass * radii**2)
-        servo = servo_of(state, self.masses)
-        servo = steered(servo, state, *control, lost=True)
-        self.dt = step_of(self.masses, self.inertias, state, STRIDE)
-        servo = lasting(servo, PUSH_STEPS * self.dt)
-        self.moving = Moving(state, self.masses, self.inertias, servo)
-        self.moving.load(self.load)
-        # Strain rate of an inertial number of one.
-        self.pace = math.sqrt(state.pressure / self.masses.mean())
-        self.start = state
-        self.energy, self.steps, self.kinetic = state.stored_energy, 0, 0.0
-        self.mode: Contacts | None = None
 
-    def hold(self) -> MotionStatus:
-        """Move until rest, or until the sample flows."""
-        motion, grains = self.moving.motion, len(self.masses)
-        back = np.linalg.inv(self.start.cell)
-        while self.steps < MOST_STEPS:
-            ran = self.moving.run(LOOK, self.dt, self.damping)
-            motion = self.moving.motion
-            self.steps += LOOK
-            strain = float(np.linalg.norm(motion.cell @ back - np.eye(2)))
-            square = np.sum(motion.velocity[:grains] ** 2, axis=1)
-            turning = motion.spin[:grains] ** 2
-            kinetic = 0.5 * float(self.masses @ square + self.inertias @ turning)
-            self.kinetic = max(self.kinetic, kinetic)
-            if self.mode is None and strain >= MODE_STRAIN:
-                self.mode = self.moving.state()
-            if not ran or strain > FLOW_STRAIN:
-                return "no rest"
-            late = LATE if self.steps > LATE_STEPS else 1.0
-            rest = late * STILL * self.pace, late * REST_FORCE_LOADED
-            if self.steps > PUSH_STEPS and rests(self.moving, *rest):
-                return "at rest"
-        return "no rest"
-
-    def work(self) -> Floats:
-        """Work since the start, as `Path.work`."""
-        return work_of(self.moving, self.moving.state(), self.load, self.energy)
-
-    def told(self, lost: float, load: float, count: int, faces: Faces | None) -> Motion:
-        """Return the motion; of the first `count` contacts' loops, without faces of none."""
-        moving, state = self.moving, self.start
-        end = moving.state()
-        back = np.linalg.inv(state.cell)
-        then = end if self.mode is None else self.mode
-        force = then.forces[:count] - state.forces[:count]
-        branch = then.branches[:count] - state.branches[:count]
-        carries, carried = (
-            np.abs(one.normal_force) >= CARRIES * np.abs(one.normal_force[one.closed]).mean()
-            for one in (then, state)
-        )
-        slides, old = then.at_limit(), len(state.contacts)
-        slides[:old] &= ~state.at_limit()
-        return Motion(
-            status=self.status,
-            lost=lost,
-            load=load,
-            cause="",
-            contact=-1,
-            strain=(np.eye(2) - end.cell @ back).ravel(),
-            released=float(self.work()[3]),
-            kinetic=self.kinetic,
-            steps=self.steps,
-            displacement=(then.x - state.x @ (then.cell @ back).T)[: state.count],
-            opened=int(np.count_nonzero(carried & ~then.closed[:old])),
-            closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & state.closed)),
-            slid=int(np.count_nonzero(slides)),
-            loop_work=np.zeros(0)
-            if faces is None
-            else loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
-        )
+def motion_past(
+    moved: Moved, start: Contacts, count: int, faces: Faces | None, **told: Any
+) -> Motion:
+    """Return a motion from its start; of the first `count` contacts' loops, without faces none."""
+    then, end, back = moved.mode, moved.end, np.linalg.inv(start.cell)
+    force = then.forces[:count] - start.forces[:count]
+    branch = then.branches[:count] - start.branches[:count]
+    carries, carried = (
+        np.abs(one.normal_force) >= CARRIES * np.abs(one.normal_force[one.closed]).mean()
+        for one in (then, start)
+    )
+    slides, old = then.at_limit(), len(start.contacts)
+    slides[:old] &= ~start.at_limit()
+    return Motion(
+        status=moved.status,
+        strain=(np.eye(2) - end.cell @ back).ravel(),
+        released=float(moved.work[3]),
+        kinetic=moved.kinetic,
+        steps=moved.steps,
+        displacement=(then.x - start.x @ (then.cell @ back).T)[: start.count],
+        opened=int(np.count_nonzero(carried & ~then.closed[:old])),
+        closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & start.closed)),
+        slid=int(np.count_nonzero(slides)),
+        loop_work=np.zeros(0)
+        if faces is None
+        else loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
+        **told,
+    )

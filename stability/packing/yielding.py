@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -138,9 +138,7 @@ class _NearYield(NamedTuple):
 
     def slips(self, c: Integers) -> tuple[Floats, Floats, Floats, Floats]:
         """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
-        at, law, regimes = self.state, self.law.take(c), self.regimes[c]
-        forces, radii = (at.normal_force[c], at.shear_force[c]), (at.radii_i[c], at.radii_j[c])
-        state = ContactState(at.length[c], at.n[c], at.t[c], *forces, *radii)
+        state, law, regimes = taken(self.state, c), self.law.take(c), self.regimes[c]
         sign = np.sign(state.shear_force)[:, None]
         stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
         change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
@@ -155,6 +153,12 @@ class _NearYield(NamedTuple):
             contact_tangent(state, law, regimes),
             np.where(np.isfinite(distance), distance, 0.0),
         )
+
+
+def taken(state: ContactState, c: Integers) -> ContactState:
+    """Return some of the contacts, without what the source told of their regimes."""
+    names = [one.name for one in fields(state) if one.name != "regime"]
+    return ContactState(*(getattr(state, name)[c] for name in names))
 
 
 def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: float) -> _NearYield:

@@ -15,7 +15,14 @@ from stability.packing import loop_changes, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
 from stability.packing.controls import MixedControl
-from stability.packing.equations_of_motion import STABLE, Snap, largest_step, masses_of
+from stability.packing.equations_of_motion import (
+    REST_FORCE_LOADED,
+    STABLE,
+    Moving,
+    largest_step,
+    masses_of,
+    rests,
+)
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.pivots import disagreeing, pivot, unstable_mode
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
@@ -29,10 +36,12 @@ from stability.packing.sustain import (
     LOOK,
     MOST_CUTS,
     PUSH_STEPS,
+    STILL,
     STRIDE,
-    ConstantLoad,
     _along,
     _to_loss,
+    motion_past,
+    move,
 )
 from stability.packing.yielding import forces_of_motion, yield_response
 from stability.path import Event
@@ -159,7 +168,7 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
         spans.append(control.rate[0] / 1e-3)
         np.testing.assert_array_equal(load, -state.resultants)
         assert damping == 0.3
-        return Snap(state, np.array([3.0, 2.0, 0.25, 0.75]))
+        return state, np.array([3.0, 2.0, 0.25, 0.75])
 
     monkeypatch.setattr(past_module, "snap_through", at_once)
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
@@ -191,7 +200,7 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
 
     def kept(state, load, control, damping):
         rates.append(control.rate)
-        return Snap(state, np.zeros(4))
+        return state, np.zeros(4)
 
     monkeypatch.setattr(past_module, "snap_through", kept)
     rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
@@ -215,42 +224,63 @@ def load_solver(graph, interval=1e-4):
     return solver, stage
 
 
-def moved(share):
-    """A packing at the start of its motion under a share of the largest load."""
+class Watched(Moving):
+    """A packing in motion that keeps its start, resultants, and kinetic energies at looks."""
+
+    last = None
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.given, self.looks = given, []
+        Watched.last = self
+
+    def run(self, steps, dt, damping):
+        if not self.looks:
+            self.resultant, self.dt = self.motion.resultant.copy(), dt
+        ran = super().run(steps, dt, damping)
+        (_, masses, inertias, _), motion = self.given, self.motion
+        square = (motion.velocity**2).sum(axis=1)
+        self.looks.append(0.5 * np.sum(masses * square + inertias * motion.spin**2))
+        return ran
+
+
+def moved(share, monkeypatch, shear=1.0):
+    """What was found under a share of the largest load, the packing in motion and its path."""
     graph = jammed(12, 1)
-    solver, stage = load_solver(graph)
-    return begun(solver, stage, share), solver, stage
+    solver, stage = load_solver(graph.replace(shear_force=shear * graph.shear_force))
+    monkeypatch.setattr(sustain_module, "Moving", Watched)
+    found = move(solver.here, solver.control_to(stage, share * stage.target), 0.3)
+    return found, Watched.last, solver, stage
 
 
-def begun(solver, stage, share):
-    moving = ConstantLoad(0.3)
-    moving.begin(solver.here, solver.control_to(stage, share * stage.target))
-    return moving
-
-
-def test_a_packing_at_rest_is_asked_once_its_load_is_on():
+def test_a_packing_at_rest_is_asked_once_its_load_is_on(monkeypatch):
     """Looks of 100 steps, the load comes on over 500: rest is told after 600."""
-    moving, solver, _ = moved(0.0)
-    assert moving.hold() == "at rest"
-    assert moving.steps == PUSH_STEPS + LOOK
+    bounds = []
+    resting = lambda moving, *bound: bounds.append(bound) or rests(moving, *bound)  # noqa: E731
+    monkeypatch.setattr(sustain_module, "rests", resting)
+    found, moving, solver, _ = moved(0.0, monkeypatch)
+    assert (found.status, found.steps) == ("at rest", PUSH_STEPS + LOOK)
     # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
     radii = solver.state.radii
     masses = masses_of(radii)[0]
     mean = 0.5 * np.trace(solver.state.stress)
-    assert moving.pace**2 * masses.mean() == pytest.approx(mean, rel=1e-12)
+    ((slow, force),) = bounds
+    assert (slow / STILL) ** 2 * masses.mean() == pytest.approx(mean, rel=1e-12)
+    assert force == REST_FORCE_LOADED
     # All masses are the mean one; the step is short of the stable one.
-    np.testing.assert_allclose(moving.masses, masses.mean(), rtol=1e-12)
-    np.testing.assert_allclose(moving.inertias, INERTIA * masses.mean() * radii**2, rtol=1e-12)
-    stable = largest_step(moving.masses, moving.inertias, solver.state)
+    _, same, inertias, _ = moving.given
+    np.testing.assert_allclose(same, masses.mean(), rtol=1e-12)
+    np.testing.assert_allclose(inertias, INERTIA * masses.mean() * radii**2, rtol=1e-12)
+    stable = largest_step(same, inertias, solver.state)
     usual = STRIDE * 0.3 * np.sqrt(masses.mean() / LAW.kn)
     assert moving.dt == pytest.approx(min(usual, STABLE * stable), rel=1e-2)
 
 
-def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does():
+def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does(monkeypatch):
     """Real rest: forces as of the path by events, which comes to the same load."""
-    moving, solver, stage = moved(0.3)
-    assert moving.hold() == "at rest"
-    start, end = solver.state, moving.moving.state()
+    found, _, solver, stage = moved(0.3, monkeypatch)
+    assert found.status == "at rest"
+    start, end = solver.state, found.end
     F = end.cell @ np.linalg.inv(start.cell)
     P = np.linalg.det(F) * end.stress @ np.linalg.inv(F).T - start.stress
     assert P[0, 0] == pytest.approx(-0.3 * stage.target, rel=1e-5)
@@ -270,38 +300,27 @@ def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does():
 def test_a_sample_that_flows_or_moves_too_long_has_no_rest(share, most, monkeypatch):
     """Under a twentieth of its stress it strains by 0.02; under half of it the steps are over."""
     monkeypatch.setattr(sustain_module, "MOST_STEPS", most)
-    moving, _, _ = moved(share)
-    assert moving.hold() == "no rest"
-    grown = moving.moving.motion.cell @ np.linalg.inv(moving.start.cell) - np.eye(2)
+    found, _, solver, _ = moved(share, monkeypatch)
+    assert found.status == "no rest"
+    grown = found.end.cell @ np.linalg.inv(solver.state.cell) - np.eye(2)
     if most == 700:
-        assert moving.steps == most
+        assert found.steps == most
     else:
-        assert np.linalg.norm(grown) > FLOW_STRAIN and moving.steps < most
+        assert np.linalg.norm(grown) > FLOW_STRAIN and found.steps < most
 
 
-def test_what_is_told_of_a_motion():
+def test_what_is_told_of_a_motion(monkeypatch):
     """Largest kinetic energy at a look, strain, energy lost; the mode is that of a copy."""
-    moving, solver, _ = moved(5.0)
-    start = solver.state
-    looks, run = [], moving.moving.run
-
-    def look(*how):
-        ran = run(*how)
-        motion = moving.moving.motion
-        square = (motion.velocity**2).sum(axis=1)
-        looks.append(0.5 * np.sum(moving.masses * square + moving.inertias * motion.spin**2))
-        return ran
-
-    moving.moving.run = look
-    moving.status = moving.hold()
-    end, faces = moving.moving.state(), find_faces(jammed(12, 1))
-    told = moving.told(1.0, 2.0, jammed(12, 1).contact_count, faces)
-    assert told.kinetic == pytest.approx(max(looks), rel=1e-12)
-    assert told.steps == LOOK * len(looks) and (told.lost, told.load) == (1.0, 2.0)
+    found, moving, solver, _ = moved(5.0, monkeypatch)
+    start, end, then = solver.state, found.end, found.mode
+    graph = jammed(12, 1)
+    faces, given = find_faces(graph), {"lost": 1.0, "load": 2.0, "cause": "", "contact": -1}
+    told = motion_past(found, start, graph.contact_count, faces, **given)
+    assert told.kinetic == pytest.approx(max(moving.looks), rel=1e-12)
+    assert told.steps == LOOK * len(moving.looks) and (told.lost, told.load) == (1.0, 2.0)
     grown = end.cell @ np.linalg.inv(start.cell) - np.eye(2)
     np.testing.assert_allclose(told.strain.reshape(2, 2), -grown, rtol=1e-9, atol=1e-15)
-    assert told.released == moving.work()[3] > 0
-    then = moving.mode
+    assert told.released == found.work[3] > 0
     F = then.cell @ np.linalg.inv(start.cell)
     assert 0 < np.linalg.norm(F - np.eye(2)) < np.linalg.norm(grown)
     np.testing.assert_allclose(told.displacement, then.x - start.x @ F.T, rtol=0, atol=1e-15)
@@ -309,15 +328,12 @@ def test_what_is_told_of_a_motion():
     np.testing.assert_allclose(told.loop_work, work.area * work.additive_work, rtol=1e-9)
 
 
-def test_a_motion_starts_in_balance_under_its_load():
+def test_a_motion_starts_in_balance_under_its_load(monkeypatch):
     """Forces out of balance at the start are kept as a load, the rise is that of the direction."""
-    graph = jammed(12, 1)
-    graph = graph.replace(shear_force=0.9 * graph.shear_force)
-    solver, stage = load_solver(graph)
+    _, moving, solver, stage = moved(0.4, monkeypatch, shear=0.9)
     assert np.abs(solver.state.resultants).max() > 1e-2 * solver.state.mean_force
-    moving = begun(solver, stage, 0.4)
-    assert np.abs(moving.moving.motion.resultant).max() < 1e-12 * solver.state.mean_force
-    servo = moving.moving.servo
+    assert np.abs(moving.resultant).max() < 1e-12 * solver.state.mean_force
+    servo = moving.servo
     rise = stage.programme.rate * 0.4 * stage.target
     np.testing.assert_allclose(servo.rate * servo.whole, rise, rtol=1e-12)
     assert servo.whole == pytest.approx(PUSH_STEPS * moving.dt, rel=1e-12)

@@ -19,12 +19,11 @@ from stability.packing.sustain import (
     INERTIA,
     LARGE,
     MANY,
-    ConstantLoad,
     Loading,
     load_path,
+    move,
     renumbered,
 )
-from stability.path import Event
 from tests.packings import LAW, jammed
 from tests.stability.packing.yade_rest import bracket, yade_rest
 
@@ -131,11 +130,10 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
         solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
         solver.start_stage(0, stage, 1)
-        moving = ConstantLoad(0.3)
-        moving(solver.here, Event("control_limit", 0.0), solver.control_to(stage, load))
-        told, status = moving.told(0.0, load, graph.contact_count, None), moving.status
-        strains.append(np.linalg.norm(told.strain))
-        assert status == "at rest" or load > motion.lost
+        found = move(solver.here, solver.control_to(stage, load), 0.3)
+        grown = found.end.cell @ np.linalg.inv(solver.state.cell) - np.eye(2)
+        strains.append(np.linalg.norm(grown))
+        assert found.status == "at rest" or load > motion.lost
     before = np.linalg.norm(
         loaded(degrees).H[loaded(degrees).parameter <= motion.lost], axis=1
     ).max()
@@ -193,7 +191,7 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     rises = []
 
     def see(_):
-        rises.append((solver.P - solver.rows[0][3])[[0, 3]])
+        rises.append((solver.P - solver.rows[0]["P"])[[0, 3]])
 
     status, _ = solver.follow(1, stages[1], 1, MANY, 20_000, see)
     assert status in ("finished", "instabilities")

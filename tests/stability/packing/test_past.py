@@ -13,7 +13,6 @@ from stability.packing import equations_of_motion, replay
 from stability.packing import past as past_module
 from stability.packing.equations_of_motion import (
     Moving,
-    Snap,
     lasting,
     masses_of,
     servo_of,
@@ -143,10 +142,10 @@ def test_the_load_of_the_start_is_kept(monkeypatch):
     seen = []
 
     def kept(state, load, *how):
-        snap = snap_through(state, load, *how)
-        seen.extend(np.abs(one.resultants + load).max() for one in (state, snap.state))
+        end, work = snap_through(state, load, *how)
+        seen.extend(np.abs(one.resultants + load).max() for one in (state, end))
         seen.append(np.abs(load).max())
-        return snap
+        return end, work
 
     monkeypatch.setattr(past_module, "snap_through", kept)
     shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
@@ -166,7 +165,7 @@ def test_a_snap_that_finds_no_rest_loses_the_path(why, monkeypatch):
         def off(state, *_):
             far = state.x + [[5.0, 0.0]] * (np.arange(12)[:, None] == 3)
             end = replace(state, x=far if why == "leapt" else state.x)
-            return Snap(replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
+            return (replace(end, shear_force=9.0 * (why == "jumped") + end.shear_force),
                         np.zeros(4))  # fmt: skip
 
         monkeypatch.setattr(past_module, "snap_through", off)
