@@ -9,6 +9,7 @@ friction of the contacts that press it, let it no further it is loaded, with the
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +45,14 @@ BENDS = 1e-3
 IN_BALANCE = 1e-3
 
 
+class Freed(NamedTuple):
+    """The state without forces on grains that carry nothing, these (B,), and the energy let go."""
+
+    state: Contacts
+    rattlers: Flags
+    released: float
+
+
 def carrying_nothing(state: Contacts, share: float, closed: Flags | None = None) -> Flags:
     """Return grains (B,) without load: below a share of the mean force, or under two contacts.
 
@@ -71,11 +80,11 @@ def carrying_nothing(state: Contacts, share: float, closed: Flags | None = None)
         idle = found
 
 
-def free_rattlers(state: Contacts, before: Flags | None = None) -> tuple[Contacts, Flags, float]:
+def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:
     """Take the forces of grains that carry nothing, and move them out of overlap.
 
     Grains that did so `before` do until they find no room: then they keep the normal forces of
-    their overlaps. The state without forces on such grains, these (B,), and the energy let go.
+    their overlaps.
     """
     if before is None:
         idle = carrying_nothing(state, LOADED_SHARE)
@@ -99,7 +108,7 @@ def free_rattlers(state: Contacts, before: Flags | None = None) -> tuple[Contact
         rolling_moment=np.where(free, 0.0, state.rolling_moment),
         closed=(state.closed & ~free) | joined,
     )
-    return moved, idle, state.energy(free & state.closed) - moved.energy(joined)
+    return Freed(moved, idle, state.energy(free & state.closed) - moved.energy(joined))
 
 
 def _held(state: Contacts, idle: Flags, least: float) -> Flags:

@@ -135,10 +135,11 @@ def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
     moment = np.array([1.0, 0.0, 0.0, 1.0])
     motion = SimpleNamespace(resultant=resultant, gradient=gradient, moment=moment)
     moving = SimpleNamespace(motion=motion, state=lambda: state)
+    moving.unbalanced = lambda state: Moving.unbalanced(moving, state)
     assert rests(moving, 1.0) is rest
     # Nothing to wait for where nothing carries.
     idle = replace(state, normal_force=np.zeros(3), closed=np.zeros(3, dtype=bool))
-    moving = SimpleNamespace(motion=motion, state=lambda: idle)
+    moving.state = lambda: idle
     assert rests(moving, 1.0) is (speed < 1.0)
     motion.moment = np.zeros(4)
     assert rests(moving, 1.0)
