@@ -96,7 +96,7 @@ def test_a_path_begins_at_rest(tmp_path):
 @pytest.mark.parametrize("change", [{}, {"walls": None}])
 def test_what_cannot_be_held_is_said(change, tmp_path):
     with pytest.raises(InputError, match="both"):
-        Holding(hold=True, hold_stress=True).control
+        _ = Holding(hold=True, hold_stress=True).control
     snapshot = read_snapshot(WALLS)
     snapshot = type(snapshot)(**{**vars(snapshot), **change})
     if change:
