@@ -261,6 +261,10 @@ def follow_segment(
     if code != EVENT:
         singular = [("singular", -1)] if code == SINGULAR else []
         return SegmentEnd(end, here, singular, steps, MESSAGES[code])
+    if here.by_kernel is not None and not np.isfinite(here.by_kernel[1]).all():
+        # A singular balance, of which the kernel has no tangent.
+        spectral = np.isin(functions.kinds, SPECTRAL)
+        fired |= spectral & (np.abs(functions.values(here)) <= SIMULTANEOUS)
     kinds = np.flatnonzero(fired)
     events = [(functions.kinds[k], int(functions.items[k])) for k in kinds]
     pairs = NO_PAIRS

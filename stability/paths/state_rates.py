@@ -155,7 +155,8 @@ class StateRates:
     @cached_property
     def A(self) -> Floats:
         """(4, 4) macroscopic tangent, `P' = A H'`, in these regimes; nan if not trusted."""
-        if self.by_kernel is not None:
+        # Where the balance is singular the null vectors tell what of the tangent is known.
+        if self.by_kernel is not None and np.isfinite(self.by_kernel[1]).all():
             return self.by_kernel[1]
         blocks = self.model.unknowns.tangent
         parts = [stress_of_strain(self.equations.matrix, unknowns) for unknowns in blocks]
