@@ -19,7 +19,7 @@ from loops.contacts import contacts_at_start
 from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
 from loops.shown import Shown
-from patterns import planar
+from patterns import Snapshot, planar
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import LoopRates, loop_changes, replay
@@ -211,18 +211,17 @@ def evolve(
     balance_notes(snapshot)
     number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
-    return followed(snapshot.scene, snapshot.ids, asked.along(snapshot.scene), rate, progress)
+    return followed(snapshot, asked.along(snapshot.scene), rate, progress)
 
 
 def followed(
-    scene: Scene,
-    ids: Integers,
+    snapshot: Snapshot,
     asked: Programmed,
     rate: Rate | None,
     progress: Callable[[float], None] | None = None,
 ) -> Evolution:
     """Follow a packing as it is asked, the replay at this rate."""
-    ways = dict[str, FollowedPath]()
+    scene, ways = snapshot.scene, dict[str, FollowedPath]()
     if asked.by != "replay":
         ways["events"] = follow(
             scene, asked.stage, closure="packing", max_steps=INTERVALS, rows=asked.rows,
@@ -237,7 +236,7 @@ def followed(
         said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
         ways["replay"] = replace(done, message=said)
     ways = {name: replace(way, sense=float(np.sign(asked.to))) for name, way in ways.items()}
-    return Evolution(scene, ids, asked.driven, asked.to, ways)
+    return Evolution(scene, snapshot.ids, asked.driven, asked.to, ways)
 
 
 def run_evolve(
@@ -271,7 +270,7 @@ def run_evolve(
             known = rates.inertial_number, rates.time_step, rates.mean_mass
             follows, moments = Following(asked.past, *known), [one.time for one in planned]
             rate = replay_rate(snapshot, after, moments, follows, asked.stage)
-        found = followed(snapshot.scene, snapshot.ids, asked, rate, progress)
+        found = followed(snapshot, asked, rate, progress)
         changes = found.changes()
         tables = evolution_tables(found, changes)
         if after:

@@ -22,7 +22,7 @@ from loops.errors import number, whole_number
 from loops.scene import Scene, Subject
 from loops.shown import Shown
 from loops.tracking import Fate, loop_fates, match_contacts
-from patterns import planar
+from patterns import Snapshot, planar
 from stability import COMPONENTS, follow
 from stability import Path as FollowedPath
 from stability.packing import loop_changes
@@ -336,14 +336,12 @@ def forecast(
     asked = options_of(Programmed, DEFAULTS | {"programme": programme, "to": to, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
-    how: dict[str, Any] = {"spread": spread, "progress": progress}
-    scene = snapshot.scene
-    return forecast_of(scene, snapshot.ids, asked.along(scene), inertial_number, **how)
+    asked = asked.along(snapshot.scene)
+    return forecast_of(snapshot, asked, inertial_number, spread=spread, progress=progress)
 
 
 def forecast_of(
-    scene: Scene,
-    ids: Integers,
+    snapshot: Snapshot,
     asked: Programmed,
     inertial_number: float,
     *,
@@ -354,11 +352,10 @@ def forecast_of(
     whole_number("--rows", asked.rows, 1)
     number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
-    found = followed(scene, ids, asked, rate, progress)
-    graph = scene.graph
+    found, graph = followed(snapshot, asked, rate, progress), snapshot.graph
     told = {name: places(found, way) for name, way in WAYS.items()}
     loops = found.loops()[["loop", "order", "area", "grains"]]
-    reach, base = forecast_reach(scene, asked.to, asked.driven), {}
+    reach, base = forecast_reach(snapshot.scene, asked.to, asked.driven), {}
     for kind in KINDS:
         both = getattr(told["path"], kind), getattr(told["replay"], kind)
         for name, place in zip(WAYS, both, strict=True):
@@ -367,7 +364,7 @@ def forecast_of(
         base[kind] = float(rates[0]) if len(rates) else np.nan
     for name, one in told.items():
         loops[f"{name}_fate"], contact = one.fate, one.contact
-        ends = np.where(contact[:, None] < 0, -1, ids[graph.contacts[contact]])
+        ends = np.where(contact[:, None] < 0, -1, snapshot.ids[graph.contacts[contact]])
         loops[f"{name}_id1"], loops[f"{name}_id2"] = ends.T
     return Forecast(found, reach, loops, base, next_rows(found, asked, spread=spread))
 
@@ -398,8 +395,7 @@ def run_forecast(
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         asked = asked.along(snapshot.scene)
-        given = snapshot.scene, snapshot.ids, asked, inertial_number
-        found = forecast_of(*given, spread=spread, progress=progress)
+        found = forecast_of(snapshot, asked, inertial_number, spread=spread, progress=progress)
         tables = {"loops": found.loops, "next": found.next}
         summary = results.write_results(
             tables,

@@ -151,13 +151,8 @@ def plan_series(
     return with_fingerprints(planned)
 
 
-def cells_by_number(path: Path) -> dict[int, Cell]:
-    """Cells of a table by the number of their snapshot."""
-    return cast(dict[int, Cell], _rows_by_number(path, CELL_COLUMNS))
-
-
-def _rows_by_number(path: Path, names: Sequence[str]) -> dict[int, tuple[float, ...]]:
-    """Columns of a table by the number of the snapshot."""
+def rows_by_number(path: Path, names: Sequence[str] = CELL_COLUMNS) -> dict[int, tuple[float, ...]]:
+    """Columns of a table, its cells if none are named, by the number of the snapshot."""
     table = read_table(path)
     numbers = table.integers("snap").tolist()
     if len(set(numbers)) < len(numbers):
@@ -185,7 +180,7 @@ def number_reader(
         expected = f"a table with the columns snap, {', '.join(names)}"
         received = "a folder" if path.is_dir() else "no such file"
         raise InputError(f"{option} {path}", received, expected, "Check the path.")
-    table = _rows_by_number(path, names)
+    table = rows_by_number(path, names)
 
     def row_of(file: Path, frame: int | None) -> tuple[float, ...]:
         number = number_of(file, frame)

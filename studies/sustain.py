@@ -188,16 +188,9 @@ def sustain(
     """
     check_choice("hold", hold, get_args(HoldControl))
     _followable(scene_of(scene), subspace)
-    return sustain_packing(
-        scene_at_rest(scene, hold),
-        directions,
-        subspace=subspace,
-        largest=largest,
-        interval=interval,
-        large=large,
-        most_snaps=most_snaps,
-        spread=spread,
-    )
+    how: dict[str, Any] = {"subspace": subspace, "largest": largest, "interval": interval}
+    how |= {"large": large, "most_snaps": most_snaps, "spread": spread}
+    return sustain_packing(scene_at_rest(scene, hold), directions, **how)
 
 
 def _followable(scene: Scene, subspace: Subspace) -> None:

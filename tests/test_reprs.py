@@ -18,7 +18,7 @@ from loops.shown import LONGEST_REPR, Shown
 from loops.system import Carrying, Changed, Factor, System
 from stability import rates_at
 from stability.packing import loop_rates, replay
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from tests.packings import LAW, jammed
 
 SHORT = 300
@@ -28,7 +28,7 @@ SHORT = 300
 def objects():
     """What the front door and the packings return, by name."""
     snapshot = gl.read_snapshot(gl.sample_path())
-    cells = cells_by_number(gl.sample_path("slow/cells.csv"))
+    cells = rows_by_number(gl.sample_path("slow/cells.csv"))
     before, after = (
         gl.read_snapshot(
             gl.sample_path(f"slow/grains_{k}.parquet"), cell=np.reshape(cells[k], (2, 2))

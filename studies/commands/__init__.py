@@ -159,6 +159,10 @@ class Reading:
         given = {one.name: getattr(self, one.name) for one in fields(self)}
         return given | {"cell": cell_of(self.cell), "columns": columns_of(self.columns)}
 
+    def given(self) -> list[str]:
+        """Names of the options that are not left out."""
+        return [one.name for one in fields(self) if getattr(self, one.name) != one.default]
+
     def how_of(self, path: Path) -> dict[str, Any]:
         """The options for this file."""
         return self.how()
@@ -320,6 +324,12 @@ def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:
     while path.suffix.lower() in NAME_ENDINGS:
         path = path.with_suffix("")
     return Path(f"{path.name}-{command}")
+
+
+def flags(names: Sequence[str], by: str = ", ") -> str:
+    """Names of options as the command line has them."""
+    short = (name.removesuffix("_deg").removeprefix("contact_") for name in names)
+    return by.join(f"--{name.replace('_', '-')}" for name in short)
 
 
 def numbers(name: str, text: str | None) -> tuple[float, ...] | None:

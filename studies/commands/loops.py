@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,6 +20,7 @@ from studies.commands import (
     Writing,
     answer,
     clock,
+    flags,
     numbers,
     out_or,
     shown,
@@ -235,13 +235,9 @@ def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:
 
 def _refuse_reading(loop: int | None, reading: OneReading) -> str:
     """Return the law of loops that are made; `InputError` for other options of a snapshot."""
-    given = [
-        f"--{one.name.replace('_', '-')}"
-        for one in fields(reading)
-        if getattr(reading, one.name) != one.default and one.name != "law"
-    ]
+    given = [name for name in reading.given() if name != "law"]
     if loop is not None or given:
-        received = " ".join([*(["--loop"] if loop is not None else []), *given])
+        received = flags([*["loop"] * (loop is not None), *given], " ")
         raise InputError(received, "given", "--snapshot with it", "Leave it out.")
     return reading.law or "linear"
 
@@ -255,9 +251,8 @@ def _of_snapshot(
     from studies.reading import read_planar
 
     if own:
-        given = ", ".join(f"--{name.removesuffix('_deg').removeprefix('contact_')}" for name in own)
         expected = "none of these: a loop of a snapshot has its own law and state"
-        raise InputError(given, "given with --snapshot", expected, "Leave them out.")
+        raise InputError(flags(own), "given with --snapshot", expected, "Leave them out.")
     snapshot = read_planar(path, **how)
     if loop is None:
         remedy = "loops.parquet of grainloops snapshot has them in its column loop."

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 from loops.errors import InputError
@@ -14,6 +13,7 @@ from studies.commands import (
     answer,
     clock,
     driven_line,
+    flags,
     numbers,
     out_or,
 )
@@ -45,14 +45,12 @@ def material_command(
     given = {
         name: value for name, value in asdict(asked or Averaging()).items() if value is not None
     }
-    read = [one.name for one in fields(reading) if getattr(reading, one.name) != one.default]
     of_loop, of_snapshot = ([n for n in names if n in given] for names in (OF_LOOP, OF_SNAPSHOT))
     if snapshot is not None and of_loop:
         expected = "none of these: loops of a snapshot have their own law and state"
-        raise InputError(_flags(of_loop), "given with a snapshot", expected, "Leave them out.")
-    if snapshot is None and (read or of_snapshot):
-        received, named = "given without a snapshot", _flags([*read, *of_snapshot])
-        raise InputError(named, received, "a snapshot", "Name its file.")
+        raise InputError(flags(of_loop), "given with a snapshot", expected, "Leave them out.")
+    if snapshot is None and (read := flags([*reading.given(), *of_snapshot])):
+        raise InputError(read, "given without a snapshot", "a snapshot", "Name its file.")
     listed = numbers("--orders", given.pop("orders", None))
     if listed is not None:
         given["orders"] = tuple(int(n) if n == int(n) else n for n in listed)
@@ -81,10 +79,6 @@ def material_command(
             f"cone from {_strain(told['cone_strain'])}, loops lost {told['failed']:.0%}"
         )
     return answer(writing.json, out, lines, summary["notes"])
-
-
-def _flags(names: Sequence[str]) -> str:
-    return ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in names)
 
 
 def _strain(value: float | None) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from studies.output import Row, Summary, definitions
+from studies.output import Row, Summary, definitions, values_of
 from studies.paths.followed import Followed, first_yield
 from studies.paths.options import ComparisonOptions
 from studies.paths.polygon import event_values, follow_polygon, thresholds
@@ -70,8 +70,7 @@ def compare_orders(options: ComparisonOptions) -> Compared:
             "critical_strain": thresholds(options.of(order)),
             "first_yield": event_values(one, slipped) if slipped else None,
             "peak": one.peak,
-            "status": one.path.status,
-            "message": one.path.message,
+            **values_of(one.path, "status", "message"),
             "end": {name: float(getattr(one, name)[-1]) for name in ("E1", "E2", "s1")},
         }
         found.append(one)

@@ -23,7 +23,7 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.path import describe
-from studies.output import Summary, definitions
+from studies.output import Summary, definitions, values_of
 from studies.paths.followed import (
     NAMED,
     STEP_ATOL,
@@ -235,8 +235,7 @@ def polygon_summary(found: Followed) -> Summary:
         "events": [event_values(found, event) for event in path.events],
         "peak": peak,
         "states": states,
-        "status": path.status,
-        "message": path.message,
+        **values_of(path, "status", "message"),
         "rows": len(path),
         "model": asdict(path.model),
         "verification": _verification(found, critical),

@@ -92,12 +92,8 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
     """Shares of the loops by order along the series, in number and in area."""
     figure, (axes,) = new_panels(1, 2, 2.6, sharey=True)
     strain, strain_label = largest_strain(evolution)
-    for ax, kind, title in zip(
-        axes,
-        ("share", "area_share"),
-        ("in number", "in area"),
-        strict=True,
-    ):
+    kinds = {"share": "in number", "area_share": "in area"}
+    for ax, (kind, title) in zip(axes, kinds.items(), strict=True):
         for n, (group, colour, marker) in enumerate(
             zip(GROUPS, ORDER_COLOURS, ORDER_MARKERS, strict=True)
         ):

@@ -138,7 +138,7 @@ def run_series(
                 for name, parted in (parts | whole).items():
                     write_csv(parted, results.folder / f"{name}.csv")
             summary = results.write_summary(summary)
-            _draw(results, series, tables, summary, animation=asked.animation, figures=figures)
+            _draw(results, series, tables, summary, animated=asked.animation)
     return summary
 
 
@@ -157,23 +157,17 @@ def _following(
 
 
 def _draw(
-    results: Results,
-    series: Series,
-    tables: Mapping[str, Any],
-    summary: Summary,
-    *,
-    animation: bool,
-    figures: Figures | bool,
+    results: Results, series: Series, tables: Mapping[str, Any], summary: Summary, *, animated: bool
 ) -> None:
     """Draw the animation, the figures and the report of a series that is written."""
     evolution, pictures = tables["evolution"], list[Path]()
     # matplotlib is loaded only when there is something to draw.
-    if animation:
+    if animated:
         from studies.series.figures import animate_series, animation_frames
 
         frames = animation_frames(series, evolution)
         pictures = animate_series(results.folder, frames, results.source)
-    if figures:
+    if results.figures:
         from studies.series import figures as drawing
 
         mapped = mapped_interval(evolution)

@@ -13,7 +13,7 @@ from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
-from studies.snapshot.summary import group_rows
+from studies.snapshot.summary import axis_bins, group_rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,10 +159,9 @@ def axis_errors(tensors: Floats, weights: Floats | None, angle: float) -> tuple[
 def axes_rose(axes: Floats, weights: Floats, width: float) -> tuple[Floats, Floats, Floats]:
     """Centres of the bins (radians) of axes (degrees) over the full turn, density, its error.
 
-    Bins are centred on the axes of coordinates; errors are those of independent weights.
+    Errors are those of independent weights.
     """
-    bins = round(180.0 / width)
-    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
+    at, bins = axis_bins(axes, width)
     share = weights / weights.sum() / (2.0 * np.radians(width))
     density = np.bincount(at, share, minlength=bins)
     error = np.sqrt(np.bincount(at, share**2, minlength=bins))

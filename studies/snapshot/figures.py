@@ -461,14 +461,9 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
     """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
     figure, (axes,) = new_panels(1, 2, 4.2, subplot_kw={"projection": "polar"})
     unstable = {judge: judged[judge] for judge in rose_judges(table) if judged[judge].any()}
-    for ax, (title, column, key) in zip(
-        axes,
-        (
-            ("softest compression", "{}_soft_angle", "soft_angle"),
-            ("long axis", "orientation", "long_axis"),
-        ),
-        strict=True,
-    ):
+    compression = "softest compression", "{}_soft_angle", "soft_angle"
+    parts = compression, ("long axis", "orientation", "long_axis")
+    for ax, (title, column, key) in zip(axes, parts, strict=True):
         for closure, rows in unstable.items():
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]

@@ -466,11 +466,18 @@ def fabric_table(graph: GrainGraph, summary: Summary) -> Columns:
     return columns | {"second_order": second}
 
 
+def axis_bins(axes: Floats, width: float) -> tuple[Integers, int]:
+    """Bin of this width (degrees) that each axis lies in, and the number of bins of half a turn.
+
+    They are centred on the axes of coordinates, where regular packings have their peaks.
+    """
+    bins = round(180 / width)
+    return np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins, bins
+
+
 def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
     """Density of axes (degrees) over half a turn, in bins of this width."""
-    bins = round(180 / width)
-    # Bins centred on the axes of coordinates, where regular packings have their peaks.
-    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
+    at, bins = axis_bins(axes, width)
     count = np.bincount(at, minlength=bins)
     return {
         "angle": width * np.arange(bins),

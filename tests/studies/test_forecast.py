@@ -22,7 +22,7 @@ from studies.calibration import (
 )
 from studies.evolve import Evolution, evolve
 from studies.forecast import forecast_reach, next_of, opening_places, places, since, spread_of
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from studies.series.skill import score_skill
 from tests.packings import LAW, jammed
 from tests.studies.snapshot.test_run import run
@@ -385,7 +385,7 @@ def test_what_is_no_sample_or_no_option_is_refused(sample, tmp_path):
 @pytest.mark.slow
 def test_loops_that_yade_lost_are_told_from_the_earlier_snapshot():
     folder = sample_path("slow")
-    cells = cells_by_number(folder / "cells.csv")
+    cells = rows_by_number(folder / "cells.csv")
     one, two = (
         read_snapshot(
             folder / f"grains_{number}.parquet", shear_increment="radii",

@@ -14,7 +14,7 @@ from loops.in_place import inverted, loops_in_place, polygons_of
 from loops.system import factorised, packing_system
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from tests.oracles import eighty_bits
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
@@ -59,7 +59,7 @@ def smallest(matrix):
 
 
 def read(path, cells, number):
-    xx, xy, yx, yy = cells_by_number(cells)[number]
+    xx, xy, yx, yy = rows_by_number(cells)[number]
     return read_snapshot(path, cell=[[xx, xy], [yx, yy]], shear_increment="radii")
 
 

@@ -38,7 +38,7 @@ from stability.programmes import (
     simple_shear,
     undrained,
 )
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from tests.packings import LAW, jammed, packing
 from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
 
@@ -408,7 +408,7 @@ def test_yades_next_state_of_the_sample_series():
     one, two = (
         read_snapshot(
             cells.parent / f"grains_{k}.parquet",
-            cell=np.reshape(cells_by_number(cells)[k], (2, 2)),
+            cell=np.reshape(rows_by_number(cells)[k], (2, 2)),
             shear_increment="radii",
         )
         for k in (10, 11)

@@ -31,7 +31,7 @@ from stability.packing import (
     replay,
 )
 from studies.commands.snapshot import _series_lines
-from studies.reading import cells_by_number, plan_series, reading
+from studies.reading import plan_series, reading, rows_by_number
 from studies.series import packing as series_packing
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import (
@@ -84,7 +84,7 @@ def by_interval(result, name, number):
 
 
 def read(number):
-    xx, xy, yx, yy = cells_by_number(CELLS)[10 + number]
+    xx, xy, yx, yy = rows_by_number(CELLS)[10 + number]
     how = {"cell": [[xx, xy], [yx, yy]], "shear_increment": "radii"}
     return read_snapshot(PATHS[number], **how)
 
@@ -517,7 +517,7 @@ def test_where_nothing_moves_there_is_nothing_to_predict(tmp_path):
         for what in ("grains", "contacts"):
             source = PATHS[0].with_name(f"{what}_10.parquet")
             (tmp_path / f"{what}_{k}.parquet").write_bytes(source.read_bytes())
-    how = {"cells": None, "cell": cells_by_number(CELLS)[10]}
+    how = {"cells": None, "cell": rows_by_number(CELLS)[10]}
     predict(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how)
     table = pd.read_parquet(tmp_path / "out" / "skill.parquet")
     assert (table[table.target == "W2_negative"].loops == 0).all()
@@ -564,7 +564,7 @@ def test_the_map_shows_what_is_predicted_beside_what_came(result):
 
 def test_the_rate_of_the_sample():
     """Strain over time, times sqrt(mean mass/pressure), from table, file or options."""
-    cells = cells_by_number(CELLS)
+    cells = rows_by_number(CELLS)
     before, after = (
         read_snapshot(path, cell=np.reshape(cells[k], (2, 2)))
         for path, k in zip(PATHS, (10, 11), strict=False)

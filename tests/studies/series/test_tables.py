@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from studies.series.run import run_series
 
 CELLS = gl.sample_path("slow/cells.csv")
@@ -14,7 +14,7 @@ PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
 
 @pytest.fixture(scope="module")
 def states():
-    cells = cells_by_number(CELLS)
+    cells = rows_by_number(CELLS)
     return [
         gl.read_snapshot(path, cell=np.reshape(cells[k], (2, 2)), shear_increment="radii")
         for path, k in zip(PATHS, (10, 11, 12), strict=True)

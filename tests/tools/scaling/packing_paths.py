@@ -47,7 +47,7 @@ from stability.packing import loop_changes, replay
 from studies.evolve import run_evolve
 from studies.examples.probing import STRESS, state
 from studies.output import provenance, result_folder, write_table
-from studies.reading import cells_by_number
+from studies.reading import rows_by_number
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.loading import stress_of
 from studies.series.packing import Following, interval_rate, packing_predictions
@@ -127,7 +127,7 @@ def _predicted(collection: Path, numbers: Sequence[int]) -> pd.DataFrame:
 
 def by_single_step(collection: Path) -> Iterator[dict[str, Any]]:
     """What the path foretells of each step, by both ways past an instability."""
-    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    cells = rows_by_number(collection / "yade-slow/macro.csv")
     for step, series in STEPS.items():
         for number, after in [pair for numbers in series for pair in pairwise(numbers)]:
             one, two = (_slow(collection, cells, k) for k in (number, after))
@@ -257,7 +257,7 @@ def by_rate(collection: Path) -> Iterator[dict[str, Any]]:
 
     From a state that was held before, and over a step of the compression, against Yade as well.
     """
-    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    cells = rows_by_number(collection / "yade-slow/macro.csv")
     one, two = (_slow(collection, cells, k) for k in (6, 7))
     held = state("before")[0]
     for name, start, end, H in (
@@ -376,7 +376,7 @@ def growth_figure(rows: Rows) -> Figure:
 
 def by_way(collection: Path) -> Iterator[dict[str, Any]]:
     """Both ways past an instability, against slow replays that keep the load of the start."""
-    cells = cells_by_number(collection / "yade-slow/macro.csv")
+    cells = rows_by_number(collection / "yade-slow/macro.csv")
     for number in BEFORE:
         one, two = (_slow(collection, cells, k) for k in (number, number + 1))
         yield from _ways(str(number), one, two, one.mechanics()[0], _strain(one, two))
