@@ -197,7 +197,7 @@ def draw_quadrons(parts: dict[int, Floats], by_order: pd.DataFrame) -> Figure:
     """Draw the density of the areas over the mean, by order, and the mean areas of the orders."""
     figure, ((left, right),) = new_panels(1, 2, 2.9)
     error = {n: one.std(axis=0, ddof=1) / np.sqrt(len(one)) for n, one in parts.items()}
-    draw_densities(left, {n: one.mean(axis=0) for n, one in parts.items()}, error)
+    draw_densities(left, {n: one.mean(axis=0) for n, one in parts.items()}, error, linewidth=1.0)
     left.set_ylim(bottom=1e-3)
     right.errorbar(by_order.order, by_order.mean_area, by_order.error, fmt="o", color=BLACK)
     right.axhline(1.0, color=GREY, linewidth=0.8)

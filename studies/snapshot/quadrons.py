@@ -85,7 +85,7 @@ def quadron_figure(table: Columns) -> Figure:
 
 
 def draw_densities(
-    ax: Axes, found: dict[int, Floats], errors: Mapping[int, Floats] | None = None
+    ax: Axes, found: dict[int, Floats], errors: Mapping[int, Floats] | None = None, **how: Any
 ) -> None:
     """Draw densities of areas over the mean, the whole in black and its parts by order."""
     middle = 0.5 * (BINS[:-1] + BINS[1:])
@@ -95,7 +95,7 @@ def draw_densities(
         label = "all" if n == 0 else f"order {n}{'+' if n == last else ''}"
         colour = BLACK if n == 0 else ORDER_COLOURS[n - DRAWN_ORDERS[0]]
         error = None if errors is None else errors[n][shown]
-        look: Any = {"color": colour, "label": label, "elinewidth": 0.6}
+        look: Any = {"color": colour, "label": label, "elinewidth": 0.6} | how
         ax.errorbar(middle[shown], values[shown], error, **look)
     ax.set(yscale="log", xlabel="area of a quadron over the mean", ylabel="density")
     ax.legend(ncols=2)
