@@ -56,7 +56,7 @@ def bars(ax, container=0):
 def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
     snapshot, _, summary = sample
     numbers = fabric_table(snapshot.graph, summary)
-    ax = fabric_rose(numbers, summary).axes[0]
+    ax = fabric_rose(numbers, summary)
     angle, height, width = bars(ax)
     assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_allclose(height[: len(height) // 2], height[len(height) // 2 :])
