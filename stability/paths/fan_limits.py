@@ -345,10 +345,7 @@ def followed_limits(
     watched = ("diagonal", "symmetric")
     options = LoopPathOptions(spins=spins, subspace=watched)
     around = boundary_of(start, volume=model.volume)
-    path = follow_loop(
-        Scene(start, model.law, around), [stage], model.closure, options, rows=1,
-        stop=("det_K_zero", "opening"),
-    )  # fmt: skip
+    path = follow_loop(Scene(start, model.law, around), [stage], model.closure, options)
     i, j = model.contacts.T
 
     def state(row: int, H: ArrayLike) -> LoopStates:

@@ -58,7 +58,6 @@ UNMOVED = 1e-13
 RELEASE = 1e-9
 # Status of a path that kept its symmetry to the end.
 SYMMETRY_KEPT = "to the end"
-STOPPED: tuple[PathStatus, str] = ("unfinished", "an event ends the path")
 OnTouch = Literal["ignore", "stop", "add"]
 
 
@@ -98,8 +97,7 @@ class LoopPathSolver:
 
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
-    `symmetry_kept`: How far the symmetry served; `stop`: Kinds of events at the first of which, in
-    the first subspace, the path ends.
+    `symmetry_kept`: How far the symmetry served.
     """
 
     model: PathModel
@@ -115,7 +113,6 @@ class LoopPathSolver:
     searches: Searches = field(default_factory=Searches)
     common: PointGroup | None = None
     symmetry_kept: str = SYMMETRY_KEPT
-    stop: tuple[str, ...] = ()
 
     @property
     def parameter(self) -> float:
@@ -177,8 +174,6 @@ class LoopPathSolver:
             here = self._take_regimes(stage, problem, before)
             if sense == 0.0:
                 return FINISHED
-            if self._stops():
-                return STOPPED
             if before is None:
                 if away := stage.away(sense):
                     return "lost", away
@@ -194,7 +189,7 @@ class LoopPathSolver:
                 return "lost", f"{name} to {stage.quantity}: {end.message}"
             self.record.row(self.model, end.here)
             record_fired(self.record, end, self.options.subspaces)
-            outcome = STOPPED if self._stops() else self._outcome(stage, end)
+            outcome = self._outcome(stage, end)
             if outcome is not None:
                 return outcome
             expected, before = expected_choices(end), end.here
@@ -366,12 +361,6 @@ class LoopPathSolver:
             message = f"contacts {torn} part while they carry a force: the loop is out of balance"
             return "lost", message
         return None
-
-    def _stops(self) -> bool:
-        """Whether an event at which the path ends has happened."""
-        own = ("", self.options.subspaces[0])
-        events = self.record.events
-        return bool(self.stop) and any(e.kind in self.stop and e.subspace in own for e in events)
 
     def _carries_nothing(self) -> bool:
         """Whether every contact force is below `RELEASE`."""

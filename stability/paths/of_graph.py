@@ -26,9 +26,8 @@ def follow_loop(
     *,
     rows: int = 0,
     max_steps: int = 20_000,
-    stop: tuple[str, ...] = (),
 ) -> Path:
-    """Follow a loop through its stages, see `stability.follow`; to the first event to `stop` at."""
+    """Follow a loop through its stages, see `stability.follow`."""
     graph, law = scene.graph, scene.law
     require_unlimited_rolling(law)
     contacts = scene.contact_state
@@ -45,7 +44,6 @@ def follow_loop(
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
         periodic=graph.cell is not None,
-        stop=stop,
     )
     solver.find_symmetry()
     start = solver.model
