@@ -262,8 +262,8 @@ def snapshot_from_tables(
     >>> for note in snapshot.notes[:3]:
     ...     print(note)
     column 'd' of grains read as 'diameter'
-    radius is half the column 'diameter' of grains
     column 'i' of contacts read as 'id1'
+    column 'j' of contacts read as 'id2'
     """
     given = {"grains": grains, "contacts": contacts} | ({} if walls is None else {"walls": walls})
     tables = {kind: given_table(kind, one) for kind, one in given.items()}
@@ -306,7 +306,7 @@ def read_frames(
     >>> from patterns import read_frames, sample_path
     >>> path = sample_path("lammps/dump.atoms.0.gz")
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
-    [(0.0, 323)]
+    [(0, 323)]
     """
     parameters = _parameters(**law)
     for read in _frames(path, contacts, format, columns, cell, periodic):

@@ -84,7 +84,7 @@ def _second_order_work(packing: RegimeFactor, control: MixedControl) -> float:
 def columns(found: tuple[Pathologies, ...]) -> dict[str, Floats]:
     """Return columns of a table: flags as 1, 0, nan where they are not known."""
     names = ("candidates", "asymmetry", "symmetric", "definite", "p_matrix", "solutions", "proved")
-    kinds = {"candidates": int, "solutions": int, "withheld": str}
+    kinds = {"candidates": int, "solutions": int, "proved": bool, "withheld": str}
     out: dict[str, Floats] = {}
     for name in (*names, "w2", "withheld"):
         values = [getattr(one, name) for one in found]

@@ -166,6 +166,8 @@ class Followed:
         It is a row where the response turns over at an event, else it lies between that row and its
         neighbour on the rising side, on the cubic through their values and slopes.
 
+        >>> from studies.paths.options import PolygonOptions
+        >>> from studies.paths.polygon import follow_polygon
         >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
         >>> round(found.peak["E1"], 6)
         0.132639
