@@ -35,7 +35,7 @@ GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 # No contact stops a grain that moves so far between two events (in mean radii): its path and the
 # work of its slip are those of its ground spring, which from then on is this one (in kn).
 RUNS_AWAY = 0.01
-HELD_BACK = 1e-5
+HELD_BACK = 1e-4
 # Columns of `Path.work`.
 SLIP = 1
 INCREMENT = 2
