@@ -27,7 +27,7 @@ def run(out, inputs):
 def test_a_few_of_each_format(tmp_path):
     summary = run(tmp_path / "out", 2)
     assert summary["bad"] == []
-    assert len(summary["formats"]) == 12
+    assert len(summary["formats"]) == 9
     found = {name for counts in summary["formats"].values() for name in counts}
     assert "clear error" in found
 
