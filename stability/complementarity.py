@@ -69,7 +69,7 @@ UNBOUNDED_SLIP = 1e3
 
 
 class Errors(NamedTuple):
-    """What entries of `q`, and of the columns of `M`, (m,), may err by; 0 where it is not known.
+    """Bounds on the errors of `q` and of the columns of `M`, (m,) each; 0 where none is known.
 
     It comes with the problem: from the rates of all contacts, of which `q` may be next to nothing.
     """

@@ -125,7 +125,7 @@ class Holding:
 
     @property
     def control(self) -> Literal["strain", "stress"] | None:
-        """What stays fixed meanwhile, None without; `InputError` if both are given."""
+        """Quantity held fixed while the state comes to rest; `InputError` if both are given."""
         if self.hold and self.hold_stress:
             raise InputError("--hold, --hold-stress", "both", "one of them", "Leave one out.")
         return "strain" if self.hold else "stress" if self.hold_stress else None
@@ -248,7 +248,7 @@ class Evolving(Driving):
 @Parameter(name="*", group=FURTHER)
 @dataclass(frozen=True, kw_only=True)
 class Replaying:
-    """Where the rate of replays is from.
+    """Options that set the rate of replays.
 
     Parameters
     ----------

@@ -272,7 +272,7 @@ def answered(
 
 
 def driven_line(summary: dict[str, Any]) -> str:
-    """What is driven, and the axis of the major stress at the start."""
+    """Line that names the driven axis and that of the major stress at the start."""
     named, axis, major = (summary[name] for name in ("programme", "axis", "major_axis"))
     stress = ", ".join(f"{name} = {value:.4g}" for name, value in summary["start"].items())
     if named.startswith("isotropic"):

@@ -81,7 +81,7 @@ def balance_notes(subject: Subject) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class InPacking:
-    """How loops were judged in their packing, and those of the state at rest.
+    """Method of judging loops in their packing, and the loops of the state at rest.
 
     `method` and `at_rest` go to the summary. `order` and `smallest` (R,) are of the loops at rest,
     smallest eigenvalues over the mean kn; not numbers where no share counts them.
