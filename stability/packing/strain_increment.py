@@ -32,8 +32,9 @@ from stability.path import Event, EventKind, Spring, reason
 CHATTER = 12
 # Ground springs (in kn) tried in turn on an unstable mode; the last is none: the contact is held.
 GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
-# No contact stops a grain that moves so far between two events (in mean radii): its path and the
-# work of its slip are those of its ground spring, which from then on is this one (in kn).
+# No contact stops a grain that moves so far between two events (in mean radii, and over a hundred
+# times the strain meanwhile): its path and the work of its slip are those of its ground spring,
+# which from then on is this one (in kn).
 RUNS_AWAY = 0.01
 HELD_BACK = 1e-4
 # Columns of `Path.work`.
@@ -149,7 +150,7 @@ class StrainIncrement:
             self.reached = speed * self.left > 0 and self.left / speed < left
             if self.reached:
                 left = self.left / speed
-            if self._held_back(v, min(step, left)):
+            if self._held_back(v, min(step, left), strain_speed):
                 rates = self._settled()
                 continue
             self.left -= speed * min(step, left)
@@ -162,14 +163,14 @@ class StrainIncrement:
             self._change(c, kind, rates)
             rates = self._settled()
 
-    def _held_back(self, v: Floats, step: float) -> bool:
+    def _held_back(self, v: Floats, step: float, strain_speed: float) -> bool:
         """Hold grains that no contact stops, turned by the friction of one; whether any are."""
-        packing = self.packing
+        packing, least = self.packing, max(RUNS_AWAY, 100.0 * strain_speed * step)
         size = np.linalg.norm(v.reshape(-1, 3), axis=1) * step / packing.length
-        grains = np.flatnonzero((size > RUNS_AWAY) & (packing.ground_spring < HELD_BACK))
+        grains = np.flatnonzero((size > least) & (packing.ground_spring < HELD_BACK))
         if len(grains):
             packing.add_ground_springs(grains, HELD_BACK)
-        return bool(len(grains))
+        return len(grains) > 0
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""

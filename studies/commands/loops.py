@@ -216,9 +216,9 @@ def _ring_of(path: Path) -> tuple[Any, Any]:
 
     try:
         table = pd.read_csv(path, comment="#")[["x", "y", "radius"]].astype(float)
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, ValueError) as error:
         expected = "a table with the columns x, y and radius, a row a grain, in order"
-        raise InputError(f"--centres {path}", "none", expected, "Write one.") from None
+        raise InputError(f"--centres {path}", str(error), expected, "Correct it.") from None
     x = table[["x", "y"]].to_numpy()
     sense = -1 if len(x) > 2 and polygon_area(x) < 0.0 else 1
     return tuple(map(tuple, x[::sense].tolist())), tuple(table["radius"].tolist()[::sense])
