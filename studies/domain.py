@@ -58,7 +58,6 @@ from studies.style import (
     LINE_COLOURS,
     ONE_COLUMN,
     TWO_COLUMNS,
-    axes_or_new,
     key_columns,
     new_panels,
     styled,
@@ -309,11 +308,11 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
         own = [case for case in cases if case.alpha0 == angle]
         if near:
             draw_programmes(own[0], whole)
-            ax = draw_domain(table, own, near[0], _colours(cases))
+            draw_domain(table, own, near[0], _colours(cases))
             # Limits around the curves of sticking contacts.
             losses = pd.concat([rows_of(table, case) for case in own])
             sticking = losses[losses.contacts == "sticking"]
-            for values, limit in ((sticking.s1, ax.set_xlim), (sticking.s2, ax.set_ylim)):
+            for values, limit in ((sticking.s1, near[0].set_xlim), (sticking.s2, near[0].set_ylim)):
                 margin = 0.1 * (values.max() - values.min())
                 limit(values.min() - margin, values.max() + margin)
         draw_domain(table, own, whole, _colours(cases))
@@ -346,17 +345,12 @@ def _colours(cases: Sequence[Case]) -> dict[float, str]:
     return {kappa: LINE_COLOURS[k % len(LINE_COLOURS)] for k, kappa in enumerate(ratios)}
 
 
-@styled()
 def draw_domain(
-    table: pd.DataFrame,
-    cases: Sequence[Case],
-    ax: Axes | None = None,
-    colours: Mapping[float, str] | None = None,
-) -> Axes:
+    table: pd.DataFrame, cases: Sequence[Case], ax: Axes, colours: Mapping[float, str]
+) -> None:
     """Domains of diamonds of one reference angle."""
-    ax = axes_or_new(ax)
     for case in cases:
-        colour = (colours or _colours(cases))[case.kappa]
+        colour = colours[case.kappa]
         own = rows_of(table, case)
         for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
             curve = own[(own.contacts == "sticking") & (own.kind == kind)]
@@ -372,19 +366,15 @@ def draw_domain(
         ax.plot(float(s1), float(s2), "o", color=colour)
     ax.set(xlabel="$s_1$ over $k_n$ (–)", ylabel="$s_2$ over $k_n$ (–)")
     ax.locator_params(nbins=6)
-    return ax
 
 
-@styled()
-def draw_programmes(case: Case, ax: Axes | None = None) -> Axes:
+def draw_programmes(case: Case, ax: Axes) -> None:
     """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
-    ax = axes_or_new(ax)
     losses = first_losses(case, DRAWN_PROGRAMMES, friction=False)
     share = np.linspace(0.0, 1.0, 200)[:, None]
     start, end = losses.line.start, losses.det_Ks_zero
     states = line_states(losses.line, start + share * (end - start), case.kappa)
     ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
-    return ax
 
 
 # ---- loops of any order

@@ -276,24 +276,23 @@ def run_evolve(
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
-        told |= {"dem": len(after), "mean_kn": snapshot.mean_kn, "forecast": None}
+        told |= {"dem": len(after), "forecast": None}
         if after and found.driven[0] == "H":
             compared = found.ways, tables["dem"], found.driven, found.sense
             tables["forecast"] = dem_comparison(*compared)
             told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
-        summary = results.write_results(tables, asked.described() | told)
+        title, figures = (
+            f"Path of {readable(planned[0].name)}",
+            "studies.packing_figures.path_figures",
+        )
+        told = asked.described() | told
+        summary = results.write_packing(title, snapshot, found, tables, told, figures)
         if animation:
             from studies.packing_figures import animate_path
 
             # Nothing has moved at the start.
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
-        title, figures = (
-            f"Path of {readable(planned[0].name)}",
-            "studies.packing_figures.path_figures",
-        )
-        of, given = (snapshot, tables["loops"]), (snapshot, tables, summary)
-        results.report_packing(title, summary, of, figures, *given)
     return summary
 
 

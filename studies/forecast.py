@@ -397,15 +397,10 @@ def run_forecast(
         asked = asked.along(snapshot.scene)
         found = forecast_of(snapshot, asked, inertial_number, spread=spread, progress=progress)
         tables = {"loops": found.loops, "next": found.next}
-        summary = results.write_results(
-            tables,
-            asked.described()
-            | {"held": held, "mean_kn": snapshot.mean_kn, "inertial_number": inertial_number}
-            | forecast_summary(found, notes, spread=spread),
-        )
+        told = asked.described() | {"held": held, "inertial_number": inertial_number}
+        told |= forecast_summary(found, notes, spread=spread)
         title, figures = f"Forecast of {readable(path.name)}", "studies.forecast_figures.figures"
-        results.report_packing(title, summary, (snapshot, found.loops), figures, found)
-    return summary
+        return results.write_packing(title, snapshot, found, tables, told, figures)
 
 
 def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> Summary:

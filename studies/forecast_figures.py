@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from loops.arrays import Floats
-from patterns import planar
+from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.beside_dem import DROP
 from studies.calibration import Calibration, calibration
@@ -29,6 +29,7 @@ from studies.style import (
     VERMILION,
     edge_ticks,
     new_panels,
+    panel,
     styled,
 )
 
@@ -39,7 +40,7 @@ FEW = 10
 WAY_LOOKS = {"events": ("path by events", BLUE, "-"), "replay": ("replay", VERMILION, "--")}
 
 
-def figures(found: Forecast) -> Drawings:
+def figures(snapshot: Snapshot, found: Forecast, tables: Any, summary: Any) -> Drawings:
     """Every figure of a forecast by name."""
     yield "forecast", lambda: forecast_figure(found)
 
@@ -48,14 +49,14 @@ def figures(found: Forecast) -> Drawings:
 def forecast_figure(found: Forecast) -> Figure:
     """Sample with the loops by their probability to be lost; reliability; the next events."""
     figure, (axes,) = new_panels(1, 3, 3.2, width_ratios=(1.3, 1.0, 1.0))
-    probability_map(found, axes[0])
-    reliability(calibration(), axes[1])
-    next_events(found, axes[2])
+    probability_map(found, ax=axes[0])
+    reliability(calibration(), ax=axes[1])
+    next_events(found, ax=axes[2])
     return figure
 
 
-@styled()
-def probability_map(found: Forecast, ax: Axes) -> Axes:
+@panel(height=3.8)
+def probability_map(found: Forecast, ax: Axes) -> None:
     """Draw the loops of the sample by the probability that they are lost."""
     values = found.loops["lost_probability"].to_numpy()
     driven, to = found.evolution.driven, found.evolution.to
@@ -66,11 +67,10 @@ def probability_map(found: Forecast, ax: Axes) -> Axes:
     draw_scaled(draw, ax, values, colours, scale, **shown)
     if not np.isfinite(values).any():
         ax.set_title("no probabilities: see the notes")
-    return ax
 
 
-@styled()
-def reliability(known: Calibration, ax: Axes) -> Axes:
+@panel()
+def reliability(known: Calibration, ax: Axes) -> None:
     """Draw what was said of each series by all others against what happened in it.
 
     The bin that is farthest from what happened has its numbers beside it.
@@ -91,7 +91,6 @@ def reliability(known: Calibration, ax: Axes) -> Axes:
     ax.set_title(f"{intervals} intervals of other samples")
     ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability (–)", ylabel="observed share (–)")
     ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
-    return ax
 
 
 def reliability_bins(known: Calibration, kind: str, bins: int = 8) -> tuple[Floats, Floats, Floats]:
@@ -110,10 +109,10 @@ def reliability_bins(known: Calibration, kind: str, bins: int = 8) -> tuple[Floa
     return told[some] / count, true[some] / count, count
 
 
-@styled()
-def next_events(found: Forecast, ax: Axes) -> Axes:
+@panel()
+def next_events(found: Forecast, ax: Axes) -> None:
     """Draw the driven stress on the way, instabilities, and the spread of the next drop."""
-    draw_driven_stress(found.evolution, ax)
+    draw_driven_stress(found.evolution, ax=ax)
     rows, drop = found.next, spread_of(found.next, "drop")
     low, high = drop["low"], drop["high"]
     if low is not None and high is not None:
@@ -124,11 +123,10 @@ def next_events(found: Forecast, ax: Axes) -> Axes:
     else:
         ax.set_title(f"no drop by {DROP:g}\nof the driven stress")
     ax.legend()
-    return ax
 
 
-@styled()
-def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
+@panel(height=2.6)
+def draw_driven_stress(found: Evolution, ax: Axes) -> None:
     """Draw the change of the driven stress on each way, and instabilities of the path."""
     at, driven = COMPONENTS.index(found.driven[1:]), found.driven
     for name, way in found.ways.items():
@@ -141,4 +139,3 @@ def draw_driven_stress(found: Evolution, ax: Axes) -> Axes:
     ax.set(xlabel=driven_change(driven), ylabel=stress)
     ax.ticklabel_format(axis="x", scilimits=(-3, 3))
     ax.legend()
-    return ax

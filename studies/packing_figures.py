@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
 
 from loops.arrays import Floats
 from patterns import Snapshot
@@ -26,19 +27,17 @@ from studies.style import (
     GREEN,
     GREY,
     LIGHT_GREY,
-    ONE_COLUMN,
     ORANGE,
     SEQUENTIAL,
     SKY,
     VERMILION,
-    axes_or_new,
     edge_ticks,
     figure_of,
     new_figure,
     new_panels,
     outer_legend,
+    panel,
     polar_grid,
-    polar_or_new,
     shade_sectors,
     styled,
     write_animation,
@@ -70,7 +69,7 @@ SHEAR_LOOK = (GREEN, "-.")
 
 
 def probe_figures(
-    snapshot: Snapshot, found: Probe, loops: pd.DataFrame, summary: Summary
+    snapshot: Snapshot, found: Probe, tables: dict[str, pd.DataFrame], summary: Summary
 ) -> Drawings:
     """Every figure of a probe by name."""
     yield "envelope", lambda: response_envelope(found, summary["mean_kn"])
@@ -80,14 +79,13 @@ def probe_figures(
         # Under stress control work is a compliance.
         factor = summary["mean_kn"] ** (1 if found.control == "stress" else -1)
         unit = "· mean $k_n$" if found.control == "stress" else "/ mean $k_n$"
-        work = factor * loops["additive_w"].to_numpy()
+        work = factor * tables["loops"]["additive_w"].to_numpy()
         yield "map", lambda: additive_work_map(snapshot, work, unit)
 
 
-@styled()
-def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
+@panel(height=3.6)
+def response_envelope(found: Probe, kn: float, ax: Axes) -> None:
     """Response to driven rates of unit length, and the elastic response."""
-    ax = axes_or_new(ax, ONE_COLUMN, 3.6)
     if found.control == "strain":
         answers = found.stress_rate / kn, found.elastic_stress / kn
         labels = r"$P'_{11}$ / mean $k_n$", r"$P'_{22}$ / mean $k_n$"
@@ -117,13 +115,11 @@ def response_envelope(found: Probe, kn: float, ax: Axes | None = None) -> Axes:
         look: Any = {"ha": "right", "va": "bottom", "color": GREY, "fontsize": 7}
         ax.text(1.0, 0.01, told, transform=ax.transAxes, **look)
     outer_legend(ax, "lower center", (0.5, 1.0), 0.3, ncols=3, columnspacing=1.0)
-    return ax
 
 
-@styled()
-def polar_work(found: Probe) -> Axes:
+@panel(height=3.5, projection="polar")
+def polar_work(found: Probe, ax: PolarAxes) -> None:
     """Normalised second-order work over the directions, with the cones."""
-    ax = polar_or_new(None, 3.5)
     circle = np.linspace(0.0, 2.0 * np.pi, 361)
     ax.plot(circle, np.full(361, RADIUS), color=GREY, linewidth=0.8)
     shade_sectors(ax, found.cones, RADIUS + 1.0, 0.35)
@@ -147,13 +143,11 @@ def polar_work(found: Probe) -> Axes:
         rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$, degrees{note}"
         f"\n$w_2 < 0$ in {share} of directions"
     )
-    return ax
 
 
-@styled()
-def order_shares(orders: dict[str, dict[str, float]], ax: Axes | None = None) -> Axes:
+@panel()
+def order_shares(orders: dict[str, dict[str, float]], ax: Axes) -> None:
     """Shares of the loops by order in area, in W2 (over the sum of sizes), in its negative part."""
-    ax = axes_or_new(ax)
     size = sum(abs(row["W2_share"]) for row in orders.values())
     # Contacts in no loop or in only one are drawn before the triangles.
     numbers = np.array([int(n) or 2 for n in orders])
@@ -171,7 +165,6 @@ def order_shares(orders: dict[str, dict[str, float]], ax: Axes | None = None) ->
     shown = numbers[:: len(numbers) // 13 + 1]
     ax.set_xticks(shown, labels=["none" if n == 2 else str(n) for n in shown])
     outer_legend(ax, "lower left", (0.0, 1.0), 0.3)
-    return ax
 
 
 @styled()
@@ -186,7 +179,9 @@ def additive_work_map(snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n
 # ---- paths
 
 
-def path_figures(snapshot: Snapshot, tables: dict[str, pd.DataFrame], summary: Summary) -> Drawings:
+def path_figures(
+    snapshot: Snapshot, found: Any, tables: dict[str, pd.DataFrame], summary: Summary
+) -> Drawings:
     """Every figure of a path by name."""
     yield "stress_strain", lambda: stress_and_volume(tables, summary["driven"])
     if summary["forecast"] is not None:
@@ -322,10 +317,9 @@ def sustain_figures(
         yield "map", lambda: additive_work_map(snapshot, work)
 
 
-@styled()
-def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
+@panel(height=4.4, projection="polar")
+def limit_surface(found: Sustained, ax: PolarAxes) -> None:
     """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
-    ax = polar_or_new(ax, 4.4)
     largest, theta = found.largest, found.theta
     table = {
         name: np.array([getattr(path, name) for path in found.paths])
@@ -353,7 +347,6 @@ def limit_surface(found: Sustained, ax: Axes | None = None) -> Axes:
     polar_grid(ax, _radius(loads / largest), [f"{load:g}" for load in loads])
     ax.set_title("load (force/length, logarithmic)\nalong $(P'_{11}, P'_{22})$")
     outer_legend(ax, "upper center", (0.5, 0.0), 2.5, ncols=2)
-    return ax
 
 
 def _radius(share: Any) -> Any:

@@ -44,11 +44,8 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.material import MaterialPath
-from stability.packing import HeldPacking, Probe, Sustained
-from studies.evolve import Evolution
-from studies.forecast import Forecast
-from studies.forecast_figures import draw_driven_stress, probability_map
-from studies.packing_figures import limit_surface, response_envelope
+from stability.packing import HeldPacking, Probe
+from studies.packing_figures import response_envelope
 from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
@@ -260,7 +257,7 @@ def plot_cone(tangent: MacroTangent | ArrayLike, ax: Axes | None = None) -> Axes
     K = restrict(tangent, "diagonal")
     opening = float(np.degrees(plane_cone(K).opening))
     text = f"cone {opening:.2f}°" if opening > 0 else "no cone"
-    return draw_polar(operator_diagram(K), axes_or_new(ax), text)
+    return draw_polar(operator_diagram(K), ax=ax, name=text)
 
 
 @drawn(3.0, 3.0)
@@ -309,7 +306,7 @@ def plot_envelope(
     """
     if isinstance(graph, Probe):
         mean_kn = float(np.mean(getattr(graph.system.law, "kn", graph.system.unit)))
-        return response_envelope(graph, mean_kn, axes_or_new(ax))
+        return response_envelope(graph, mean_kn, ax=ax)
     graph, law = with_law(graph, law)
     ax, theta = axes_or_new(ax), np.linspace(0.0, 2.0 * np.pi, 361)
     directions = np.stack([np.cos(theta), np.sin(theta)], axis=1)
@@ -629,25 +626,7 @@ def plot_tangents(tangents: MacroTangent, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@drawn(ONE_COLUMN, 4.4, "polar")
-def plot_sustained(found: Sustained, ax: Axes | None = None) -> Axes:
-    """Loads of the first event, loss of equilibrium and large motion over the stress direction."""
-    return limit_surface(found, ax)
-
-
 def plot_scene(found: Scene | HeldPacking, ax: Axes | None = None) -> Axes:
     """Loops of a packing by their order; grains and forces of a loop, which ends at nothing."""
     scene = found.scene if isinstance(found, HeldPacking) else found
     return (plot_loop if scene.boundary.kind == "free" else plot_map)(scene, ax=ax)
-
-
-@drawn(ONE_COLUMN, 2.6)
-def plot_evolved(found: Evolution, ax: Axes | None = None) -> Axes:
-    """Driven stress along each way that a packing was followed, and where its path is unstable."""
-    return draw_driven_stress(found, axes_or_new(ax))
-
-
-@drawn(ONE_COLUMN, 3.8)
-def plot_forecast(found: Forecast, ax: Axes | None = None) -> Axes:
-    """Loops of a packing by the probability that they are lost."""
-    return probability_map(found, axes_or_new(ax))

@@ -115,14 +115,10 @@ def run_probe(
             tables |= {"pieces": piece_table(found), "solutions": solution_table(found)}
         elif by == "events":
             tables["paths"] = direction_paths(found, paths)
-        kn = snapshot.mean_kn
-        found_values = probe_summary(found, orders) | {"held": held, "mean_kn": kn, "notes": notes}
-        found_values["ended"] = ended_paths(paths, reached)
-        summary = results.write_results(tables, found_values | told)
+        told |= probe_summary(found, orders) | {"held": held, "notes": notes}
+        told["ended"] = ended_paths(paths, reached)
         title, figures = f"Probes of {readable(path.name)}", "studies.packing_figures.probe_figures"
-        given = snapshot, found, loops, summary
-        results.report_packing(title, summary, (snapshot, loops), figures, *given)
-    return summary
+        return results.write_packing(title, snapshot, found, tables, told, figures)
 
 
 def _require_followed(amplitude: float | None, by: By, scheduler: str | None) -> None:

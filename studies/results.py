@@ -19,9 +19,9 @@ from studies.snapshot.stress import Stress
 # draws it.
 ANSWERS = {
     "Check": ("rows", ""),
-    "Evolution": ("loops", "studies.plots.plot_evolved"),
+    "Evolution": ("loops", "studies.forecast_figures.draw_driven_stress"),
     "Fabric": ("columns", "studies.plots.plot_fabric"),
-    "Forecast": ("loops", "studies.plots.plot_forecast"),
+    "Forecast": ("loops", "studies.forecast_figures.probability_map"),
     "GrainGraph": ("", "studies.plots.plot_loop"),
     "HeldPacking": ("", "studies.plots.plot_scene"),
     "LoopDomain": ("rows", "studies.plots.plot_domain"),
@@ -38,7 +38,7 @@ ANSWERS = {
     "Snapshot": ("studies.frames.loop_table", "studies.plots.plot_map"),
     "SnapshotLoop": ("", "studies.plots.plot_loop"),
     "Stress": ("studies.results.stress_row", ""),
-    "Sustained": ("studies.sustain.direction_table", "studies.plots.plot_sustained"),
+    "Sustained": ("studies.sustain.direction_table", "studies.packing_figures.limit_surface"),
     "Verdict": ("studies.results.verdict_row", ""),
 }
 
@@ -67,7 +67,10 @@ def plot_of(result: Any, ax: Axes | None = None) -> Any:
     if not place:
         kind, remedy = type(result).__name__, "Draw its .table(), or see gl.plot."
         raise InputError(".plot()", kind, "a result with a figure", remedy)
-    return named(place)(result, ax=ax)
+    draw = named(place)
+    if hasattr(draw, "size"):  # a drawing of reports, here into pyplot's axes
+        draw = named("studies.plots.drawn")(*draw.size)(draw)
+    return draw(result, ax=ax)
 
 
 def _arrays(result: Any) -> pd.DataFrame:

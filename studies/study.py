@@ -133,17 +133,25 @@ class Results:
         figures = [(name, text.format(**summary), one) for name, text, one in said]
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
 
-    def report_packing(
-        self, title: str, summary: Summary, of: tuple[Any, Any], figures: str, *given: Any
-    ) -> None:
-        """Write the report of a packing if figures are wanted, with the map of its loops.
+    def write_packing(
+        self,
+        title: str,
+        snapshot: Any,
+        found: Any,
+        tables: Mapping[str, Any],
+        told: Mapping[str, Any],
+        figures: str,
+    ) -> Summary:
+        """Write what was `found` of a packing, its report with the map of `tables["loops"]` too.
 
-        The map is `of` a snapshot and the table of its loops; `figures` names the function that
-        makes them of what is `given`.
+        `figures` names the function that makes figures of snapshot, answer, tables and summary.
         """
+        summary = self.write_results(tables, {"mean_kn": snapshot.mean_kn, **told})
         if self.figures is not None:
-            maps = named("studies.snapshot.table.loops_for_map")(*of)
-            self.write_report(title, summary, named(figures)(*given), maps)
+            drawings = named(figures)(snapshot, found, tables, summary)
+            maps = named("studies.snapshot.table.loops_for_map")(snapshot, tables["loops"])
+            self.write_report(title, summary, drawings, maps)
+        return summary
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import wraps
 from io import BytesIO
 from itertools import chain
 from pathlib import Path
@@ -159,9 +160,36 @@ def panel_width(columns: int) -> float:
 
 
 @styled()
-def axes_or_new(ax: Axes | None, width: float = ONE_COLUMN, height: float = 2.5) -> Axes:
+def axes_or_new(
+    ax: Axes | None,
+    width: float = ONE_COLUMN,
+    height: float = 2.5,
+    projection: str = "rectilinear",
+) -> Axes:
     """The axes to draw into: the caller's, or those of a new figure."""
-    return ax if ax is not None else new_figure(width, height).add_subplot()
+    return new_figure(width, height).add_subplot(projection=projection) if ax is None else ax
+
+
+def panel(
+    width: float = ONE_COLUMN, height: float = 2.5, projection: str = "rectilinear"
+) -> Callable[[Callable[..., None]], Callable[..., Axes]]:
+    """A drawing in the platform's style, into the axes `ax`, else into a new figure of this size.
+
+    It returns the axes; `size` is that of the new figure, with the projection.
+    """
+
+    def decorate(draw: Callable[..., None]) -> Callable[..., Axes]:
+        @wraps(draw)
+        def drawn(*given: Any, ax: Axes | None = None, **how: Any) -> Axes:
+            ax = axes_or_new(ax, width, height, projection)
+            with styled():
+                draw(*given, ax=ax, **how)
+            return ax
+
+        vars(drawn)["size"] = width, height, projection
+        return drawn
+
+    return decorate
 
 
 def figure_of(ax: Axes) -> Figure:
@@ -187,13 +215,6 @@ def figure_key(figure: Figure, *axes: Axes, at: str = "lower center", **how: Any
             shown.setdefault(label, handle)
     how["loc"] = f"outside {at}"
     figure.legend(list(shown.values()), list(shown), **how)
-
-
-def polar_or_new(ax: Axes | None, height: float) -> PolarAxes:
-    """The polar axes to draw into: the caller's, or those of a new figure."""
-    ax = new_figure(ONE_COLUMN, height).add_subplot(projection="polar") if ax is None else ax
-    assert isinstance(ax, PolarAxes)
-    return ax
 
 
 def polar_grid(ax: PolarAxes, rings: Any, labels: Any = None, at: float = 22.5) -> None:

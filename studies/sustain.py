@@ -99,16 +99,11 @@ def run_sustain(
             "orders": order_table(found),
             "loops": mode_work_table(found),
         }
-        summary = results.write_results(
-            tables,
-            asked
-            | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
-            | {"mean_kn": snapshot.mean_kn}
-            | sustain_summary(found, tables),
-        )
+        told = asked | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
+        told |= sustain_summary(found, tables)
         title, figures = f"Loads that {readable(path.name)} sustains", "sustain_figures"
-        of, given = (snapshot, tables["loops"]), (snapshot, found, tables, summary)
-        results.report_packing(title, summary, of, f"studies.packing_figures.{figures}", *given)
+        figures = f"studies.packing_figures.{figures}"
+        summary = results.write_packing(title, snapshot, found, tables, told, figures)
     parts.remove()
     return summary
 

@@ -49,6 +49,7 @@ from studies.style import (
     key_columns,
     new_figure,
     new_panels,
+    panel,
     say_empty,
     styled,
 )
@@ -106,11 +107,10 @@ def comparison_figures(compared: Compared) -> Drawings:
     yield "stress_strain", lambda: draw_stress_strain(compared)
 
 
-@styled()
-def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
+@panel(height=3.0)
+def draw_stress(found: Followed, ax: Axes) -> None:
     """Axial and lateral stress over the axial strain (Figs. 6 and 8), with the peak if any."""
     diamond = found.gaps is not None
-    ax = axes_or_new(ax, height=2.5 if diamond else 3.0)
     slides, opens, E1 = found.slides, found.opens, found.E1
     confined = np.isin(found.stage, ("isotropic", "confinement"))
     ax.plot(E1, found.s2, color=GREY, linewidth=0.9, label="lateral stress $s_2$")
@@ -133,29 +133,28 @@ def draw_stress(found: Followed, ax: Axes | None = None) -> Axes:
     over_strain(found, ax, found.s1, "stress over $k_n$ (–)", 0.16)
     above: Any = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 2}
     ax.legend(**({"loc": "best"} if diamond else above))
-    return ax
 
 
-@styled()
-def draw_eigenvalues(found: Followed, ax: Axes | None = None) -> Axes:
+@panel()
+def draw_eigenvalues(found: Followed, ax: Axes) -> None:
     """Eigenvalues of K (real parts) and of Ks in (11, 22) along the path, as Fig. 10."""
     values, symmetric = spectrum(found.K).real, symmetric_spectrum(found.K)
     curves = {"$K$": values, "$K_s$": symmetric}
-    return _of_operators(found, ax, curves, symmetric[:, 0], "eigenvalues over $k_n$ (–)")
+    _of_operators(found, ax, curves, symmetric[:, 0], "eigenvalues over $k_n$ (–)")
 
 
-@styled()
-def draw_determinant(found: Followed, ax: Axes | None = None) -> Axes:
+@panel()
+def draw_determinant(found: Followed, ax: Axes) -> None:
     """Determinants of K and of Ks along the path, as Figs. 7 and 9."""
     curves = {r"$\det K$": found.det_K, r"$\det K_s$": found.det_Ks}
-    return _of_operators(found, ax, curves, found.det_K, "determinant (–)")
+    _of_operators(found, ax, curves, found.det_K, "determinant (–)")
 
 
 def _of_operators(
-    found: Followed, ax: Axes | None, curves: dict[str, Floats], marked: Floats, label: str
-) -> Axes:
+    found: Followed, ax: Axes, curves: dict[str, Floats], marked: Floats, label: str
+) -> None:
     """Numbers of K, and dashed of Ks, along the path."""
-    ax, E1 = axes_or_new(ax), found.broken(found.E1)
+    E1 = found.broken(found.E1)
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     for (name, values), colour, style in zip(
         curves.items(), (BLUE, ORANGE), ("-", DASHED), strict=True
@@ -164,13 +163,11 @@ def _of_operators(
         lines[0].set_label(name)
     over_strain(found, ax, marked, label, 0.1)
     ax.legend(loc="best")
-    return ax
 
 
-@styled()
-def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
+@panel(4.2, 2.8)
+def draw_cone(found: Followed, ax: Axes) -> None:
     """Instability cone in (11, 22) along the path, with the path's own direction (Fig. 12)."""
-    ax = axes_or_new(ax, 4.2, 2.8)
     E1, first = found.E1, True
     half = 0.5 * found.plane["cone_opening_deg"].to_numpy()
     half = np.where(half > 0.0, half, np.nan)
@@ -195,13 +192,11 @@ def draw_cone(found: Followed, ax: Axes | None = None) -> Axes:
     ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
     ax.legend(loc="lower left")
-    return ax
 
 
-@styled()
-def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
+@panel(4.2, 2.8)
+def draw_unstable_fraction(found: Followed, ax: Axes) -> None:
     """Share of strain directions with negative work under the operator of the path, by subspace."""
-    ax = axes_or_new(ax, 4.2, 2.8)
     table, E1 = found.subspaces, found.broken(found.E1)
     for subspace, colour, style, label in SUBSPACE_LOOKS:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
@@ -212,7 +207,6 @@ def draw_unstable_fraction(found: Followed, ax: Axes | None = None) -> Axes:
         ax.set_ylim(top=10.0)
     ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])
     ax.legend(loc="best")
-    return ax
 
 
 def over_strain(
@@ -266,7 +260,7 @@ def draw_polar_figure(found: Followed) -> Figure:
     rows, width = -(-count // columns), 0.5 + columns * (TWO_COLUMNS - 0.5) / 3.0
     fig, panels = new_panels(rows, columns, 2.55 * rows + 0.2, width, sharex=True, sharey=True)
     for ax, names in zip(panels.ravel(), panels_of.values(), strict=True):
-        draw_polar(found.directions[names[0]].diagram, ax, ", ".join(names))
+        draw_polar(found.directions[names[0]].diagram, ax=ax, name=", ".join(names))
         slides, degrees = found.sliding(names[0]), found.degrees(names[0]) or {}
         if slides is not None:
             points = operator_diagram(restrict(found.tangents(slides), "diagonal")).points
@@ -284,13 +278,12 @@ def draw_polar_figure(found: Followed) -> Figure:
     return fig
 
 
-@styled()
-def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") -> Axes:
+@panel(2.5, 2.5)
+def draw_polar(diagram: PolarDiagram, ax: Axes, name: str = "") -> None:
     """One polar diagram, as Fig. 11: inside the circle of radius 2 `w2` is negative.
 
     The curve is `(2 + w2) (cos alphaE, sin alphaE)`, `tan(alphaE) = E1'/E2'`.
     """
-    ax = axes_or_new(ax, 2.5, 2.5)
     closed = np.concatenate([diagram.points, diagram.points[:1]])
     angle = np.append(diagram.angle, 2.0 * np.pi)
     circle = RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -306,7 +299,6 @@ def draw_polar(diagram: PolarDiagram, ax: Axes | None = None, name: str = "") ->
     ax.set(xlim=(-3.15, 3.15), ylim=(-3.15, 3.15), aspect="equal")
     ax.set(xticks=[-2, 0, 2], yticks=[-2, 0, 2])
     ax.set(xlabel=r"$(2 + w_2)\,\cos\alpha_E$ (–)", ylabel=r"$(2 + w_2)\,\sin\alpha_E$ (–)")
-    return ax
 
 
 # ---- the loop
@@ -406,10 +398,9 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
 # ---- orders side by side
 
 
-@styled()
-def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
+@panel(4.2, 2.8)
+def draw_critical_strain(compared: Compared, ax: Axes) -> None:
     """Critical isotropic strain over the order, by subspace, with the two thresholds."""
-    ax = axes_or_new(ax, 4.2, 2.8)
     table, kappa = compared.table, compared.options.shared.kappa
     for label, level in (
         (r"$\kappa/(1+\kappa)$", kappa / (1 + kappa)),
@@ -429,7 +420,6 @@ def draw_critical_strain(compared: Compared, ax: Axes | None = None) -> Axes:
     ax.set(ylabel="critical isotropic strain (–)", ylim=(-0.02, None))
     beside = key_columns(figure_of(ax), 3)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside, columnspacing=1.0)
-    return ax
 
 
 @styled()
@@ -455,10 +445,9 @@ def draw_yield_and_peak(compared: Compared) -> Figure:
     return fig
 
 
-@styled()
-def draw_stress_strain(compared: Compared, ax: Axes | None = None) -> Axes:
+@panel(4.6, 3.0)
+def draw_stress_strain(compared: Compared, ax: Axes) -> None:
     """Axial stress over axial strain, one curve per order; a ring where a path ends early."""
-    ax = axes_or_new(ax, 4.6, 3.0)
     shades = colormaps[SEQUENTIAL](np.linspace(0.0, 0.92, len(compared.found)))
     for order, found, shade in zip(compared.options.orders, compared.found, shades, strict=True):
         ax.plot(found.E1, found.s1, color=shade, linewidth=1.1, label=f"{order}")
@@ -466,7 +455,6 @@ def draw_stress_strain(compared: Compared, ax: Axes | None = None) -> Axes:
             ax.plot(found.E1[-1], found.s1[-1], "o", color=shade, markerfacecolor="white")
     ax.set(xlabel="axial strain $E_1$ (–)", ylabel="axial stress $s_1$ (–)", xlim=(0.0, None))
     ax.legend(title="order", loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return ax
 
 
 def _order_axis(ax: Axes, orders: pd.Series) -> None:
@@ -485,7 +473,7 @@ def diamond_figures(
     `added_contact` where contacts are added.
     """
     yield "path_dependence", lambda: draw_path_dependence(path_dependence)
-    yield "axial_stress", lambda: draw_stress(found)
+    yield "axial_stress", lambda: draw_stress(found, ax=axes_or_new(None))
     yield from path_figures(found)
     if "A" in found.marks:
         yield "loop_A", lambda: draw_loops(found, ["A"])

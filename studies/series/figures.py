@@ -54,12 +54,12 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
-    axes_or_new,
     figure_key,
     figure_of,
     key_columns,
     new_figure,
     new_panels,
+    panel,
     say_empty,
     styled,
     write_animation,
@@ -105,10 +105,9 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
     return figure
 
 
-@styled()
-def fates_over_strain(evolution: pd.DataFrame, ax: Axes | None = None) -> Axes:
+@panel(TWO_COLUMNS, 2.6)
+def fates_over_strain(evolution: pd.DataFrame, ax: Axes) -> None:
     """Shares of the loops of each interval that did not survive it, by fate, stacked."""
-    ax = axes_or_new(ax, TWO_COLUMNS, 2.6)
     counts = {name: _column(evolution, name)[1:] for name in FATE_COLOURS}
     total = np.maximum(_column(evolution, "survived")[1:] + sum(counts.values()), 1)
     place, bottom = _column(evolution, "snapshot")[1:], np.zeros(len(total))
@@ -126,13 +125,11 @@ def fates_over_strain(evolution: pd.DataFrame, ax: Axes | None = None) -> Axes:
     ax.set_xticks(place[:: len(place) // 12 + 1])
     ax.set(xlabel="interval, by its later snapshot", ylabel="share of the earlier loops (%)")
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="did not survive")
-    return ax
 
 
-@styled()
-def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
+@panel(4.6, 3.9)
+def exchange_heatmap(exchange: ExchangeCounts, ax: Axes) -> None:
     """Exchange matrix between orders: counts as numbers, shares of each row as colours."""
-    ax = axes_or_new(ax, 4.6, 3.9)
     matrix = exchange_matrix(exchange, LAST_ORDER)
     orders = [*range(3, LAST_ORDER + 1), 0]
     counts = matrix[np.ix_(orders, orders)]
@@ -150,7 +147,6 @@ def exchange_heatmap(exchange: ExchangeCounts, ax: Axes | None = None) -> Axes:
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
     figure_of(ax).colorbar(image, ax=ax, label="share of the row", shrink=0.8, extend="min")
-    return ax
 
 
 @styled()

@@ -38,11 +38,11 @@ from studies.style import (
     SEQUENTIAL,
     SKY,
     VERMILION,
-    axes_or_new,
     figure_key,
     figure_of,
     key_columns,
     new_panels,
+    panel,
     styled,
 )
 
@@ -95,11 +95,10 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
     return figure
 
 
-@styled()
-def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
+@panel(4.6, 4.0)
+def work_map(mapped: MappedInterval, ax: Axes) -> None:
     """Loops of the earlier snapshot by their normalised actual second-order work."""
     before, fates, increments, _ = mapped
-    ax = axes_or_new(ax, 4.6, 4.0)
     work = np.full(len(fates.before), np.nan)
     work[increments["loop_before"]] = increments["w2"]
     palette = mpl.colormaps[DIVERGING].with_extremes(bad=LIGHT_GREY)
@@ -107,7 +106,6 @@ def work_map(mapped: MappedInterval, ax: Axes | None = None) -> Axes:
     draw_scaled(loop_drawer(before), ax, work, palette, Normalize(-1.0, 1.0), **shown)
     handle = Patch(color=LIGHT_GREY, label="did not survive the interval")
     ax.legend(handles=[handle], loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-    return ax
 
 
 @styled()

@@ -59,14 +59,13 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
-    axes_or_new,
     figure_of,
     key_columns,
     new_panels,
     outer_legend,
+    panel,
     panel_width,
     polar_grid,
-    polar_or_new,
     say_empty,
     styled,
 )
@@ -279,14 +278,13 @@ def snapshot_figures(
             yield "in_packing", lambda: in_packing(table, groups, share, at_rest)
 
 
-@styled()
-def order_bars(summary: Summary, ax: Axes | None = None) -> Axes:
+@panel()
+def order_bars(summary: Summary, ax: Axes) -> None:
     """Share of the loops by order: in number, in area, and of unstable and unjudged ones."""
-    ax = axes_or_new(ax)
     if summary["loops"] == 0:
         ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
         say_empty(ax, "no loops")
-        return ax
+        return
     orders = np.array([int(n) for n in summary["orders"]])
     number = np.array(list(summary["orders"].values())) / summary["loops"]
     area = np.array(list(summary["orders_area"].values()))
@@ -309,7 +307,6 @@ def order_bars(summary: Summary, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
     ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    return ax
 
 
 @styled()
@@ -437,10 +434,9 @@ def _joined(segments: Floats) -> list[Floats]:
     return [ended[first::lines].reshape(-1, 2) for first in range(lines)]
 
 
-@styled()
-def fabric_rose(fabric_density: Columns, summary: Summary) -> Axes:
+@panel(height=3.6, projection="polar")
+def fabric_rose(fabric_density: Columns, summary: Summary, ax: PolarAxes) -> None:
     """Density of the contact directions, and its Fourier series of second order."""
-    ax = polar_or_new(None, 3.6)
     _bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
     fabric = summary["contact_fabric"]
     theta = np.linspace(0, 2 * np.pi, 721)
@@ -448,7 +444,6 @@ def fabric_rose(fabric_density: Columns, summary: Summary) -> Axes:
     label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
     ax.plot(theta, density, color=VERMILION, label=label)
     finish_rose(ax, "contact direction", "probability density (1/rad)")
-    return ax
 
 
 def rose_judges(table: Columns) -> tuple[str, ...]:

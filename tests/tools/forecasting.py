@@ -307,7 +307,7 @@ def mean_reaches(known: Calibration) -> pd.Series[float]:
 def figure_of(told: pd.DataFrame, known: Calibration) -> Figure:
     """Reliability of what each series is told by all others; ranking skill over the reach."""
     figure, (panels,) = new_panels(1, 4, 2.9, width_ratios=(1.4, 1, 1, 1))
-    reliability(known, panels[0])
+    reliability(known, ax=panels[0])
     reach = mean_reaches(known)
     for ax, kind in zip(panels[1:], KINDS, strict=True):
         rows = told[(told["kind"] == kind) & told["predictor"].isin(DRAWN)]

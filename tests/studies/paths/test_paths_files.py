@@ -175,11 +175,11 @@ def test_drawing_functions_use_the_axes_they_are_given():
     path = followed(table=1)
     before = {key: matplotlib.rcParams[key] for key in STYLE}
     for draw in (
-        lambda ax: draw_determinant(path, ax),
-        lambda ax: draw_eigenvalues(path, ax),
-        lambda ax: draw_stress(path, ax),
-        lambda ax: draw_cone(path, ax),
-        lambda ax: draw_polar(operator_diagram(path.K[-1]), ax),
+        lambda ax: draw_determinant(path, ax=ax),
+        lambda ax: draw_eigenvalues(path, ax=ax),
+        lambda ax: draw_stress(path, ax=ax),
+        lambda ax: draw_cone(path, ax=ax),
+        lambda ax: draw_polar(operator_diagram(path.K[-1]), ax=ax),
     ):
         ax = Figure().add_subplot()
         assert draw(ax) is ax
