@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from loops import contact_state as contact_state
     from loops import find_faces as find_faces
     from loops import force_chains as force_chains
+    from loops import from_networkx as from_networkx
     from loops import loop_tangents as loop_tangents
     from loops import love_weber_stress as love_weber_stress
     from loops import order_kinetics as order_kinetics
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from patterns import snapshot_from_tables as snapshot_from_tables
     from patterns import synthetic_network as synthetic_network
     from patterns import write_snapshot as write_snapshot
+    from patterns.one_loop import loop as loop
     from stability import Programme as Programme
     from stability import Stage as Stage
     from stability import destabilising_control as destabilising_control
@@ -64,7 +66,6 @@ if TYPE_CHECKING:
     from stability.packing import replay as replay
     from studies import __version__ as __version__
     from studies.answers import check as check
-    from studies.answers import loop as loop
     from studies.evolve import evolve as evolve
     from studies.forecast import forecast as forecast
     from studies.frames import chain_table as chain_table
@@ -103,7 +104,8 @@ MEANT = {
     "rates strain_rate": "rates_at",
     "kinetics tracking": "order_kinetics, fates",
     "chains": "force_chains, chain_table",
-    "polygon hexagon pentagon ring": "regular_polygon, polydisperse_polygon",
+    "polygon hexagon pentagon ring": "regular_polygon, polydisperse_polygon, loop",
+    "networkx": "from_networkx, to_networkx, loop",
     "law linear hertz rolling cohesive": "LinearFrictional, HertzMindlin, CohesiveFrictional, "
     "RollingResistance",
     "boundary cell walls": "Scene(graph, law, boundary); snapshot.scene has them",

@@ -235,7 +235,7 @@ def require_loop(graph: GrainGraph) -> None:
     c = int(wrong[0]) if len(wrong) else len(contacts)
     received = f"grains {contacts[c].tolist()}" if c < len(contacts) else "nothing"
     expected = f"grains [{c % n}, {(c + 1) % n}]: at least 3 grains in order, chords after the ring"
-    remedy = "Renumber the loop, or give the volume and use the affine closure for a packing."
+    remedy = "Order it by gl.loop(graph, law=law); a packing needs volume= and the affine closure."
     raise InputError(f"contact {c} of a loop of {n} grains", received, expected, remedy)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import given, on_parts, use_passes
-from loops.errors import InputError
+from loops.errors import InputError, plain, short
 from loops.shown import Shown
 from loops.validation import check_branches, check_graph, checked_regimes, integers, real
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     import networkx
 
 
+# Faults of a networkx graph that one message names.
+MOST_NAMED = 5
 # Fields with a number for each contact, (..., C).
 CONTACT_FIELDS = ("normal_force", "shear_force", "regime", "rolling_moment")
 
@@ -429,7 +432,11 @@ def graph_of(subject: GrainGraph | HasGraph) -> GrainGraph:
     if not isinstance(graph, GrainGraph):
         expected = "a graph, or a loop, scene or snapshot"
         remedy = "Give what gl.read_snapshot or gl.loop returns."
-        raise InputError("first argument", type(subject).__name__, expected, remedy)
+        if hasattr(subject, "adj"):
+            remedy = "Give gl.loop(network, law=law), or gl.from_networkx(network) and the law."
+        kind = type(subject)
+        received = f"networkx.{kind.__name__}" if hasattr(subject, "adj") else kind.__name__
+        raise InputError("first argument", received, expected, remedy)
     return graph
 
 
@@ -532,8 +539,9 @@ def to_networkx(graph: GrainGraph | HasGraph) -> networkx.MultiGraph:
 def from_networkx(network: networkx.Graph) -> GrainGraph:
     """Grain graph from a networkx graph.
 
-    Nodes need `x` (a pair) and `radius`; `x0` is optional. Edges may carry `normal_force`,
-    `shear_force`, `image`, `contact` (their place in the order), `i`, `j` (their direction), and
+    Nodes need `x` (a pair, or `x` and `y`) and `radius`; `x0` (a pair) is optional. Edges may
+    carry `normal_force`, `shear_force`, `image`, `contact` (their place in the order), `i`, `j`
+    (their direction), and
     all of them `regime` or `rolling_moment`;
     the graph may carry `cell` and `cell0`. Grains are numbered in the order of the nodes.
 
@@ -550,7 +558,7 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     Raises
     ------
     InputError
-        Naming the node that lacks `x` or `radius`, and as `GrainGraph`.
+        Naming the nodes that lack `x` or `radius`, and as `GrainGraph`.
 
     Examples
     --------
@@ -561,20 +569,31 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     >>> from_networkx(network).contacts.tolist()
     [[0, 1], [0, 3], [1, 2], [2, 3]]
     """
+    if not hasattr(network, "adj"):
+        received, remedy = type(network).__name__, "Give networkx.Graph() with x and radius."
+        raise InputError("network", received, "a graph of networkx", remedy)
     number = {node: k for k, node in enumerate(network.nodes)}
+    faults = []
     for node, data in network.nodes(data=True):
-        for name in ("x", "radius"):
-            if name not in data:
-                received, expected = f"attributes {sorted(data)}", f"the attribute {name!r}"
-                raise InputError(f"node {node!r}", received, expected, "Set it on every node.")
-    nodes = [data for _, data in network.nodes(data=True)]
+        names = ("x", "radius") if np.ndim(data.get("x", ())) else ("x", "y", "radius")
+        if lacks := [name for name in names if name not in data]:
+            faults.append(f"node {node!r} without {', '.join(map(repr, lacks))}")
+        elif not (isinstance(plain(data["radius"]), Real) and data["radius"] > 0.0):
+            faults.append(f"node {node!r} with radius {short(data['radius'])}")
+    if faults:
+        expected = "x (a pair, or x and y) and a positive radius on every node"
+        raise InputError("networkx graph", "; ".join(faults[:MOST_NAMED]), expected, "Set them.")
+    nodes = [
+        data if np.ndim(data["x"]) else data | {"x": (data["x"], data["y"])}
+        for _, data in network.nodes(data=True)
+    ]
     edges = list(network.edges(data=True))
     edges.sort(key=lambda edge: edge[2].get("contact", 0))
     cell = network.graph.get("cell")
     return GrainGraph(
-        x=np.array([data["x"] for data in nodes], dtype=float).reshape(-1, 2),
-        x0=np.array([data.get("x0", data["x"]) for data in nodes], dtype=float).reshape(-1, 2),
-        radii=np.array([data["radius"] for data in nodes], dtype=float),
+        x=[data["x"] for data in nodes] or np.empty((0, 2)),
+        x0=[data.get("x0", data["x"]) for data in nodes] or np.empty((0, 2)),
+        radii=[data["radius"] for data in nodes],
         contacts=np.array(
             [[number[data.get("i", a)], number[data.get("j", b)]] for a, b, data in edges],
             dtype=np.int64,

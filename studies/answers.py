@@ -1,4 +1,4 @@
-"""Answers of the front door about a sample: `check` and `loop`."""
+"""The answer of the front door to `check`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import pandas as pd
 
 from loops.scene import Subject
 from loops.shown import Shown
-from patterns import Snapshot, loop_of_snapshot
+from patterns import Snapshot
 from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_severity
-from patterns.snapshots.snapshot import SnapshotLoop, snapshot_of
+from patterns.snapshots.snapshot import snapshot_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,33 +57,3 @@ def check(snapshot: Snapshot | Subject) -> Check:
     snapshot = snapshot_of(snapshot)
     findings = (*snapshot.findings, crossings(snapshot.graph))
     return Check(worst_severity(findings), findings)
-
-
-def loop(snapshot: Snapshot | Subject, number: int) -> SnapshotLoop:
-    """Take one loop out of a snapshot; every question about a scene takes it.
-
-    Parameters
-    ----------
-    snapshot : Snapshot or Scene
-        With a law.
-    number : int
-        Of the loop in the column `loop` of `loop_table`.
-
-    Returns
-    -------
-    SnapshotLoop
-        `graph`, `law`, `regime`, `ids` of its grains, `scene`.
-
-    Raises
-    ------
-    InputError
-        If there is no loop of that number.
-
-    Examples
-    --------
-    >>> from patterns import read_snapshot, sample_path
-    >>> one = loop(read_snapshot(sample_path()), 62)
-    >>> one.graph.grain_count == len(one.ids), one.scene.boundary.kind
-    (True, 'free')
-    """
-    return loop_of_snapshot(snapshot_of(snapshot), number)

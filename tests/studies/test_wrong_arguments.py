@@ -157,7 +157,11 @@ CALLS = {
     "increments": ({"before": "sample", "after": "sample"}, "before:sample after:sample"),
     "indicators": ({"scene": "packing"}, "scene:sample faces:result nonaffinity:shaped"),
     "judge": ({"K": "tangent"}, "K:shaped subspace:choice rtol:number error:number kn:number"),
-    "loop": ({"snapshot": "sample", "number": 62}, "snapshot:sample number:count"),
+    "from_networkx": ({"network": gl.to_networkx(gl.regular_polygon(5))}, "network:graph"),
+    "loop": (
+        {"source": "sample", "number": 62},
+        "source:sample number:count law:law tolerance:number",
+    ),
     "loop_domain": (
         {"loop": "loop", "closure": "affine", "directions": 4},
         "loop:sample closure:choice spins:choice control:choice directions:count",
