@@ -8,14 +8,14 @@ import os
 import shutil
 import time
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
 from functools import cache
 from glob import escape
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 import numpy as np
@@ -257,6 +257,21 @@ def remove_listed(out: Path) -> None:
         path = out / str(name)
         if path.parent == out and path.is_file():
             path.unlink()
+
+
+def write_whole(file: Path, write: Callable[[BinaryIO], Any]) -> None:
+    """Write a file under another name, then rename it: it is there whole or not at all."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # Two workers may write the same part if one of them was believed lost.
+    partial = file.with_name(f"{UNFINISHED}-{uuid4().hex}")
+    try:
+        with open(partial, "wb") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, file)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -29,7 +30,7 @@ from studies.frames import loop_work_table, order_work_table
 from studies.output import UNITS, Summary, components, definitions, readable, values_of
 from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
-from studies.series.workers import open_runner
+from studies.series.workers import in_directions, open_runner
 from studies.snapshot.in_packing import (
     balance_notes,
     held_snapshot,
@@ -88,12 +89,9 @@ def run_probe(
             notes += balance_notes(snapshot)
 
             def shared(stages: Sequence[Stage]) -> Sequence[FollowedPath]:
-                tasks = [
-                    _Direction(k, snapshot.scene, asked.past, one) for k, one in enumerate(stages)
-                ]
+                one = partial(_follow, snapshot.scene, asked.past)
                 with open_runner(workers, scheduler, []) as runner:
-                    done = dict(runner(_follow, tasks))
-                paths[:], reached[:] = zip(*(done[k] for k in range(len(done))), strict=True)
+                    paths[:], reached[:] = zip(*in_directions(runner, one, stages), strict=True)
                 return paths
 
             found = probe_to(found, snapshot.scene, amplitude, shared)
@@ -188,28 +186,14 @@ def probe(
     return probe_packing(at_rest, directions, **how)
 
 
-@dataclass(frozen=True, eq=False)
-class _Direction:
-    """Task of a worker: one direction to follow."""
-
-    number: int
-    scene: Scene
-    past: Past
-    stage: Stage
-
-    @property
-    def name(self) -> str:
-        return f"direction {self.number}"
-
-
-def _follow(one: _Direction) -> tuple[int, tuple[FollowedPath, float]]:
+def _follow(scene: Scene, past: Past, stage: Stage) -> tuple[FollowedPath, float]:
     """The path of a direction, and what it has reached: its last row may lie before."""
     reached = [0.0]
     path = follow(
-        one.scene, one.stage, closure="packing", past=one.past,
+        scene, stage, closure="packing", past=past,
         progress=lambda done: reached.__setitem__(0, done),
     )  # fmt: skip
-    return one.number, (path, max(reached[0], float(path.parameter[-1])))
+    return path, max(reached[0], float(path.parameter[-1]))
 
 
 def probe_table(found: Probe) -> pd.DataFrame:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import pickle
-import shutil
 from collections.abc import Iterable
-from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
@@ -35,14 +32,13 @@ from studies.output import (
     code_version,
     components,
     definitions,
-    errors_of,
     readable,
     require_folder,
     values_of,
 )
 from studies.questions import Sustaining, taken
 from studies.reading import read_planar, reading
-from studies.series.workers import Runner, open_runner
+from studies.series.workers import Store, in_directions, open_runner
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study
 
@@ -82,15 +78,17 @@ def run_sustain(
     files = files_of(how)
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
     require_folder(out, force=files.get("force", False))
-    parts = _Parts(out.absolute(), "")
     with study("sustain", out, configuration, UNITS, **files) as results:
         moving = read_planar(path, **how)
         _followable(moving.scene, asked["subspace"])
         snapshot, held = held_snapshot(moving, control)
         scene = snapshot.scene
-        parts = _Parts(out.absolute(), _digest(scene, asked))
+        store = Store(out.absolute(), _digest(scene, asked))
         with open_runner(workers, scheduler, []) as runner:
-            follow = partial(_followed, runner, parts, partial(_Direction, scene))
+
+            def follow(directions: Floats, loading: Loading) -> list[LoadedPath]:
+                return in_directions(runner, partial(_load, scene, loading), directions, store)
+
             found = sustain_packing(scene, **asked, follow=follow)
         tables = {
             "sustain": direction_table(found),
@@ -104,7 +102,7 @@ def run_sustain(
         title, figures = f"Loads that {readable(path.name)} sustains", "sustain_figures"
         figures = f"studies.packing_figures.{figures}"
         summary = results.write_packing(title, snapshot, found, tables, told, figures)
-    parts.remove()
+    store.remove()
     return summary
 
 
@@ -200,35 +198,8 @@ def _followable(scene: Scene, subspace: Subspace) -> None:
     contacts_at_start(scene, still=True)
 
 
-@dataclass(frozen=True, eq=False)
-class _Direction:
-    """Task of a worker: one direction to load."""
-
-    scene: Scene
-    number: int
-    direction: Floats
-    loading: Loading
-
-    @property
-    def name(self) -> str:
-        return f"direction {self.number}"
-
-
-def _load(one: _Direction) -> tuple[int, LoadedPath]:
-    return one.number, load_path(one.scene, one.direction, one.loading, one.scene.faces)
-
-
-def _followed(
-    runner: Runner, parts: _Parts, task: partial[_Direction], directions: Floats, loading: Loading
-) -> list[LoadedPath]:
-    """Paths of all directions, independent of the number of processes; finished ones are kept."""
-    found = {k: path for k in range(len(directions)) if (path := parts.read(k)) is not None}
-    left = [task(k, one, loading) for k, one in enumerate(directions) if k not in found]
-    with closing(runner(_load, left)) as answers:
-        for number, path in answers:
-            parts.write(number, path)
-            found[number] = path
-    return [found[k] for k in range(len(directions))]
+def _load(scene: Scene, loading: Loading, direction: Floats) -> LoadedPath:
+    return load_path(scene, direction, loading, scene.faces)
 
 
 def _digest(scene: Scene, asked: dict[str, Any]) -> str:
@@ -250,38 +221,6 @@ def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     for values in (*numbers, graph.shear_force, *of_law):
         digest.update(np.ascontiguousarray(values).tobytes())
     return f"{digest.hexdigest()}-{law.shear_increment}-{law.shear_history}"
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Finished directions of an unfinished run, one file each in a folder beside the results."""
-
-    out: Path
-    digest: str
-
-    @property
-    def folder(self) -> Path:
-        return self.out.parent / f".{self.out.name}.directions"
-
-    def _file(self, number: int) -> Path:
-        return self.folder / f"{self.digest}-{number:05d}.pickle"
-
-    def read(self, number: int) -> LoadedPath | None:
-        """A direction that was finished before; None if it was not."""
-        file = self._file(number)
-        return pickle.loads(file.read_bytes()) if file.is_file() else None
-
-    def write(self, number: int, path: LoadedPath) -> None:
-        """Keep a finished direction as processes pass it on; the file appears when it is whole."""
-        with errors_of(self.out):
-            self.folder.mkdir(parents=True, exist_ok=True)
-            partial_file = self.folder / f"{number}.partial"
-            partial_file.write_bytes(pickle.dumps(path))
-            partial_file.replace(self._file(number))
-
-    def remove(self) -> None:
-        """Remove the folder: the results are written."""
-        shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def direction_table(found: Sustained) -> pd.DataFrame:

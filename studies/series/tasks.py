@@ -9,11 +9,10 @@ import errno
 import json
 import os
 import shutil
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -41,6 +40,7 @@ from studies.output import (
     remove_listed,
     remove_results,
     require_folder,
+    write_whole,
 )
 from studies.reading import PlannedSnapshot
 from studies.series.evolution import (
@@ -87,9 +87,8 @@ def series_folder(
                         raise
                     remove_results(out)
             remove_listed(out)
-            partial = out / f".{SERIES}"
-            partial.write_text(as_json(contents) + "\n")
-            os.replace(partial, out / SERIES)
+            described = (as_json(contents) + "\n").encode()
+            write_whole(out / SERIES, lambda file: file.write(described))
             try:
                 yield
             except InputError:
@@ -133,20 +132,10 @@ def _require_same(out: Path, contents: dict[str, Any]) -> None:
 
 
 def write_part(path: Path, columns: Mapping[str, Any], about: Mapping[str, Any]) -> None:
-    """Write one part under a temporary name, then rename it."""
+    """Write one part, whole or not at all."""
     arrays = {name: pa.array(values) for name, values in columns.items()}
     table = described_table(f"series/{path.parent.name}", arrays, {KEY: as_json(about).encode()})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # Two workers may write the same part if one of them was believed lost.
-    partial = path.with_name(f"{UNFINISHED}-{uuid.uuid4().hex}")
-    try:
-        with open(partial, "wb") as file:
-            pyarrow.parquet.write_table(table, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, partial(pyarrow.parquet.write_table, table))
 
 
 def read_about(path: Path) -> dict[str, Any] | None:

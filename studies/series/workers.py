@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import pickle
+import shutil
 import signal
 import sys
 import threading
@@ -12,7 +14,8 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
@@ -22,8 +25,8 @@ from typing import Any, TypeVar
 import scipy.linalg  # noqa: F401
 
 from loops import InputError
-from loops.arrays import available_cores
-from studies.output import code_version
+from loops.arrays import Floats, available_cores
+from studies.output import code_version, errors_of, write_whole
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")
@@ -62,6 +65,75 @@ def run_here(function: Callable[[Asked], Answer], tasks: Sequence[Asked]) -> Gen
     """Yield the answers one after the other, in this process."""
     for task in tasks:
         yield function(task)
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """Task of a worker: a function of one of many directions, by their numbers."""
+
+    number: int
+    function: Callable[[Any], Any]
+    given: Any
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        return f"direction {self.number}"
+
+
+def _answer(task: Direction) -> tuple[int, Any]:
+    return task.number, task.function(task.given)
+
+
+@dataclass(frozen=True)
+class Store:
+    """Finished directions of an unfinished run, by a digest of what they depend on.
+
+    One file each in a folder beside the results in `out`.
+    """
+
+    out: Path
+    digest: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the files."""
+        return self.out.parent / f".{self.out.name}.directions"
+
+    def file(self, number: int) -> Path:
+        """File of a direction."""
+        return self.folder / f"{self.digest}-{number:05d}.pickle"
+
+    def read(self, count: int) -> dict[int, Any]:
+        """Return the finished ones of so many directions."""
+        files = {number: self.file(number) for number in range(count)}
+        return {k: pickle.loads(one.read_bytes()) for k, one in files.items() if one.is_file()}
+
+    def write(self, number: int, answer: Any) -> None:
+        """Keep a finished direction as processes pass it on."""
+        with errors_of(self.out):
+            write_whole(self.file(number), partial(pickle.dump, answer))
+
+    def remove(self) -> None:
+        """Remove the folder: the results are written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def in_directions(
+    runner: Runner,
+    function: Callable[[Any], Answer],
+    given: Sequence[Any] | Floats,
+    store: Store | None = None,
+) -> list[Answer]:
+    """Answers for all directions, independent of the number of processes; a store keeps them."""
+    found = {} if store is None else store.read(len(given))
+    left = [Direction(k, function, one) for k, one in enumerate(given) if k not in found]
+    with closing(runner(_answer, left)) as answers:
+        for number, answer in answers:
+            if store is not None:
+                store.write(number, answer)
+            found[number] = answer
+    return [found[k] for k in range(len(given))]
 
 
 # Measured beside loky (joblib): after `kill -9` of the parent the workers of either live on: both
