@@ -17,8 +17,8 @@ from loops.arrays import Floats
 from loops.contacts import Contacts
 from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
-from stability.packing.state import jumped
-from stability.packing.strain_increment import RELEASED, Within
+from stability.packing.state import RELEASED, jumped
+from stability.packing.strain_increment import Within
 from stability.path import Event, How, Past
 
 

@@ -81,9 +81,8 @@ def follow_packing(
     met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)
     if not (met and solver.history):
         return path
-    stage = stages[solver.stage]
     limit, spread = halved(
-        solver, lambda size: solver.ends(stage, size, o.instabilities), lambda: solver.parameter
+        solver, lambda size: solver.ends(size, o.instabilities), lambda: solver.point.parameter
     )
     message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
     return replace(path, message=message, limit=limit, limit_spread=spread)
@@ -107,18 +106,16 @@ def halved(
     """
     limit = value()
     for _ in range(MOST_HALVINGS):
-        end = solver.saved()
-        back = max(LEAST_STRETCH, math.ceil(STRETCH * solver.intervals))
-        back = min(back, len(solver.history))
+        end = solver.point
+        back = min(max(LEAST_STRETCH, math.ceil(STRETCH * end.intervals)), len(solver.history))
         for _ in range(back):
-            start = solver.history.pop()
-        solver.restore(start)
+            solver.point = solver.history.pop()
         # Half of what the intervals were in the mean: one that a limit ends is shorter.
-        solver.size = 0.5 * float(np.linalg.norm(end["F"] - solver.F)) / back
-        if not (solver.size > 0 and ends(solver.size)):
+        size = 0.5 * float(np.linalg.norm(end.F - solver.point.F)) / back
+        if not (size > 0 and ends(size)):
             # In halves it goes on, or nothing moved.
-            solver.restore(end)
-            return limit, math.inf if solver.size > 0 else 0.0
+            solver.point = end
+            return limit, math.inf if size > 0 else 0.0
         coarse, limit = limit, value()
         if abs(coarse - limit) <= CONVERGED * abs(limit):
             return limit, abs(coarse - limit) / max(abs(limit), 1e-300)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Regimes
-from loops.contacts import Contacts
+from loops.arrays import Floats
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import slip_system
-from stability.packing.regime_factor import ELASTIC, RegimeFactor
+from stability.packing.point import PackingPoint
+from stability.packing.regime_factor import ELASTIC, Memory, RegimeFactor
 from stability.path import Pathologies
 from stability.regimes import SlipProblem, agreeing
 
@@ -22,35 +22,29 @@ MOST_CANDIDATES = 192
 FEW_STARTS = 5
 
 
-def pathologies(
-    state: Contacts,
-    regime: Regimes,
-    side: Floats,
-    control: MixedControl,
-    held: Flags,
-    before: RegimeFactor | None = None,
-) -> tuple[Pathologies, RegimeFactor]:
-    """Look at the matrix of the candidates of a state; the factor is `before` of the next call.
+def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Pathologies, Memory]:
+    """Look at the matrix of the candidates of a state, with a factor of its own.
 
-    Pairs that are `held` have no regimes of their own.
+    Its memory is `before` of the next call. Pairs of grains that carry nothing have no regimes.
     """
+    state, regime, control = point.state, point.regime, point.control()
     N = np.tile(state.normal_force, state.law.springs)
     T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
-    none = np.zeros(3 * len(state.x))
-    packing = RegimeFactor(state, state.records(), regime, side, none, before)
+    packing = RegimeFactor(state, regime, point.side, memory=before)
+    held = np.resize(point.absent, len(regime))
     candidates = packing.at_yield(N, T, held)
     stuck = candidates[regime[candidates] == ELASTIC]
     packing.side[stuck] = np.sign(T[stuck])
     w2, m = _second_order_work(packing, control), len(candidates)
     if m > MOST_CANDIDATES:
         said = f"{m} candidates, {MOST_CANDIDATES} at most"
-        return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing
+        return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing.memory
     if m == 0:
-        return _judged(np.zeros(0), np.eye(0), w2), packing
+        return _judged(np.zeros(0), np.eye(0), w2), packing.memory
     low = packing.rounding(packing.solve(*control))
     q, M = slip_system(packing, control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
-    return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing
+    return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing.memory
 
 
 def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:

@@ -16,6 +16,9 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import Contacts
 from loops.laws.of_pairs import SMALL_OVERLAP
+from stability.packing.point import PackingPoint
+from stability.packing.regime_factor import ELASTIC, OPEN
+from stability.packing.state import RELEASED
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
 # start and until it finds no room. Grains of held states have 1e-6 or 7e-3 and more.
@@ -43,6 +46,8 @@ BENDS = 1e-3
 # A grain whose resultant is below this share of its largest force is in balance. One that is not
 # still moves out of overlap, as a chain of two discs does, which no friction holds.
 IN_BALANCE = 1e-3
+# Share of the gap up to which pairs are listed that a coasting grain goes in an interval at most.
+MOST_COAST = 0.25
 
 
 class Freed(NamedTuple):
@@ -78,6 +83,43 @@ def carrying_nothing(state: Contacts, share: float, closed: Flags | None = None)
         if (found == idle).all():
             return found
         idle = found
+
+
+def settle(
+    end: PackingPoint, start: PackingPoint | None, duration: float, coasting: bool = False
+) -> PackingPoint:
+    """Return the end of an interval where grains that carry nothing leave the system, or join it.
+
+    Those of the interval did not carry in it. Where these are `coasting` they go on as in the
+    interval before, no further than pairs are listed, and what they meet pushes them out of
+    overlap. After a motion, without a `start`, all of them are found anew.
+    """
+    before, state, goes_on = end.rattlers, end.state, coasting and start and duration > 0.0
+    if goes_on:
+        step = end.coast * duration
+        most = MOST_COAST * end.listed_gap / np.maximum(np.linalg.norm(step, axis=1), 1e-300)
+        state = replace(state, x=state.x + np.minimum(1.0, most)[:, None] * step)
+    state, rattlers, released = free_rattlers(state, before if start else None)
+    moved, on = state.x - end.state.x, rattlers & before
+    coast = np.where(on[:, None], moved / duration, 0.0) if goes_on else np.zeros_like(moved)
+    caught, share = np.zeros_like(rattlers) if start is None else start.rattlers & ~rattlers, 1.0
+    if start and caught.any():
+        share = share_until_caught(start.state, end.state, caught, before)
+    work = end.work.copy()
+    work[RELEASED] += released
+    closed, regime = np.resize(state.closed, len(end.regime)), end.regime
+    regime = np.where(closed, np.where(regime == OPEN, ELASTIC, regime), OPEN)
+    return replace(
+        end,
+        state=state,
+        regime=regime.astype(np.int8),
+        rattlers=rattlers,
+        coast=coast,
+        carried=np.where(rattlers[:, None], 0.0, end.carried),
+        work=work,
+        free_share=share,
+        wandered=end.wandered + float(np.abs(moved).max()),
+    )
 
 
 def free_rattlers(state: Contacts, before: Flags | None = None) -> Freed:

@@ -9,10 +9,9 @@ motion is `V h + U w`, `h` being the strain rate and the load.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
@@ -45,6 +44,13 @@ class Combination(NamedTuple):
     w: Floats
 
 
+class Memory(NamedTuple):
+    """The order of elimination and the columns' memory, which the next factor takes over."""
+
+    order: Order | None
+    U: Floats
+
+
 class Small(NamedTuple):
     """The matrix `1 + C` of the columns, eliminated; order of its rows, sign of its determinant.
 
@@ -68,36 +74,41 @@ class Small(NamedTuple):
 class RegimeFactor:
     """A factor of `K` in reference regimes, and `K` in other ones through its columns.
 
-    `frame` are the records of the pairs, then of their springs against rolling if there are any;
-    `regime` and `side` of each its regime and the sign of its slip, `time_to_event` as far as
-    known. `set_regime` changes them. The order of elimination and the memory are those of the
-    increment `before`.
+    `frame` are the records of the pairs, with springs as over `reach`, then of their springs
+    against rolling if there are any; `regime` and `side` of each its regime and the sign of its
+    slip, `time_to_event` as far as known. `set_regime` changes them.
     """
 
     def __init__(
         self,
         state: Contacts,
-        frame: NDArray[Any],
         regime: Regimes,
         side: Floats,
-        load: Floats,
-        before: RegimeFactor | None = None,
+        load: Floats | None = None,
+        reach: float = 0.0,
+        memory: Memory | None = None,
     ) -> None:
-        self.order: Order | None = before.order if before else None
-        self.U: Floats = before.U if before else np.empty((ROOM, 3 * len(state.x)))
-        self.frame = frame
+        freedoms = 3 * len(state.x)
+        self.order, self.U = memory or Memory(None, np.empty((ROOM, freedoms)))
+        self.frame, self.reach = state.records(reach), reach
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
         self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
-        self.load, self.ground_spring = load, np.zeros(self.count)
+        self.load = np.zeros(freedoms) if load is None else load
+        self.ground_spring = np.zeros(self.count)
         self.time_to_event = np.full(len(self.frame), np.inf)
         # Cached yield-function rates of contacts: value per motion, number of motions, slip sign.
         self.yield_rates = np.empty((len(self.frame), 5 + ROOM))
         self.motion_count = np.zeros(len(self.frame), dtype=np.int64)
         self.slip_sign = np.zeros(len(self.frame))
         self.factorise()
+
+    @property
+    def memory(self) -> Memory:
+        """What the next factor takes over."""
+        return Memory(self.order, self.U)
 
     def rounding(self, rates: Combination) -> float:
         """Return the rate of the yield function below which it is rounding."""

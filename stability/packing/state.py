@@ -7,6 +7,10 @@ import numpy as np
 from loops.arrays import Floats
 from loops.contacts import PackingState
 
+# Columns of `Path.work` after that of the control.
+SLIP = 1
+INCREMENT = 2
+RELEASED = 3
 # Largest change of the stress in an interval, over itself: beyond, the interval met a jump.
 JUMP = 0.5
 # Largest motion of a centre against the others in an interval, over the mean diameter.

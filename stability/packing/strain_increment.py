@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Flags, Floats, Regimes
+from loops.arrays import Flags, Floats
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import disagreeing, pivot, seek
+from stability.packing.point import PackingPoint
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -26,7 +27,8 @@ from stability.packing.regime_factor import (
     Combination,
     RegimeFactor,
 )
-from stability.path import Event, EventKind, Spring, reason
+from stability.packing.state import INCREMENT, RELEASED, SLIP
+from stability.path import Event, EventKind, Spring
 
 # Events of one contact within an increment; at the next one it is damped or held.
 CHATTER = 12
@@ -37,25 +39,8 @@ GROUND_SPRINGS = (1e-3, 1e-2, 1e-1, 0.0)
 # which from then on is this one (in kn).
 RUNS_AWAY = 0.01
 HELD_BACK = 1e-4
-# Columns of `Path.work`.
-SLIP = 1
-INCREMENT = 2
-RELEASED = 3
-
-
-class ControlLimitError(Exception):
-    """The control asks for ever more strain."""
-
-
-class InstabilityError(Exception):
-    """Equilibrium is lost at a contact: the event that it is.
-
-    No regimes of the contact agree with its rates, or it opens under a pull that drops at once.
-    """
-
-    def __init__(self, event: Event) -> None:
-        super().__init__(f"contact {event.contacts[0]}: {reason(event)}")
-        self.event = event
+# Largest strain speed over the smallest of the stage; beyond, the control has met its limit.
+MAX_SPEED_RATIO = 1e3
 
 
 class Within(NamedTuple):
@@ -65,52 +50,43 @@ class Within(NamedTuple):
     spring: float
 
 
-class Goal(NamedTuple):
-    """End of the increment: when `strain . H' + stress . P' + time` has grown by `left`."""
-
-    left: float
-    strain: Floats
-    stress: Floats
-    time: float
-
-
 class StrainIncrement:
-    """A packing under a control for a `duration` of the loading parameter, to its goal or a strain.
+    """A packing under its stage for a `duration` of the loading parameter, to its goal or a strain.
 
-    `load` are the resultants on the grains that a load balances, which decrease at the rate
-    `relief`. Instabilities are passed by a function as `stability.packing.past.viscous`; without
-    one they end the increment (`InstabilityError`).
+    Its load decreases by a share `relief` of the resultants of the start, and takes up what is out
+    of balance. Instabilities are passed by a function as `stability.packing.past.viscous`; without
+    one they end the increment. What happens is added to the `events`.
     """
 
     def __init__(
         self,
+        point: PackingPoint,
         packing: RegimeFactor,
-        state: Contacts,
-        reach: float,
-        control: MixedControl,
-        load: Floats,
-        relief: Floats,
+        size: float,
         duration: float,
-        goal: Goal,
-        largest_strain: float,
-        max_strain_speed: float,
+        relief: float,
         past: Callable[[Any, Event, MixedControl], Any] | None,
-        rattlers: Flags,
+        events: list[Event],
     ) -> None:
-        self.packing, self.state, self.reach = packing, state, reach
-        self.control, self.duration = control, duration
-        self.load, self.relief = load.copy(), relief.copy()
-        self.goal, self.left, self.left_to_strain = goal, goal.left, largest_strain
-        self.max_strain_speed, self.past = max_strain_speed, past
+        self.point, self.packing, self.state = point, packing, point.state
+        self.control, self.duration, self.past = point.control(1.0 / duration), duration, past
+        self.goal = point.goal()
+        # Under given strain rates its time ends it, to rounding.
+        self.left, self.left_to_strain = self.goal.left, (1.0 + 1e-9) * size
+        state, law = point.state, point.state.law
+        scale = np.tile([1.0, 1.0, 1.0 / packing.length], len(state.x))
+        self.relief_rate = relief / duration
+        self.load = point.balance.ravel() * scale
+        self.relief = relief * point.carried.ravel() * scale / duration
+        # Remove the force imbalance over this interval by adding it as a load.
+        packing.set_load(point.imbalance.ravel() * scale / duration + self.relief)
         # Grains that carry nothing, and the pairs that they are in: never in touch.
-        self.rattlers = rattlers.copy()
-        self.absent: Flags = np.asarray(rattlers[state.contacts].any(axis=1))
-        self.touching = np.where(self.absent, 0.0, state.law.touching)
+        self.rattlers, self.absent = point.rattlers.copy(), point.absent
+        self.touching = np.where(self.absent, 0.0, law.touching)
         # The kernels change these in place.
-        self.N = np.tile(state.normal_force, state.law.springs)
-        moment = state.rolling_moment / packing.length
-        self.T = state.law.of_springs(state.shear_force, moment)
-        self.gap = np.maximum(state.length - state.law.touching, 0.0)
+        self.N = np.tile(state.normal_force, law.springs)
+        self.T = law.of_springs(state.shear_force, state.rolling_moment / packing.length)
+        self.gap = np.maximum(state.length - law.touching, 0.0)
         self.rates = np.empty((len(self.N), 4))
         # Whether it ended at its goal.
         self.time, self.reached = 0.0, False
@@ -120,19 +96,24 @@ class StrainIncrement:
         # Pairs without events: absent ones, and contacts that are held.
         self.held = np.resize(self.absent, len(self.N))
         self.event_count: Counter[int] = Counter()
-        self.events: list[Event] = []
+        self.events = events
 
-    def run(self) -> None:
-        """Go from event to event to the end of the increment."""
+    def run(self) -> Event | None:
+        """Go from event to event to the end of the increment; or to the loss that ends it before.
+
+        That is an instability, a contact that pulls off, or the limit of the control.
+        """
         from stability.compiled.packing_rates import earliest, stress_rate
 
         packing, goal = self.packing, self.goal
         rates = self._settled()
         while self.time < self.duration and self.left_to_strain > 0:
+            if isinstance(rates, Event):
+                return rates
             h, v = rates.h, packing.motion(rates)
             strain_speed = float(np.linalg.norm(h[:4]))
-            if not strain_speed <= self.max_strain_speed:
-                raise ControlLimitError
+            if not strain_speed <= MAX_SPEED_RATIO * self.point.slowest:
+                return self._event("control_limit")
             left = min(self.duration - self.time, self.left_to_strain / strain_speed)
             # The earliest event: time from now, contact, and its side if it yields.
             pairs = packing.frame, packing.regime, packing.side
@@ -157,11 +138,16 @@ class StrainIncrement:
             self.left_to_strain -= strain_speed * min(step, left)
             if step >= left:
                 self._advance(h, v, max(left, 0.0))
-                return
+                return None
             self.reached = False
             self._advance(h, v, step)
-            self._change(c, kind, rates)
-            rates = self._settled()
+            rates = self._change(c, kind, rates) or self._settled()
+        return rates if isinstance(rates, Event) else None
+
+    @property
+    def before_its_end(self) -> bool:
+        """Whether the goal was reached, and there is time left."""
+        return self.reached and self.time < self.duration
 
     def _held_back(self, v: Floats, step: float, strain_speed: float) -> bool:
         """Hold grains that no contact stops, turned by the friction of one; whether any are."""
@@ -199,23 +185,22 @@ class StrainIncrement:
         self.u += step * v
         self.time += step
 
-    def _change(self, c: int, kind: EventKind, rates: Combination) -> None:
-        """Change the regime of a contact at its event; end its rattling."""
+    def _change(self, c: int, kind: EventKind, rates: Combination) -> Event | None:
+        """Change the regime of a contact at its event; end its rattling. The loss, if it is one."""
         self.event_count[c] += 1
         packing = self.packing
         if self.event_count[c] <= CHATTER:
             if kind == "yield":
-                self._pivot(c, rates)
-            elif kind == "closing":
-                self._end_forces(c, SLIP)
-                self._close(c)
-                self._tell(kind, c)
-            else:
-                self._part(c)
-            return
+                return self._pivot(c, rates)
+            if kind == "opening":
+                return self._part(c)
+            self._end_forces(c, SLIP)
+            self._close(c)
+            self._tell(kind, c)
+            return None
         self.event_count[c] = 0
         if self._free(c, LIGHT_SHARE):
-            return
+            return None
         # A grain of fewer than three contacts is held by a ground spring; else the contact is.
         pair = packing.frame["grains"][c]
         closed = np.flatnonzero(packing.regime[: packing.pair_count] != OPEN)
@@ -223,26 +208,28 @@ class StrainIncrement:
         loose = pair[degree == degree.min()]
         spring = 10.0 * max(float(packing.ground_spring[loose].max()), GROUND_SPRINGS[0])
         if degree.min() > 2 or spring > GROUND_SPRINGS[-2]:
-            self._hold(c, kind, cause="chatters")
-            return
-        facts = {"cause": "rattles", "grains": tuple(loose.tolist())}
-        self.events.append(self._pass(c, spring, facts))
+            return self._hold(c, kind, cause="chatters")
+        event = self._event("instability", c, cause="rattles", grains=tuple(loose.tolist()))
+        if self.past is not None:
+            self.events.append(self._passed(event, spring))
+        return None if self.past else event
 
-    def _part(self, c: int) -> None:
-        """Open a contact; what it pulled with drops at once."""
+    def _part(self, c: int) -> Event | None:
+        """Open a contact; what it pulled with drops at once, which is a loss."""
         # One that opens under shear lets its energy go; others have slipped to none.
         self._end_forces(c, RELEASED if self.strength_at_touch(c) > 0 else SLIP)
         self._open(c)
         self._break(np.arange(len(self.absent)) == c)
-        facts: dict[str, Any] = {}
+        event = self._event("opening", c)
         if self.packing.frame["at_touch"][c] < 0:
             ends = tuple(self.packing.frame["grains"][c].tolist())
-            facts = {"cause": "pulls_off", "grains": ends}
+            event = replace(event, cause="pulls_off", grains=ends)
             if self.past is None:
-                raise InstabilityError(self._event("opening", c, **facts))
-            facts["passed"] = "dragged"
-        self._tell("opening", c, **facts)
+                return event
+            event = replace(event, passed="dragged")
+        self.events.append(event)
         self._free(c)
+        return None
 
     def _free(self, c: int, share: float = UNLOADED_SHARE) -> bool:
         """Take grains of a contact that carry nothing out of the system to the end; whether any."""
@@ -268,8 +255,6 @@ class StrainIncrement:
             # Nothing would hold them against a load.
             for load in (self.load, self.relief):
                 load.reshape(-1, 3)[grains] = 0.0
-            if self.control.stress.any() and (packing.regime == OPEN).all():
-                raise ControlLimitError
             packing.factorise()
         return bool(grains)
 
@@ -303,7 +288,7 @@ class StrainIncrement:
         self.work[RELEASED] += float(np.sum(before - after))
         self.touching = np.where(self.absent, 0.0, law.touching)
         self.gap += whole.law.reach - law.reach
-        frame = self.state.records(self.reach)
+        frame = self.state.records(self.packing.reach)
         rows = np.flatnonzero(np.resize(opened, len(frame)))
         was = self.packing.frame[rows]
         self.packing.frame[rows] = frame[rows]
@@ -334,7 +319,7 @@ class StrainIncrement:
         for row in rows:
             packing.set_regime(row, ELASTIC)
 
-    def _pivot(self, c: int, rates: Combination) -> None:
+    def _pivot(self, c: int, rates: Combination) -> Event | None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
         packing, facts, passed = self.packing, dict[str, Any](), list[Event]()
         for spring in GROUND_SPRINGS:
@@ -346,7 +331,7 @@ class StrainIncrement:
             changed, mode = pivot(packing, self.control, c, critical, low)
             # A light grain leaves before regimes of all contacts are sought.
             if changed is None and self._free(c, LIGHT_SHARE):
-                return
+                return None
             if changed is None and not facts:
                 # Springs make another problem: whether this one has a solution is asked once.
                 every = np.append(critical[critical != c], c)
@@ -355,19 +340,27 @@ class StrainIncrement:
                 self.events += passed
                 for k in changed:
                     self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
-                return
+                return None
             # The first mode is told; the last one is dragged.
             facts = (facts or mode) | {"grains": mode["grains"]}
-            passed = [self._pass(c, spring, facts)]
-        self._hold(c, "yield", **facts)
+            event = self._event("instability", c, **facts)
+            if self.past is None:
+                return event
+            passed = [self._passed(event, spring)]
+        return self._hold(c, "yield", **facts)
 
-    def _settled(self) -> Combination:
-        """Rates with which every sliding contact agrees, after the pivots that this takes."""
+    def _settled(self) -> Combination | Event:
+        """Rates with which every sliding contact agrees, after the pivots that this takes.
+
+        Or the loss that a pivot meets; the limit of a control of stress where no contact is left.
+        """
         packing = self.packing
         tried: Counter[int] = Counter()
         while True:
             if len(packing.at) > min(RANK, ROOM // 2):
                 packing.factorise()
+            if self.control.stress.any() and (packing.regime == OPEN).all():
+                return self._event("control_limit")
             rates = packing.solve(*self.control)
             critical = packing.at_yield(self.N, self.T, self.held)
             # Stuck ones have just been looked at, or have their event to come.
@@ -377,35 +370,37 @@ class StrainIncrement:
                 return rates
             c = int(wrong[0])
             tried[c] += 1
-            if tried[c] > 3:
-                self._hold(c, "yield", cause="undecided")
-            else:
-                self._pivot(c, rates)
+            undecided = tried[c] > 3
+            lost = self._hold(c, "yield", cause="undecided") if undecided else self._pivot(c, rates)
+            if lost is not None:
+                return lost
 
-    def _hold(self, c: int, kind: EventKind, **facts: Any) -> None:
+    def _hold(self, c: int, kind: EventKind, **facts: Any) -> Event | None:
         """Keep a contact stuck or open to the end of the increment, whatever its forces."""
         packing = self.packing
         facts |= {"grains": tuple(packing.frame["grains"][c].tolist())}
-        self.events.append(self._pass(c, 0.0, facts))
+        event = self._event("instability", c, **facts)
+        if self.past is None:
+            return event
+        self.events.append(self._passed(event, 0.0))
         if kind in ("opening", "closing"):
             self._open(c)
             self._end_forces(c, RELEASED)
         elif packing.regime[c] == SLIDING:
             packing.flip(c)
         self.held[self._springs(c)] = True
+        return None
 
-    def _pass(self, c: int, spring: float, facts: dict[str, Any]) -> Event:
-        """Pass an instability within the interval, or end the increment by it."""
-        event = self._event("instability", c, **facts)
-        if self.past is None:
-            raise InstabilityError(event)
-        passed = self.past(Within(self.packing, spring), event, self.control)
-        return replace(event, passed=passed.how)
+    def _passed(self, instability: Event, spring: float) -> Event:
+        """Pass an instability within the interval."""
+        assert self.past is not None
+        passed = self.past(Within(self.packing, spring), instability, self.control)
+        return replace(instability, passed=passed.how)
 
     def _tell(self, kind: EventKind, c: int, **facts: Any) -> None:
         self.events.append(self._event(kind, c, **facts))
 
-    def _event(self, kind: EventKind, c: int, **facts: Any) -> Event:
+    def _event(self, kind: EventKind, c: int = 0, **facts: Any) -> Event:
         """Return an event now; its parameter counts from the start of the increment."""
         rolling, contact = divmod(c, len(self.absent))
         spring: Spring = "rolling" if rolling else "shear"
@@ -425,12 +420,9 @@ class StrainIncrement:
             self.work[spent] += self.T[row] ** 2 / (2 * kt) if kt > 0 else 0.0
             self.N[row] = self.T[row] = 0.0
 
-    def end(self) -> tuple[Contacts, Regimes, Floats, Floats]:
-        """The packing after the increment: exact normal forces, shear forces within the cone.
-
-        With its regimes and sides, and the work as in `Path.work`.
-        """
-        packing, moved = self.packing, self._moved()
+    def end(self) -> PackingPoint:
+        """The packing after the increment: exact normal forces, shear forces within the cone."""
+        packing, moved, point = self.packing, self._moved(), self.point
         overlap = np.where(self.absent, 0.0, moved.overlap)
         # Bonds that have opened by then are gone, with the energy that they had left.
         whole, moved, work = moved.law, moved.parted(overlap == 0), self.work.copy()
@@ -462,5 +454,15 @@ class StrainIncrement:
         side[at_limit] = np.sign(T[at_limit])
         regime[at_limit] = SLIDING
         M = law.rolling_part(T) * packing.length
-        end = replace(moved, shear_force=T[:count], rolling_moment=M)
-        return end, regime, side, work
+        return replace(
+            point.with_events(self.events, self.released),
+            state=replace(moved, shear_force=T[:count], rolling_moment=M),
+            regime=regime,
+            side=side,
+            rattlers=self.rattlers.copy(),
+            F=point.F - self.strain.reshape(2, 2) @ point.F,
+            work=point.work + work,
+            load_share=point.load_share - self.relief_rate * self.time,
+            parameter=point.parameter + self.time,
+            memory=packing.memory,
+        )

@@ -38,11 +38,11 @@ from stability.packing.motion import Motion, MotionStatus
 from stability.packing.past import Passed, Standing
 from stability.packing.path import halved
 from stability.packing.path_solver import PackingPathSolver, Stop
+from stability.packing.point import PackingPoint
 from stability.packing.probe import Probe, probe_directions, probe_edge
 from stability.packing.regime_regions import Subspace
 from stability.packing.yielding import yield_response
 from stability.path import LARGE_MOTION, Path, PathStatus
-from stability.programmes import Stage
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
 # the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).
@@ -341,31 +341,33 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     """Load one direction until its first large motion; modes of the loops of these faces."""
     begin, halving = thread_time(), 0.0
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    solver = PackingPathSolver(scene, [stage], loading.interval, "stop", coasting=loading.coasting)
+    interval = loading.interval
+    solver = PackingPathSolver(scene, [stage], interval, "stop", coasting=loading.coasting)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
     limit = spread = strain = math.nan
     status: PathStatus = "held"
     message = "no large motion up to the largest load"
     push, load = PUSH, 0.0
-    while solver.targets and load < stage.target:
-        stop, change = _to_loss(solver, stage, loading.interval), math.nan
+    while solver.point.targets and load < stage.target:
+        stop, change = _to_loss(solver, interval), math.nan
         if stop is not None and math.isnan(limit):
             halving -= thread_time()
-            stop, change = _halved_loss(solver, stage, stop)
+            stop, change = _halved_loss(solver, stop)
             halving += thread_time()
-        if stop is None or not solver.targets:
+        if stop is None or not solver.point.targets:
             break
-        lost, cause = _load_of_loss(solver, stage), stop[1]
+        lost, cause = _load_of_loss(solver.point), stop[1]
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
             break
-        rise = max(push * solver.parameter, LEAST_PUSH * solver.first_stress)
-        load = min(solver.parameter + rise, stage.target)
-        start, control = solver.here, solver.control_to(stage, load)
+        start, here = solver.here, solver.point
+        rise = max(push * here.parameter, LEAST_PUSH * solver.first_stress)
+        load = min(here.parameter + rise, stage.target)
+        control = here.control_to(load)
         moved = move(start, control, loading.damping)
-        contact = solver.events[-1].contacts[0] if stop[0] == "instabilities" else -1
+        contact = here.events[-1].contacts[0] if stop[0] == "instabilities" else -1
         told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
         motions.append(motion_past(moved, start.state, scene.graph.contact_count, faces, **told))
         strain = float(np.linalg.norm(motions[-1].strain))
@@ -373,8 +375,6 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
             limit, spread = lost, change
         push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
         solver.take_motion(Passed("replayed", moved.end, moved.work), load)
-        # Halves before the loss give no history of the path behind the motion.
-        solver.size = loading.interval
         rests = moved.status == "at rest"
         strain = _strain_of_near(motions) if rests else strain
         if strain >= loading.large or not rests:
@@ -427,56 +427,53 @@ def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
     return found
 
 
-def _load_of_loss(solver: PackingPathSolver, stage: Stage) -> float:
+def _load_of_loss(point: PackingPoint) -> float:
     """Return the stress along the direction; what stood before a contact pulled off is the load."""
-    pulled = solver.events and solver.events[-1].cause == "pulls_off"
-    return solver.parameter if pulled else _along(solver, stage)
+    pulled = point.events and point.events[-1].cause == "pulls_off"
+    return point.parameter if pulled else _along(point)
 
 
-def _along(solver: PackingPathSolver, stage: Stage) -> float:
-    """Stress along the direction of a stage, less that of the start."""
-    stress, _, rate = stage.programme.equations(solver.H, solver.P)
-    rise = stress @ (solver.P - solver.P_start)
+def _along(point: PackingPoint) -> float:
+    """Stress along the direction of the stage, less that of the start."""
+    stress, _, rate = point.leg.stage.programme.equations(point.H, point.P)
+    rise = stress @ (point.P - point.leg.P)
     return float(rise @ rate / (rate @ rate))
 
 
-def _halved_loss(solver: PackingPathSolver, stage: Stage, stop: Stop) -> tuple[Stop, float]:
+def _halved_loss(solver: PackingPathSolver, stop: Stop) -> tuple[Stop, float]:
     """Come to a loss again in halves: why the last one is lost, and the change of its load."""
     stops = [stop]
 
     def lost_again(size: float) -> bool:
-        again = _to_loss(solver, stage, size)
+        again = _to_loss(solver, size)
         stops.extend([] if again is None else [again])
         return again is not None
 
-    _, change = halved(solver, lost_again, lambda: _load_of_loss(solver, stage))
+    _, change = halved(solver, lost_again, lambda: _load_of_loss(solver.point))
     return stops[-1], change
 
 
-def _to_loss(solver: PackingPathSolver, stage: Stage, interval: float) -> Stop | None:
+def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
     """Go on until the equilibrium is lost, and why it was; None at the largest load.
 
     Shorter intervals are tried where one ends in no equilibrium, or away from its load.
     """
-    shortest = interval / CUT**MOST_CUTS
-    while solver.targets:
-        before = solver.saved()
-        solver.history.append(before)
-        stop = solver.step(stage, MANY)
+    size, shortest = interval, interval / CUT**MOST_CUTS
+    while solver.point.targets:
+        before = solver.point
+        stop = solver.step(size, MANY)
         met = stop is not None and stop[0] == "instabilities"
-        error = abs(_along(solver, stage) - solver.parameter)
+        error = abs(_along(solver.point) - solver.point.parameter)
         least = LEAST_PUSH * solver.first_stress
-        away = error > LOAD_ERROR * max(solver.parameter, least)
-        if solver.size > shortest and ((stop is not None and not met) or away):
-            size = solver.size / CUT
-            solver.restore(before)
-            solver.history.pop()
-            solver.size = max(size, shortest)
+        away = error > LOAD_ERROR * max(solver.point.parameter, least)
+        if size > shortest and ((stop is not None and not met) or away):
+            solver.point, size = before, max(size / CUT, shortest)
             continue
+        solver.history.append(before)
         solver.record()
         if stop is not None:
             return stop
-        solver.size = min(2.0 * solver.size, interval)
+        size = min(2.0 * size, interval)
     return None
 
 

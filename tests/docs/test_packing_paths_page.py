@@ -11,6 +11,7 @@ from stability.packing import (
     loop_changes,
     path,
     path_solver,
+    point,
     rattlers,
     regime_factor,
     replay,
@@ -185,7 +186,7 @@ def test_settings():
     usual = PackingPathOptions()
     assert f"Intervals of strain {usual.interval:.0e}".replace("e-06", "e-6") in PAGE
     assert f"At {usual.instabilities} unstable contacts" in PAGE
-    assert f"gap below {path_solver.MAY_CLOSE_GAP} mean diameters" in PAGE
+    assert f"gap below {point.MAY_CLOSE_GAP} mean diameters" in PAGE
     assert f"Beyond {regime_factor.RANK} columns" in PAGE
     assert regime_factor.REGULARISATION == 1e-11 and "a ground spring of 1e-11 kn" in PAGE
     shares = rattlers.LOADED_SHARE, rattlers.UNLOADED_SHARE, rattlers.LIGHT_SHARE
@@ -201,7 +202,7 @@ def test_settings():
     motion = equations_of_motion
     assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-6, 1e-2)
     assert f"after {motion.CHECK_STEPS * motion.MAX_CHECKS:,} steps without rest" in PAGE
-    assert path_solver.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
+    assert strain_increment.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
     assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
 from stability import Stage, programmes
-from stability.packing.path_solver import MOST_COAST, PackingPathSolver
+from stability.packing.path_solver import PackingPathSolver
+from stability.packing.rattlers import MOST_COAST, settle
 
 LARGE, FORCE = 0.505, 0.01
 LATTICE = (
@@ -36,14 +37,14 @@ def solver_of(small, at, order=None, coasting=True):
 
 def goes_on(solver, place, push=0.0, duration=1.0):
     """An interval in which the first disc is moved towards the small ones; their places."""
-    x = solver.state.x.copy()
+    start = solver.point
+    x = start.state.x.copy()
     x[place[0]] += push * ALONG
-    state = replace(solver.state, x=x)
-    solver._accept(state, duration, np.zeros(4), solver.rattlers)
-    solver._list_pairs()
-    assert solver.rattlers[place[4:]].all()
-    np.testing.assert_array_equal(solver.state.x[place[:4]], x[place[:4]])
-    return solver.state.x[place[4:]] @ ALONG
+    end = replace(start, state=replace(start.state, x=x))
+    solver.point = settle(end, start, duration, solver.coasting).listed()
+    assert solver.point.rattlers[place[4:]].all()
+    np.testing.assert_array_equal(solver.point.state.x[place[:4]], x[place[:4]])
+    return solver.point.state.x[place[4:]] @ ALONG
 
 
 @pytest.mark.parametrize("order", [None, [4, 2, 0, 3, 1]])
@@ -61,7 +62,7 @@ def test_a_grain_that_was_pushed_goes_on_to_the_next_loaded_one_and_rests_there(
             found = goes_on(solver, place, duration=1.0 / parts)
         assert found == pytest.approx(min(first + k * PUSH, last), abs=1e-9)
     assert first + 8 * PUSH == pytest.approx(last)
-    assert np.abs(solver.coast).max() < 1e-9
+    assert np.abs(solver.point.coast).max() < 1e-9
 
 
 def test_it_stays_where_it_was_pushed_without_coasting():
@@ -92,7 +93,7 @@ def test_a_grain_that_meets_another_pushes_it_on(parts, order):
     for _ in range(20 * parts):
         ends = goes_on(solver, place, duration=1.0 / parts)
     np.testing.assert_allclose(ends, [last - 2 * small, last], rtol=0, atol=1e-8)
-    assert np.abs(solver.coast).max() < 1e-8
+    assert np.abs(solver.point.coast).max() < 1e-8
 
 
 def test_a_step_goes_no_further_than_pairs_are_listed():
@@ -100,9 +101,10 @@ def test_a_step_goes_no_further_than_pairs_are_listed():
     small = np.sqrt(0.5) - LARGE - 2e-3
     first, last = LARGE + small, np.sqrt(2.0) - LARGE - small
     solver, place = solver_of(small, [first])
-    solver.coast = np.zeros_like(solver.state.x)
-    solver.coast[place[4]] = 2.0 * ALONG
-    most = MOST_COAST * solver.listed_gap
+    coast = np.zeros_like(solver.point.state.x)
+    coast[place[4]] = 2.0 * ALONG
+    solver.point = replace(solver.point, coast=coast)
+    most = MOST_COAST * solver.point.listed_gap
     assert goes_on(solver, place) == pytest.approx(first + most, abs=1e-9)
     for _ in range(5):
         found = goes_on(solver, place)
@@ -114,7 +116,7 @@ def test_grains_that_a_motion_has_moved_start_from_rest():
     small = np.sqrt(0.5) - LARGE - 2e-3
     solver, place = solver_of(small, [LARGE + small])
     found = goes_on(solver, place, PUSH)
-    assert np.abs(solver.coast).max() > 0
-    solver._accept(solver.state, 1.0, np.zeros(4), None)
-    assert not solver.coast.any()
+    assert np.abs(solver.point.coast).max() > 0
+    solver.point = settle(solver.point, None, 1.0, True)
+    assert not solver.point.coast.any()
     assert goes_on(solver, place) == pytest.approx(found, abs=1e-12)

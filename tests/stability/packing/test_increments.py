@@ -1,7 +1,6 @@
 """Increments of a packing's path by themselves: closings, openings, energies, times to a target."""
 
 import sys
-from collections import deque
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -27,7 +26,7 @@ from stability.packing.path_solver import PackingPathSolver
 from stability.packing.pivots import disagreeing, pivot, unstable_mode
 from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
 from stability.packing.response import PackingRates
-from stability.packing.strain_increment import InstabilityError, StrainIncrement
+from stability.packing.strain_increment import StrainIncrement
 from stability.packing.sustain import (
     CUT,
     FLOW_STRAIN,
@@ -174,22 +173,23 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
     stage = Stage(programme, quantity, share * duration * unit)
     solver = PackingPathSolver(Scene(graph, LAW), [stage], 1e-4, "dynamic")
-    solver.targets = deque([stage.target])
-    met = InstabilityError(Event("instability", 0.4, contacts=(3,), cause="chatters"))
-    assert solver._pass(met, duration, stage) is None
+    solver.point = replace(solver.point, targets=(stage.target,))
+    met = Event("instability", 0.4, contacts=(3,), cause="chatters")
+    assert solver._pass(met, duration) is None
     wanted = min(share, 1.0) * duration if unit else duration
     assert spans == [pytest.approx(wanted, rel=1e-12)]
-    assert solver.parameter == pytest.approx(wanted, rel=1e-12)
-    assert solver.work.tolist() == [3.0, 2.0, 0.25, 0.75]
-    (event,) = solver.events
+    point = solver.point
+    assert point.parameter == pytest.approx(wanted, rel=1e-12)
+    assert point.work.tolist() == [3.0, 2.0, 0.25, 0.75]
+    (event,) = point.events
     assert (event.passed, event.released) == ("replayed", 0.75)
     assert (event.cause, event.contacts) == ("chatters", (3,))
     # It is where the increment ended, whose time is in the parameter.
     assert event.parameter == 0.0
     # Behind the target there is nothing left to strain.
     behind = -0.1 * duration * unit if unit else 0.0
-    solver.targets = deque([solver._quantity(stage) + behind])
-    solver._pass(met, duration, stage)
+    solver.point = replace(point, targets=(point.quantity + behind,))
+    solver._pass(met, duration)
     # Nothing has moved in the first motion: its strain is made good as well.
     assert spans[1] == pytest.approx(duration + wanted, rel=1e-12)
 
@@ -207,10 +207,10 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     stage = Stage(Programme("strain", np.zeros((4, 4)), np.eye(4), rate), "parameter", 1.0)
     solver = PackingPathSolver(Scene(jammed(12, 1), LAW), [stage], 1e-4, "dynamic")
     # Ahead of the programme, and half an interval behind it.
-    error, solver.parameter = np.array([2e-6, -1e-6, 3e-6, 4e-6]), 0.5 * duration
-    solver.F = np.eye(2) - error.reshape(2, 2)
-    solver.targets = deque([1.0])
-    solver._pass(InstabilityError(Event("instability", 0.0, contacts=(3,))), duration, stage)
+    error = np.array([2e-6, -1e-6, 3e-6, 4e-6])
+    F = np.eye(2) - error.reshape(2, 2)
+    solver.point = replace(solver.point, parameter=0.5 * duration, F=F, targets=(1.0,))
+    solver._pass(Event("instability", 0.0, contacts=(3,)), duration)
     (found,) = rates
     np.testing.assert_allclose(found, 1.5 * rate * duration - error, rtol=1e-9)
 
@@ -249,7 +249,7 @@ def moved(share, monkeypatch, shear=1.0):
     graph = jammed(12, 1)
     solver, stage = load_solver(graph.replace(shear_force=shear * graph.shear_force))
     monkeypatch.setattr(sustain_module, "Moving", Watched)
-    found = move(solver.here, solver.control_to(stage, share * stage.target), 0.3)
+    found = move(solver.here, solver.point.control_to(share * stage.target), 0.3)
     return found, Watched.last, solver, stage
 
 
@@ -261,9 +261,9 @@ def test_a_packing_at_rest_is_asked_once_its_load_is_on(monkeypatch):
     found, moving, solver, _ = moved(0.0, monkeypatch)
     assert (found.status, found.steps) == ("at rest", PUSH_STEPS + LOOK)
     # The mean stress is the mean mass times the squared strain rate of an inertial number of one.
-    radii = solver.state.radii
+    radii = solver.point.state.radii
     masses = masses_of(radii)[0]
-    mean = 0.5 * np.trace(solver.state.stress)
+    mean = 0.5 * np.trace(solver.point.state.stress)
     ((slow, force),) = bounds
     assert (slow / STILL) ** 2 * masses.mean() == pytest.approx(mean, rel=1e-12)
     assert force == REST_FORCE_LOADED
@@ -271,7 +271,7 @@ def test_a_packing_at_rest_is_asked_once_its_load_is_on(monkeypatch):
     _, same, inertias, _ = moving.given
     np.testing.assert_allclose(same, masses.mean(), rtol=1e-12)
     np.testing.assert_allclose(inertias, INERTIA * masses.mean() * radii**2, rtol=1e-12)
-    stable = largest_step(same, inertias, solver.state)
+    stable = largest_step(same, inertias, solver.point.state)
     usual = STRIDE * 0.3 * np.sqrt(masses.mean() / LAW.kn)
     assert moving.dt == pytest.approx(min(usual, STABLE * stable), rel=1e-2)
 
@@ -280,7 +280,7 @@ def test_a_motion_under_a_load_that_is_borne_ends_where_the_path_does(monkeypatc
     """Real rest: forces as of the path by events, which comes to the same load."""
     found, _, solver, stage = moved(0.3, monkeypatch)
     assert found.status == "at rest"
-    start, end = solver.state, found.end
+    start, end = solver.point.state, found.end
     F = end.cell @ np.linalg.inv(start.cell)
     P = np.linalg.det(F) * end.stress @ np.linalg.inv(F).T - start.stress
     assert P[0, 0] == pytest.approx(-0.3 * stage.target, rel=1e-5)
@@ -302,7 +302,7 @@ def test_a_sample_that_flows_or_moves_too_long_has_no_rest(share, most, monkeypa
     monkeypatch.setattr(sustain_module, "MOST_STEPS", most)
     found, _, solver, _ = moved(share, monkeypatch)
     assert found.status == "no rest"
-    grown = found.end.cell @ np.linalg.inv(solver.state.cell) - np.eye(2)
+    grown = found.end.cell @ np.linalg.inv(solver.point.state.cell) - np.eye(2)
     if most == 700:
         assert found.steps == most
     else:
@@ -312,7 +312,7 @@ def test_a_sample_that_flows_or_moves_too_long_has_no_rest(share, most, monkeypa
 def test_what_is_told_of_a_motion(monkeypatch):
     """Largest kinetic energy at a look, strain, energy lost; the mode is that of a copy."""
     found, moving, solver, _ = moved(5.0, monkeypatch)
-    start, end, then = solver.state, found.end, found.mode
+    start, end, then = solver.point.state, found.end, found.mode
     graph = jammed(12, 1)
     faces, given = find_faces(graph), {"lost": 1.0, "load": 2.0, "cause": "", "contact": -1}
     told = motion_past(found, start, graph.contact_count, faces, **given)
@@ -331,8 +331,8 @@ def test_what_is_told_of_a_motion(monkeypatch):
 def test_a_motion_starts_in_balance_under_its_load(monkeypatch):
     """Forces out of balance at the start are kept as a load, the rise is that of the direction."""
     _, moving, solver, stage = moved(0.4, monkeypatch, shear=0.9)
-    assert np.abs(solver.state.resultants).max() > 1e-2 * solver.state.mean_force
-    assert np.abs(moving.resultant).max() < 1e-12 * solver.state.mean_force
+    assert np.abs(solver.point.state.resultants).max() > 1e-2 * solver.point.state.mean_force
+    assert np.abs(moving.resultant).max() < 1e-12 * solver.point.state.mean_force
     servo = moving.servo
     rise = stage.programme.rate * 0.4 * stage.target
     np.testing.assert_allclose(servo.rate * servo.whole, rise, rtol=1e-12)
@@ -343,53 +343,52 @@ def stepping(monkeypatch, answers, ahead=lambda self: 0.0):
     """Steps of a path that answer in turn, and the intervals with which they were asked."""
     sizes = []
 
-    def step(self, stage, instabilities):
-        sizes.append(self.size)
-        self.parameter += 1e-6
+    def step(self, size, instabilities):
+        sizes.append(size)
+        self.point = replace(self.point, parameter=self.point.parameter + 1e-6)
         return answers.pop(0) if answers else None
 
     monkeypatch.setattr(PackingPathSolver, "step", step)
-    along = lambda solver, stage: solver.parameter + ahead(solver)  # noqa: E731
+    along = lambda point: point.parameter + ahead(point)  # noqa: E731
     monkeypatch.setattr(sustain_module, "_along", along)
     return sizes
 
 
 def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
     """A quarter of the interval, three times; twice as long again after each that goes well."""
-    solver, stage = load_solver(jammed(12, 1))
-    whole = solver.size
+    solver, _ = load_solver(jammed(12, 1))
+    whole = solver.interval
     sizes = stepping(monkeypatch, [("lost", str(k)) for k in range(4)])
-    assert _to_loss(solver, stage, whole) == ("lost", "3")
+    assert _to_loss(solver, whole) == ("lost", "3")
     assert sizes == [whole / CUT**k for k in range(MOST_CUTS + 1)]
     # Cut intervals left nothing behind, the last one its row.
-    assert solver.parameter == 1e-6 and len(solver.rows) == 2
-    sizes.clear()
-    answers = [None] * 8 + [("instabilities", "met")]
+    assert solver.point.parameter == 1e-6 and len(solver.point.rows) == 2
+    answers = [("lost", "")] * MOST_CUTS + [None] * 8 + [("instabilities", "met")]
     sizes = stepping(monkeypatch, answers)
-    assert _to_loss(solver, stage, whole) == ("instabilities", "met")
+    assert _to_loss(solver, whole) == ("instabilities", "met")
     # An instability is believed at once.
-    assert sizes == [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0, 0)]
+    cuts = [whole / CUT**k for k in range(MOST_CUTS)]
+    assert sizes == cuts + [whole / 2**k for k in (6, 5, 4, 3, 2, 1, 0, 0, 0)]
 
 
 def test_intervals_are_cut_where_the_stress_leaves_the_load(monkeypatch):
     """By more than half a per cent, or of the least rise where the load is smaller."""
-    solver, stage = load_solver(jammed(12, 1))
-    whole, least = solver.size, LEAST_PUSH * solver.first_stress
+    solver, _ = load_solver(jammed(12, 1))
+    whole, least = solver.interval, LEAST_PUSH * solver.first_stress
     for off, cut in ((0.004, False), (0.006, True)):
-        large = lambda solver, off=off: off * max(solver.parameter, least)  # noqa: E731
-        solver.size = whole
+        large = lambda point, off=off: off * max(point.parameter, least)  # noqa: E731
         sizes = stepping(monkeypatch, [("instabilities", "met")] * 4, large)
-        _to_loss(solver, stage, whole)
+        _to_loss(solver, whole)
         assert sizes == ([whole / CUT**k for k in range(MOST_CUTS + 1)] if cut else [whole])
 
 
 def test_the_stress_along_a_direction():
     """Of a packing that is strained: `(P - P0) . direction`."""
-    solver, stage = load_solver(jammed(12, 1))
-    assert _along(solver, stage) == 0.0
-    assert solver.step(stage, 1) is None
-    rise = solver.P - solver.P_start
-    assert _along(solver, stage) == pytest.approx(-rise[0], rel=1e-12) != 0.0
+    solver, _ = load_solver(jammed(12, 1))
+    assert _along(solver.point) == 0.0
+    assert solver.step(solver.interval, 1) is None
+    rise = solver.point.P - solver.point.leg.P
+    assert _along(solver.point) == pytest.approx(-rise[0], rel=1e-12) != 0.0
 
 
 class Edges:

@@ -130,8 +130,8 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
         solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
         solver.start_stage(0, stage, 1)
-        found = move(solver.here, solver.control_to(stage, load), 0.3)
-        grown = found.end.cell @ np.linalg.inv(solver.state.cell) - np.eye(2)
+        found = move(solver.here, solver.point.control_to(load), 0.3)
+        grown = found.end.cell @ np.linalg.inv(solver.point.state.cell) - np.eye(2)
         strains.append(np.linalg.norm(grown))
         assert found.status == "at rest" or load > motion.lost
     before = np.linalg.norm(
@@ -191,7 +191,7 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     rises = []
 
     def see(_):
-        rises.append((solver.P - solver.rows[0]["P"])[[0, 3]])
+        rises.append((solver.point.P - solver.point.rows[0]["P"])[[0, 3]])
 
     status, _ = solver.follow(1, stages[1], 1, MANY, 20_000, see)
     assert status in ("finished", "instabilities")

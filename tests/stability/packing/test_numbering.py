@@ -41,10 +41,10 @@ def turned(graph, seed):
 def named(solver, grains, exchanged):
     """Loads of the events of a path by kind, grains and image."""
     found = defaultdict(list)
-    for event in solver.events:
+    for event in solver.point.events:
         c = event.contacts[0]
-        i, j = grains[solver.state.contacts[c]]
-        image = solver.state.images[c][:: -1 if exchanged else 1]
+        i, j = grains[solver.point.state.contacts[c]]
+        image = solver.point.state.images[c][:: -1 if exchanged else 1]
         key = (i, j, *image) if i < j else (j, i, *-image)
         found[event.kind, tuple(map(int, key))].append(event.parameter)
     return {name: np.sort(loads) for name, loads in found.items()}

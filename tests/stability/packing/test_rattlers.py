@@ -511,11 +511,12 @@ def test_an_interval_ends_where_a_grain_is_caught(interval):
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
     solver = PackingPathSolver(Scene(graph, LAW), [stage], interval, "viscous")
     solver.start_stage(0, stage, 1)
-    while solver.rattlers.any():
-        assert solver.step(stage, 1) is None and solver.size == interval
-    largest = solver.state.normal_force[(solver.state.contacts == 4).any(axis=1)].max()
-    assert LOADED_SHARE <= largest / solver.state.mean_force <= 1.05 * CAUGHT_SHARE
-    assert np.abs(solver.imbalance).max() <= 1.05 * largest
+    while solver.point.rattlers.any():
+        assert solver.step(interval, 1) is None
+    state = solver.point.state
+    largest = state.normal_force[(state.contacts == 4).any(axis=1)].max()
+    assert LOADED_SHARE <= largest / state.mean_force <= 1.05 * CAUGHT_SHARE
+    assert np.abs(solver.point.imbalance).max() <= 1.05 * largest
 
 
 def test_a_load_that_is_there_at_once_cuts_no_interval():
@@ -537,7 +538,7 @@ def test_rows_leave_the_rattlers_where_they_are():
         stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
         solver = PackingPathSolver(Scene(graph, LAW), [stage], 2e-4, "viscous")
         solver.follow(0, stage, rows, 1, 1000, None)
-        ends.append(solver)
+        ends.append(solver.point)
     np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
     assert ends[0].rattlers.tolist() == ends[1].rattlers.tolist()
 
@@ -547,10 +548,12 @@ def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
     solver = PackingPathSolver(Scene(jammed(12, 1, LAW), LAW), [stage], 2e-4, "stop")
     solver.start_stage(0, stage, 1)
-    end, balance = solver.state, np.abs(solver.imbalance).max()
-    solver.rattlers = carrying_nothing(end, LOADED_SHARE)
-    solver.rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
+    end, balance = solver.point.state, np.abs(solver.point.imbalance).max()
+    rattlers = carrying_nothing(end, LOADED_SHARE)
+    rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
+    solver.point = replace(solver.point, rattlers=rattlers)
     solver.take_motion(Passed("replayed", end, np.zeros(4)), 0.0)
-    np.testing.assert_array_equal(solver.state.normal_force, end.normal_force)
-    np.testing.assert_array_equal(solver.state.shear_force, end.shear_force)
-    assert np.abs(solver.imbalance).max() <= balance + 1e-15
+    state = solver.point.state
+    np.testing.assert_array_equal(state.normal_force, end.normal_force)
+    np.testing.assert_array_equal(state.shear_force, end.shear_force)
+    assert np.abs(solver.point.imbalance).max() <= balance + 1e-15

@@ -42,7 +42,7 @@ def pieces_of(graph, changes=()):
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    return RegimeFactor(state, state.records(), regime, side, load)
+    return RegimeFactor(state, regime, side, load)
 
 
 def stiffness(pieces):
@@ -215,7 +215,7 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
     assert 3 < np.count_nonzero(slides) < count - 3
     regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
-    pieces = RegimeFactor(state, state.records(), regime, side, np.zeros(24))
+    pieces = RegimeFactor(state, regime, side, np.zeros(24))
     wanted = differences(graph, law, regime)
     # Freedoms of the rates are spins times a length, loads are moments over it.
     scale = np.tile([1.0, 1.0, pieces.length], 8)
@@ -237,7 +237,7 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    pieces = RegimeFactor(state, state.records(), regime, side, load)
+    pieces = RegimeFactor(state, regime, side, load)
     rates = pieces.solve(*control)
     motion, n = pieces.motion(rates), len(load)
     force, stress = rates_of(pieces)

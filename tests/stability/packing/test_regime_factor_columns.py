@@ -40,7 +40,7 @@ def pieces_of(unit=1.0, changes=(), more=0.0):
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * unit * (load - load.mean(axis=0)).ravel() + more
-    return RegimeFactor(state, state.records(), regime, side, load)
+    return RegimeFactor(state, regime, side, load)
 
 
 def dense(pieces):

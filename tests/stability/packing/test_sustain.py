@@ -244,13 +244,14 @@ def test_spreads_are_the_largest_changes_of_all_runs(
 
 def test_grains_without_load_coast_in_the_spread_alone(monkeypatch):
     """In short intervals, and in no run without a spread."""
-    intervals, coasted = set(), PackingPathSolver._coasted
+    intervals, step = set(), PackingPathSolver.step
 
-    def told(solver, *args):
-        intervals.add(solver.size)
-        return coasted(solver, *args)
+    def told(solver, size, *args):
+        if solver.coasting:
+            intervals.add(size)
+        return step(solver, size, *args)
 
-    monkeypatch.setattr(PackingPathSolver, "_coasted", told)
+    monkeypatch.setattr(PackingPathSolver, "step", told)
     how = {"largest": 0.02, "interval": 1e-4}
     sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False)
     assert not intervals
