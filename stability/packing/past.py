@@ -17,21 +17,10 @@ from loops.arrays import Floats
 from loops.contacts import Contacts
 from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
+from stability.packing.point import PackingPoint
 from stability.packing.state import RELEASED, jumped
 from stability.packing.strain_increment import Within
 from stability.path import Event, How, Past
-
-
-class Standing(NamedTuple):
-    """A packing at the end of an interval, which an instability has ended.
-
-    `load` (B, 3) are the forces and moments that balance it, `first_stress` is the norm of the
-    stress at the start of the path.
-    """
-
-    state: Contacts
-    load: Floats
-    first_stress: float
 
 
 class Passed(NamedTuple):
@@ -82,7 +71,7 @@ class Dynamic:
 
     damping: float = 0.3
 
-    def __call__(self, here: Standing, instability: Event, control: MixedControl) -> Passed:
+    def __call__(self, here: PackingPoint, instability: Event, control: MixedControl) -> Passed:
         """Return the packing at rest."""
         try:
             end, work = snap_through(here.state, here.load, control, self.damping)
@@ -94,7 +83,7 @@ class Dynamic:
         return Passed("replayed", end, work)
 
 
-def stop(here: Standing, instability: Event, control: MixedControl) -> Passed:
+def stop(here: PackingPoint, instability: Event, control: MixedControl) -> Passed:
     """End the path at its first instability."""
     return Passed("stopped")
 

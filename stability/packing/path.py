@@ -13,8 +13,8 @@ from loops.errors import InputError, check_choice, check_type, number, whole_num
 from loops.scene import Scene
 from stability.packing.past import OTHER_WAYS, PassBy, past_of
 from stability.packing.past import stop as end_there
-from stability.packing.path_solver import PackingPathSolver
-from stability.path import Past, Path, follow_stages
+from stability.packing.path_solver import PackingPathSolver, Stop
+from stability.path import FINISHED, Past, Path, follow_stages
 from stability.programmes import Stage
 
 # Share of the intervals before the end of a path that is gone through again in halves, and the
@@ -64,12 +64,12 @@ def follow_packing(
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
     o = options
     solver = PackingPathSolver(scene, stages, o.interval, o.past, o.load_kept, o.pathologies)
-    stop = follow_stages(
-        lambda number, stage: solver.follow(
-            number, stage, max(rows, 1), o.instabilities, max_steps, o.progress
-        ),
-        stages,
-    )
+
+    def through(number: int, stage: Stage) -> Stop:
+        away = solver.start_stage(number, stage, max(rows, 1))
+        return away or solver.run(o.interval, o.instabilities, max_steps, o.progress)
+
+    stop = follow_stages(through, stages)
     path = solver.path(*stop)
     if o.spread:
         again = path
@@ -81,9 +81,11 @@ def follow_packing(
     met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is end_there)
     if not (met and solver.history):
         return path
-    limit, spread = halved(
-        solver, lambda size: solver.ends(size, o.instabilities), lambda: solver.point.parameter
-    )
+
+    def ends(size: float) -> bool:
+        return solver.run(size, o.instabilities) != FINISHED
+
+    limit, spread = halved(solver, ends, lambda: solver.point.parameter)
     message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
     return replace(path, message=message, limit=limit, limit_spread=spread)
 

@@ -12,7 +12,7 @@ import numpy as np
 from loops.contacts import contacts_at_start
 from loops.scene import Scene
 from stability.packing.equations_of_motion import require_upright
-from stability.packing.past import PassBy, Passed, Standing, Viscous, past_of
+from stability.packing.past import PassBy, Passed, Viscous, past_of
 from stability.packing.pathologies import pathologies
 from stability.packing.point import MAY_CLOSE_GAP, PackingPoint, regimes_of
 from stability.packing.rattlers import free_rattlers, settle
@@ -62,58 +62,44 @@ class PackingPathSolver:
         self.interval, self.past, self.load_kept = interval, past_of(past), load_kept
         self.looks_at_pathologies, self.coasting = pathologies, coasting
         self.looked: Memory | None = None
-        self.first_stress = float(np.linalg.norm(start.stress))
         self.history: deque[PackingPoint] = deque(maxlen=HISTORY)
         listed = start.with_forces_of_geometry().with_near(MAY_CLOSE_GAP * 2.0 * start.mean_radius)
         state, rattlers, _ = free_rattlers(listed)
-        self.point = self._recorded(PackingPoint.at_start(state, rattlers, stages[0]))
+        first = stages[0], float(np.linalg.norm(start.stress))
+        self.point = self._recorded(PackingPoint.at_start(state, rattlers, *first))
 
-    def follow(
-        self,
-        number: int,
-        stage: Stage,
-        rows: int,
-        instabilities: int,
-        max_steps: int,
-        progress: Callable[[float], None] | None,
-    ) -> Stop:
-        """Follow a stage to its target, or until the path ends; status and message."""
-        if self.point.intervals:
-            place = self.point.parameter, number, len(self.point.rows) - 1
+    def start_stage(self, number: int, stage: Stage, rows: int) -> Stop | None:
+        """Measure a stage, with rows at equal parts, from here; why it leads away, if it does."""
+        begun = self.point.begun(number, stage)
+        if begun.intervals:
+            place = begun.parameter, number, len(begun.rows) - 1
             change = Event("programme_change", *place, programme=stage.programme.name)
-            self.point = replace(self.point, events=(*self.point.events, change))
-        self.start_stage(number, stage, rows)
-        ahead = np.sign(stage.target - self.point.quantity)
-        away = stage.away(ahead) if self.point.targets else ""
-        if away:
-            return "lost", away
+            begun = replace(begun, events=(*begun.events, change))
+        targets = np.linspace(begun.quantity, stage.target, rows + 1)[1:].tolist()
+        self.point = replace(begun, targets=tuple(targets))
+        self._record_reached(self.interval)
+        away = stage.away(np.sign(stage.target - begun.quantity)) if self.point.targets else ""
+        return ("lost", away) if away else None
+
+    def run(
+        self,
+        size: float,
+        instabilities: int,
+        max_steps: float = np.inf,
+        progress: Callable[[float], None] | None = None,
+    ) -> Stop:
+        """Go on at intervals of a size to the target of the stage, or until the path ends."""
         while self.point.targets:
-            if self.point.intervals >= max_steps:
-                self.record()
-                return "lost", f"{max_steps} intervals were not enough"
             self.history.append(self.point)
-            stop = self.step(self.interval, instabilities)
+            stop: Stop | None = "lost", f"{max_steps} intervals were not enough"
+            if self.point.intervals < max_steps:
+                stop = self.step(size, instabilities)
             if stop is not None:
                 self.record()
                 return stop
             if progress is not None:
                 progress(self.point.parameter)
         return FINISHED
-
-    def ends(self, size: float, instabilities: int) -> bool:
-        """Go on at intervals of a size; whether the path ends before the target of the stage."""
-        while self.point.targets:
-            self.history.append(self.point)
-            if self.step(size, instabilities) is not None:
-                return True
-        return False
-
-    def start_stage(self, number: int, stage: Stage, rows: int) -> None:
-        """Measure a stage from this state; rows are recorded at equal parts of its quantity."""
-        begun = self.point.begun(number, stage)
-        targets = np.linspace(begun.quantity, stage.target, rows + 1)[1:].tolist()
-        self.point = replace(begun, targets=tuple(targets))
-        self._record_reached(self.interval)
 
     def _record_reached(self, size: float) -> None:
         """Record a row for every target that is reached to a millionth of an interval."""
@@ -179,7 +165,7 @@ class PackingPathSolver:
         past = self.past if isinstance(self.past, Viscous) else None
         increment = StrainIncrement(point, packing, size, duration, relief, past, events)
         lost = increment.run()
-        while not lost and len(point.targets) > 1 and increment.before_its_end:
+        while increment.reached and len(point.targets) > 1:
             # A row within the interval, which goes on as if there were none.
             end = self._end(increment)
             if end is None:
@@ -195,7 +181,7 @@ class PackingPathSolver:
         end = self._end(increment)
         if end is None:
             return NO_LOAD
-        jump = jumped(start.state, end.state, self.first_stress)
+        jump = jumped(start.state, end.state, start.first_stress)
         if jump:
             return "lost", jump
         # Neighbours come nearer with the cell as well, by twice this.
@@ -221,27 +207,17 @@ class PackingPathSolver:
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
         control = point.control(1.0 / span)
-        passed = self.past(self.here, lost, control._replace(rate=control.rate * span))
+        passed = self.past(point, lost, control._replace(rate=control.rate * span))
         event = replace(lost, parameter=0.0, passed=passed.how, released=passed.released)
         self.point = point.with_events([event])
         if passed.how == "stopped":
             return "instabilities", said
         if passed.state is None:
             return "lost", f"{said}; {passed.message}"
-        self._go_on_from(passed, span)
+        self.go_on_from(passed, span)
         return None
 
-    @property
-    def here(self) -> Standing:
-        """Return what an instability meets, for a function that passes it."""
-        return Standing(self.point.state, -self.point.balance, self.first_stress)
-
-    def take_motion(self, passed: Passed, load: float) -> None:
-        """Go on from the end of a motion that came to rest, at another loading parameter."""
-        self._go_on_from(passed, load - self.point.parameter)
-        self.record()
-
-    def _go_on_from(self, passed: Passed, duration: float) -> None:
+    def go_on_from(self, passed: Passed, duration: float) -> None:
         """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
         assert passed.state is not None and passed.work is not None
         here = self.point

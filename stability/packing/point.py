@@ -52,7 +52,8 @@ class PackingPoint:
     `free_share` of the last interval none of them was caught. A load balances `load_share` of the
     resultants of the start, `carried` (B, 3). Centres have `wandered` so far since pairs were
     listed. `slowest` is the least strain speed of the stage; rows are left to record at the
-    `targets` of its quantity. `memory` is that of the factor before.
+    `targets` of its quantity. `memory` is that of the factor before, `first_stress` the norm of the
+    stress at the start.
     """
 
     state: Contacts
@@ -64,6 +65,7 @@ class PackingPoint:
     coast: Floats
     F: Floats
     work: Floats
+    first_stress: float
     free_share: float = 1.0
     load_share: float = 1.0
     wandered: float = 0.0
@@ -76,11 +78,11 @@ class PackingPoint:
     memory: Memory | None = None
 
     @classmethod
-    def at_start(cls, state: Contacts, rattlers: Flags, stage: Stage) -> Self:
+    def at_start(cls, state: Contacts, rattlers: Flags, stage: Stage, first_stress: float) -> Self:
         """Return the point at which a path starts, its grains without load out of the system."""
         leg = Leg(0, stage, 0.0, np.zeros(4), state.stress.ravel())
-        found, coast = regimes_of(state), np.zeros_like(state.x)
-        return cls(state, *found, rattlers, state.resultants, leg, coast, np.eye(2), np.zeros(4))
+        found = *regimes_of(state), rattlers, state.resultants, leg, np.zeros_like(state.x)
+        return cls(state, *found, np.eye(2), np.zeros(4), first_stress)
 
     def begun(self, number: int, stage: Stage) -> Self:
         """Measure strains, stresses and the loading parameter of a stage from here."""
@@ -126,14 +128,14 @@ class PackingPoint:
         return now / whole * np.kron(np.eye(2), np.linalg.inv(self.F))
 
     @property
-    def balance(self) -> Floats:
-        """(B, 3) resultants of the start that are still balanced by a load."""
-        return self.load_share * self.carried
+    def load(self) -> Floats:
+        """(B, 3) forces and moments that still balance resultants of the start."""
+        return -self.load_share * self.carried
 
     @property
     def imbalance(self) -> Floats:
         """(B, 3) resultants that no load balances."""
-        return self.state.resultants - self.balance
+        return self.state.resultants + self.load
 
     # ---- the stage
 

@@ -76,7 +76,7 @@ class StrainIncrement:
         state, law = point.state, point.state.law
         scale = np.tile([1.0, 1.0, 1.0 / packing.length], len(state.x))
         self.relief_rate = relief / duration
-        self.load = point.balance.ravel() * scale
+        self.load = -point.load.ravel() * scale
         self.relief = relief * point.carried.ravel() * scale / duration
         # Remove the force imbalance over this interval by adding it as a load.
         packing.set_load(point.imbalance.ravel() * scale / duration + self.relief)
@@ -88,9 +88,9 @@ class StrainIncrement:
         self.T = law.of_springs(state.shear_force, state.rolling_moment / packing.length)
         self.gap = np.maximum(state.length - law.touching, 0.0)
         self.rates = np.empty((len(self.N), 4))
-        # Whether it ended at its goal.
-        self.time, self.reached = 0.0, False
-        self.u, self.strain = np.zeros(3 * packing.count), np.zeros(4)
+        # Whether it ended at its goal, before its duration.
+        self.reached = False
+        self.time, self.u, self.strain = 0.0, np.zeros(3 * packing.count), np.zeros(4)
         # As in `Path.work`; the last is that of held contacts, of grains it is `released`.
         self.work, self.released = np.zeros(4), np.zeros(packing.count)
         # Pairs without events: absent ones, and contacts that are held.
@@ -105,7 +105,7 @@ class StrainIncrement:
         """
         from stability.compiled.packing_rates import earliest, stress_rate
 
-        packing, goal = self.packing, self.goal
+        packing, goal, self.reached = self.packing, self.goal, False
         rates = self._settled()
         while self.time < self.duration and self.left_to_strain > 0:
             if isinstance(rates, Event):
@@ -128,8 +128,8 @@ class StrainIncrement:
             if goal.stress.any():
                 stress_rate(*pairs, v, h, stress)
             speed = float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
-            self.reached = speed * self.left > 0 and self.left / speed < left
-            if self.reached:
+            reached = speed * self.left > 0 and self.left / speed < left
+            if reached:
                 left = self.left / speed
             if self._held_back(v, min(step, left), strain_speed):
                 rates = self._settled()
@@ -138,16 +138,11 @@ class StrainIncrement:
             self.left_to_strain -= strain_speed * min(step, left)
             if step >= left:
                 self._advance(h, v, max(left, 0.0))
+                self.reached = reached and self.time < self.duration
                 return None
-            self.reached = False
             self._advance(h, v, step)
             rates = self._change(c, kind, rates) or self._settled()
         return rates if isinstance(rates, Event) else None
-
-    @property
-    def before_its_end(self) -> bool:
-        """Whether the goal was reached, and there is time left."""
-        return self.reached and self.time < self.duration
 
     def _held_back(self, v: Floats, step: float, strain_speed: float) -> bool:
         """Hold grains that no contact stops, turned by the friction of one; whether any are."""
@@ -209,10 +204,7 @@ class StrainIncrement:
         spring = 10.0 * max(float(packing.ground_spring[loose].max()), GROUND_SPRINGS[0])
         if degree.min() > 2 or spring > GROUND_SPRINGS[-2]:
             return self._hold(c, kind, cause="chatters")
-        event = self._event("instability", c, cause="rattles", grains=tuple(loose.tolist()))
-        if self.past is not None:
-            self.events.append(self._passed(event, spring))
-        return None if self.past else event
+        return self._pass(c, spring, cause="rattles", grains=tuple(loose.tolist()))
 
     def _part(self, c: int) -> Event | None:
         """Open a contact; what it pulled with drops at once, which is a loss."""
@@ -321,7 +313,7 @@ class StrainIncrement:
 
     def _pivot(self, c: int, rates: Combination) -> Event | None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
-        packing, facts, passed = self.packing, dict[str, Any](), list[Event]()
+        packing, facts, before = self.packing, dict[str, Any](), len(self.events)
         for spring in GROUND_SPRINGS:
             critical = packing.at_yield(self.N, self.T, self.held)
             # A stuck contact on the friction limit would slide in the direction of its force.
@@ -329,25 +321,26 @@ class StrainIncrement:
             packing.side[stuck] = np.sign(self.T[stuck])
             low = packing.rounding(rates)
             changed, mode = pivot(packing, self.control, c, critical, low)
-            # A light grain leaves before regimes of all contacts are sought.
-            if changed is None and self._free(c, LIGHT_SHARE):
-                return None
+            if changed is None:
+                # What the spring before did is no event; a light grain leaves before regimes of all
+                # contacts are sought.
+                del self.events[before:]
+                if self._free(c, LIGHT_SHARE):
+                    return None
             if changed is None and not facts:
                 # Springs make another problem: whether this one has a solution is asked once.
                 every = np.append(critical[critical != c], c)
                 changed, mode["cause"] = seek(packing, self.control, every, low)
             if changed is not None:
-                self.events += passed
                 for k in changed:
                     self._tell("yield" if packing.regime[k] == SLIDING else "unloading", k)
                 return None
             # The first mode is told; the last one is dragged.
             facts = (facts or mode) | {"grains": mode["grains"]}
-            event = self._event("instability", c, **facts)
-            if self.past is None:
-                return event
-            passed = [self._passed(event, spring)]
-        return self._hold(c, "yield", **facts)
+            lost = self._pass(c, spring, **facts) if spring else self._hold(c, "yield", **facts)
+            if lost is not None:
+                return lost
+        return None
 
     def _settled(self) -> Combination | Event:
         """Rates with which every sliding contact agrees, after the pivots that this takes.
@@ -379,10 +372,9 @@ class StrainIncrement:
         """Keep a contact stuck or open to the end of the increment, whatever its forces."""
         packing = self.packing
         facts |= {"grains": tuple(packing.frame["grains"][c].tolist())}
-        event = self._event("instability", c, **facts)
-        if self.past is None:
-            return event
-        self.events.append(self._passed(event, 0.0))
+        lost = self._pass(c, 0.0, **facts)
+        if lost is not None:
+            return lost
         if kind in ("opening", "closing"):
             self._open(c)
             self._end_forces(c, RELEASED)
@@ -391,11 +383,14 @@ class StrainIncrement:
         self.held[self._springs(c)] = True
         return None
 
-    def _passed(self, instability: Event, spring: float) -> Event:
-        """Pass an instability within the interval."""
-        assert self.past is not None
-        passed = self.past(Within(self.packing, spring), instability, self.control)
-        return replace(instability, passed=passed.how)
+    def _pass(self, c: int, spring: float, **facts: Any) -> Event | None:
+        """Pass an instability within the interval; or return it, as the loss that it is."""
+        event = self._event("instability", c, **facts)
+        if self.past is None:
+            return event
+        passed = self.past(Within(self.packing, spring), event, self.control)
+        self.events.append(replace(event, passed=passed.how))
+        return None
 
     def _tell(self, kind: EventKind, c: int, **facts: Any) -> None:
         self.events.append(self._event(kind, c, **facts))

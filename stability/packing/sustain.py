@@ -35,7 +35,7 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
-from stability.packing.past import Passed, Standing
+from stability.packing.past import Passed
 from stability.packing.path import halved
 from stability.packing.path_solver import PackingPathSolver, Stop
 from stability.packing.point import PackingPoint
@@ -362,19 +362,21 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
             break
-        start, here = solver.here, solver.point
-        rise = max(push * here.parameter, LEAST_PUSH * solver.first_stress)
+        here = solver.point
+        rise = max(push * here.parameter, LEAST_PUSH * here.first_stress)
         load = min(here.parameter + rise, stage.target)
         control = here.control_to(load)
-        moved = move(start, control, loading.damping)
+        moved = move(here, control, loading.damping)
         contact = here.events[-1].contacts[0] if stop[0] == "instabilities" else -1
         told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
-        motions.append(motion_past(moved, start.state, scene.graph.contact_count, faces, **told))
+        motions.append(motion_past(moved, here.state, scene.graph.contact_count, faces, **told))
         strain = float(np.linalg.norm(motions[-1].strain))
         if math.isnan(limit) and strain >= MICRO_STRAIN:
             limit, spread = lost, change
         push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
-        solver.take_motion(Passed("replayed", moved.end, moved.work), load)
+        motion = Passed("replayed", moved.end, moved.work)
+        solver.go_on_from(motion, load - here.parameter)
+        solver.record()
         rests = moved.status == "at rest"
         strain = _strain_of_near(motions) if rests else strain
         if strain >= loading.large or not rests:
@@ -464,7 +466,7 @@ def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
         stop = solver.step(size, MANY)
         met = stop is not None and stop[0] == "instabilities"
         error = abs(_along(solver.point) - solver.point.parameter)
-        least = LEAST_PUSH * solver.first_stress
+        least = LEAST_PUSH * before.first_stress
         away = error > LOAD_ERROR * max(solver.point.parameter, least)
         if size > shortest and ((stop is not None and not met) or away):
             solver.point, size = before, max(size / CUT, shortest)
@@ -488,7 +490,7 @@ class Moved(NamedTuple):
     steps: int
 
 
-def move(here: Standing, control: MixedControl, damping: float) -> Moved:
+def move(here: PackingPoint, control: MixedControl, damping: float) -> Moved:
     """Raise the load within some steps, then keep it until rest, or until the sample flows."""
     start = here.state
     radii = start.radii[: start.count]

@@ -249,7 +249,7 @@ def moved(share, monkeypatch, shear=1.0):
     graph = jammed(12, 1)
     solver, stage = load_solver(graph.replace(shear_force=shear * graph.shear_force))
     monkeypatch.setattr(sustain_module, "Moving", Watched)
-    found = move(solver.here, solver.point.control_to(share * stage.target), 0.3)
+    found = move(solver.point, solver.point.control_to(share * stage.target), 0.3)
     return found, Watched.last, solver, stage
 
 
@@ -374,7 +374,7 @@ def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
 def test_intervals_are_cut_where_the_stress_leaves_the_load(monkeypatch):
     """By more than half a per cent, or of the least rise where the load is smaller."""
     solver, _ = load_solver(jammed(12, 1))
-    whole, least = solver.interval, LEAST_PUSH * solver.first_stress
+    whole, least = solver.interval, LEAST_PUSH * solver.point.first_stress
     for off, cut in ((0.004, False), (0.006, True)):
         large = lambda point, off=off: off * max(point.parameter, least)  # noqa: E731
         sizes = stepping(monkeypatch, [("instabilities", "met")] * 4, large)

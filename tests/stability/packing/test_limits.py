@@ -130,7 +130,7 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
         solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
         solver.start_stage(0, stage, 1)
-        found = move(solver.here, solver.point.control_to(load), 0.3)
+        found = move(solver.point, solver.point.control_to(load), 0.3)
         grown = found.end.cell @ np.linalg.inv(solver.point.state.cell) - np.eye(2)
         strains.append(np.linalg.norm(grown))
         assert found.status == "at rest" or load > motion.lost
@@ -187,13 +187,15 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     drive = Programme("strain along the mode", stress, strain, np.array([0.0, 0.0, 0.0, 1.0]))
     stages = [load, Stage(drive, "parameter", 5e-4)]
     solver = PackingPathSolver(Scene(graph, law), stages, interval, "stop")
-    assert solver.follow(0, load, 1, MANY, 20_000, None)[0] == "finished"
+    solver.start_stage(0, load, 1)
+    assert solver.run(interval, MANY)[0] == "finished"
     rises = []
 
     def see(_):
         rises.append((solver.point.P - solver.point.rows[0]["P"])[[0, 3]])
 
-    status, _ = solver.follow(1, stages[1], 1, MANY, 20_000, see)
+    solver.start_stage(1, stages[1], 1)
+    status, _ = solver.run(interval, MANY, progress=see)
     assert status in ("finished", "instabilities")
     see(0.0)
     along = np.array(rises) @ direction

@@ -537,7 +537,8 @@ def test_rows_leave_the_rattlers_where_they_are():
     for rows in (1, 50):
         stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
         solver = PackingPathSolver(Scene(graph, LAW), [stage], 2e-4, "viscous")
-        solver.follow(0, stage, rows, 1, 1000, None)
+        solver.start_stage(0, stage, rows)
+        solver.run(2e-4, 1)
         ends.append(solver.point)
     np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
     assert ends[0].rattlers.tolist() == ends[1].rattlers.tolist()
@@ -552,7 +553,7 @@ def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     rattlers = carrying_nothing(end, LOADED_SHARE)
     rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
     solver.point = replace(solver.point, rattlers=rattlers)
-    solver.take_motion(Passed("replayed", end, np.zeros(4)), 0.0)
+    solver.go_on_from(Passed("replayed", end, np.zeros(4)), 0.0)
     state = solver.point.state
     np.testing.assert_array_equal(state.normal_force, end.normal_force)
     np.testing.assert_array_equal(state.shear_force, end.shear_force)
