@@ -374,7 +374,7 @@ def as_arrow(values: Any) -> Any:
 
 @cache
 def words(name: str) -> dict[str, dict[str, Any]]:
-    """Parts of columns.toml, definitions.toml or captions.toml."""
+    """Parts of columns.toml, definitions.toml, captions.toml or lines.toml."""
     return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text(encoding="utf-8"))
 
 

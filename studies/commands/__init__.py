@@ -369,15 +369,3 @@ def columns_of(text: str | None) -> dict[str, str] | None:
     else:
         return {name.strip(): column.strip() for name, column in pairs}
     raise InputError("--columns", received, "NAME=COLUMN separated by commas", remedy)
-
-
-def shown(value: float | None) -> str:
-    """A number with three digits, a dash for none."""
-    return "-" if value is None else f"{value:.3f}"
-
-
-def spread_words(spread: float | None, converged: bool = True) -> str:
-    """A spread in words."""
-    if not converged:
-        return " (not converged)"
-    return "" if spread is None else f" (spread {100 * spread:.3g} %)"

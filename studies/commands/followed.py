@@ -15,8 +15,8 @@ from studies.commands import (
     Writing,
     answered,
     driven_line,
-    spread_words,
 )
+from studies.commands.printed import printed
 from studies.questions import (
     FURTHER,
     Cells,
@@ -32,73 +32,9 @@ from studies.questions import (
 if TYPE_CHECKING:
     from studies.output import Summary
 
-# How the path went on past an instability.
-PASSED_WORDS = {
-    "dragged": "continued with viscous damping",
-    "held": "continued with the contact held",
-    "replayed": "continued by the equations of motion",
-    "stopped": "ended the path",
-    "lost": "where the path ends without a solution",
-    "other": "of another kind",
-}
-FORECAST_WORDS = {"events": "path by events", "replay": "replay"}
-
 
 def _evolve_lines(summary: Summary) -> list[str]:
-    counts = ", ".join(f"{count} {kind}" for kind, count in summary["events"].items())
-    lines = [
-        driven_line(summary),
-        f"{summary['status']} at {summary['driven']} = {summary['reached']:.4g} of "
-        f"{summary['to']:g}: {summary['message']}",
-        f"{summary['intervals']} intervals, events: {counts or 'none'}",
-    ]
-    if summary["limit"] is not None:
-        told = spread_words(summary["limit_spread"], summary["limit_spread"] is not None)
-        lines.append(f"limit at {summary['driven']} = {summary['limit']:.4g}{told}")
-    if summary["unstable_contacts"]:
-        ways = ", ".join(
-            f"{count} {PASSED_WORDS.get(name, name)}" for name, count in summary["passed"].items()
-        )
-        told = "not computed (use --spread)"
-        if summary["stress_spread"] is not None:
-            told = f"{100 * summary['stress_spread']:.2g} % of its change"
-        lines.append(
-            f"{summary['unstable_contacts']} unstable contacts; instabilities: {ways}; spread of "
-            f"the stress after the first instability: {told}"
-        )
-    if summary["replay"] is not None:
-        rate = summary["replay"]
-        lines.append(f"replay at inertial number {rate['inertial_number']:.2g} ({rate['source']})")
-    lines.append(f"end: {_values(summary['end'])}")
-    beside = summary["replay"] or {}
-    if "end" in beside:
-        share, apart = beside["negative_loops"], beside["path_from_replay"]
-        lines.append(
-            f"end of the replay: {_values(beside['end'])}"
-            + ("" if share is None else f"; W2 < 0 in {100 * share:.1f} % of loops")
-            + (
-                ""
-                if apart is None
-                else f"; forces of path and replay differ by {apart:.2g} of what the replay changes"
-            )
-        )
-    lines += [
-        f"{FORECAST_WORDS[name]}: P{summary['driven'][1:]} misses the DEM by {row['error']:.4g}, "
-        f"assuming no change misses by {row['persistence_error']:.4g}, over {row['snapshots']} "
-        f"snapshots; below half of that up to {row['holds_to']:.3g}; drops of stress: "
-        f"{row['drops_predicted']} of {row['drops']} predicted, {row['drops_false']} false"
-        for name, row in (summary["forecast"] or {}).items()
-        if row["error"] is not None
-    ]
-    if summary["negative_loops"] is not None:
-        lines.append(
-            f"W2 < 0 in {100 * summary['negative_loops']:.1f} % of {summary['loops']} loops"
-        )
-    return lines
-
-
-def _values(row: dict[str, float]) -> str:
-    return "  ".join(f"{name} = {value:.6g}" for name, value in row.items())
+    return printed("evolve", summary, driven_line=driven_line(summary))
 
 
 def evolve_command(
@@ -133,32 +69,8 @@ def _reached(asked: Driving) -> Callable[[float], str]:
     return lambda reached: f"{reached:.3g} of {abs(asked.to):g}"
 
 
-COUNTED_WORDS = {"opens": "loses a contact", "lost": "lost", "unstable": "W2 < 0"}
-
-
 def _forecast_lines(summary: Summary) -> list[str]:
-    lines = [driven_line(summary)]
-    lines += [
-        f"{name}: {one['status']} at {summary['driven']} = {one['reached']:.4g} of "
-        f"{summary['to']:g}, residual {one['residual']:.1g}: {one['message']}"
-        for name, one in summary["ways"].items()
-    ]
-    for kind, row in summary["kinds"].items():
-        told = f"no probabilities for {summary['loops']} loops"
-        if row["expected"] is not None:
-            told = (
-                f"{row['expected']:.1f} of {summary['loops']} loops expected, {row['likely']} "
-                f"likely (p > 0.5); base rate {100 * row['base']:.2g} %"
-            )
-        ways = ("no answer" if row[way] is None else row[way] for way in ("path", "replay"))
-        said = "{}; by the path {}, by the replay {}".format(told, *ways)
-        lines.append(f"{COUNTED_WORDS[kind]}: {said}")
-    for what, one in summary["next"].items():
-        told = f"next {what}: found by {one['found']} of {one['ways']} ways"
-        if one["found"]:
-            told += f", at {summary['driven']} = {one['low']:.4g} to {one['high']:.4g}"
-        lines.append(told)
-    return lines
+    return printed("forecast", summary, driven_line=driven_line(summary))
 
 
 def forecast_command(

@@ -23,8 +23,8 @@ from studies.commands import (
     flags,
     numbers,
     out_or,
-    shown,
 )
+from studies.commands.printed import printed
 from studies.questions import FURTHER, FluidBulkModulus, StrainRatio, Whole
 
 if TYPE_CHECKING:
@@ -84,21 +84,15 @@ def diamond_command(
 
         options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
         summary = run_diamond(options, out, **writing.files())
-    lines = [
-        f"{event_words(event['kind']):<22} E1 = {event['E1']:.10f}  E2 = {event['E2']:.10f}  "
-        f"s1 = {event['s1']:.10f}  s2 = {event['s2']:.10f}"
-        for event in summary["events"]
-    ]
-    lines += [*state_lines(summary), area_line(summary)]
-    model_found = summary["model"]
-    lines.append(
-        f"model {model_found['choice']}: symmetry {model_found['symmetry']}, "
-        f"degrees of freedom {model_found['freedoms']}"
-    )
-    if model_found["check"] is not None:
-        found = model_found["check"]["differences"].items()
+    check = summary["model"]["check"]
+    apart = None
+    if check is not None:
+        found = check["differences"].items()
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
-        lines.append(f"differences from the full model: {apart or 'nothing to compare'}")
+        apart = apart or "nothing to compare"
+    events = [event | {"words": event_words(event["kind"])} for event in summary["events"]]
+    more = [*state_lines(summary), area_line(summary)]
+    lines = printed("diamond", summary, events=events, more=more, apart=apart)
     return answer(writing.json, out, lines, summary["notes"])
 
 
@@ -190,22 +184,8 @@ def polygon_command(
             summary = run_polygon(options, out, **writing.files())
         else:
             summary = run_comparison(ComparisonOptions(orders, options), out, **writing.files())
-    lines = (_polygon_lines if compare is None else _comparison_lines)(summary)
+    lines = _polygon_lines(summary) if compare is None else printed("compare", summary)
     return answer(writing.json, out, lines, summary["notes"])
-
-
-def _comparison_lines(summary: Summary) -> list[str]:
-    lines = [
-        "order  isotropic path: critical strain in 11, 22 / symmetric / full; "
-        f"{summary['parameters']['programme']} path: E1 at first yield, peak s1, status"
-    ]
-    for row in summary["loops"]:
-        strains = [shown(strain) for strain in row["critical_strain"].values()]
-        first, peak = ((row[name] or {}) for name in ("first_yield", "peak"))
-        values = [*strains, shown(first.get("E1")), shown(peak.get("s1"))]
-        columns = "  ".join(f"{value:>9}" for value in values)
-        lines.append(f"{row['order']:>5}  {columns}  {row['status']}")
-    return lines
 
 
 def _ring_of(path: Path) -> tuple[Any, Any]:
@@ -271,17 +251,9 @@ def _polygon_lines(summary: Summary) -> list[str]:
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()
     )
-    lines = [f"critical isotropic strain  {critical}", *event_lines(summary)]
-    if summary["peak"] is not None:
-        peak = summary["peak"]
-        lines.append(f"peak of s1 = {peak['s1']:.8f} at E1 = {peak['E1']:.8f}")
-    lines += [*state_lines(summary), area_line(summary)]
-    model = summary["model"]
-    lines.append(
-        f"model {model['choice']}: symmetry {model['symmetry']}, "
-        f"degrees of freedom {model['freedoms']}, contacts {model['contact_orbits']}"
-    )
-    return lines
+    more = [*state_lines(summary), area_line(summary)]
+    told = {"critical": critical, "listed": event_lines(summary), "more": more}
+    return printed("polygon", summary | told)
 
 
 def domain_command(
@@ -423,14 +395,12 @@ def _loop_domain_lines(summary: Summary) -> list[str]:
 
 
 def _domain_lines(summary: Summary) -> list[str]:
-    return [
-        f"alpha0 = {case['alpha0_deg']:g}  kappa = {case['kappa']:g}  phi = {case['phi_deg']:g}  "
-        f"{contacts:<10}  {summary['directions']} strain paths: det Ks vanishes on "
-        f"{found['det_Ks_zero']}, det K on {found['det_K_zero']}, "
-        f"by yielding on {found['by_yielding']}"
+    rows = [
+        case | found | {"contacts": contacts}
         for case in summary["cases"]
         for contacts, found in case["contacts"].items()
     ]
+    return printed("domain", summary, rows=rows)
 
 
 def _benchmarks() -> Any:
@@ -471,21 +441,12 @@ def bench_command(
     run_bench = _benchmarks().run_bench
     with clock("grainloops bench") as tell:
         summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
-    lines = []
-    for name, group in summary["groups"].items():
-        for row in group["defaults"][:1]:
-            knee = group["knee"]
-            lines.append(
-                f"{name:<20} {row['method']} ({row['setting']}): "
-                f"{row['seconds_per_item']:.1e} s, error {row['error']:.0e}; "
-                f"best trade-off {knee['method']} ({knee['setting']}): "
-                f"{knee['seconds_per_item']:.1e} s, error {knee['error']:.0e}"
-            )
+    defaults = [
+        row | {"name": name, "knee": group["knee"]}
+        for name, group in summary["groups"].items()
+        for row in group["defaults"][:1]
+    ]
     hard = summary["hard_cases"]
-    if hard["cases"]:
-        lines.append(
-            f"hard cases: {hard['cases']}, tangents {hard['tangents']}, wrong signs "
-            f"{hard['wrong_signs']}, errors above their bound {hard['over_bound']}, "
-            f"unexpected {len(hard['unexpected']) + len(hard['paths_missed'])}"
-        )
+    unexpected = len(hard["unexpected"]) + len(hard["paths_missed"]) if hard["cases"] else None
+    lines = printed("bench", summary, defaults=defaults, unexpected=unexpected)
     return answer(json, out, lines)

@@ -17,6 +17,7 @@ from studies.commands import (
     numbers,
     out_or,
 )
+from studies.commands.printed import printed
 from studies.questions import Averaging
 
 # Options of a loop that is made, and of a snapshot's.
@@ -62,24 +63,8 @@ def material_command(
         how = {} if snapshot is None else reading.how_of(snapshot)
         options = MaterialOptions(**given)
         summary = run_material(options, out, snapshot=snapshot, **writing.files(), **how)
-    many = ", ".join(f"{count} of order {n}" for n, count in summary["orders"].items())
-    lines = [] if snapshot is None else [driven_line(summary)]
-    lines.append(
-        f"{summary['loops']} loops ({many}), closure {summary['closure']}, {summary['programme']}, "
-        f"{summary['steps']} steps"
-    )
-    for name, said in (("mean", "mean of the loops"), ("single", f"loop {summary['loop']} alone")):
-        told = summary[name]
-        peak = "no peak"
-        if told["peak_strain"] is not None:
-            peak = f"peak {told['peak_stress_ratio']:.4f} at strain {told['peak_strain']:.4f}"
-        lines.append(
-            f"{said}: {told['status']} at strain {told['end_strain']:.4f}, stress ratio {peak}, "
-            f"W2 < 0 from {_strain(told['w2_negative_strain'])}, "
-            f"cone from {_strain(told['cone_strain'])}, loops lost {told['failed']:.0%}"
-        )
+    sets = {"mean of the loops": summary["mean"]}
+    sets[f"loop {summary['loop']} alone"] = summary["single"]
+    driven = None if snapshot is None else driven_line(summary)
+    lines = printed("material", summary, driven_line=driven, sets=sets)
     return answer(writing.json, out, lines, summary["notes"])
-
-
-def _strain(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"

@@ -13,90 +13,35 @@ from studies.commands import (
     Sharing,
     Writing,
     answered,
-    shown,
-    spread_words,
 )
+from studies.commands.printed import printed
 from studies.questions import FURTHER, Holding, Probing, Sustaining
 
 if TYPE_CHECKING:
     from studies.output import Summary
-
-STATUS_WORDS = {
-    "unique": "one solution (proved)",
-    "one found": "one solution found",
-    "several": "several solutions",
-    "family": "a line of solutions or more",
-    "none": "no solution (proved)",
-    "none found": "no solution found",
-    "not converged": "not converged",
-    "nearest": "nearest regimes (contacts that soften are kept from sliding)",
-}
-BY_WORDS = {"events": "followed from event to event", "increment": "each in one solve"}
 
 # Folds that one line names at most.
 SHOWN_FOLDS = 8
 
 
 def _probe_lines(summary: Summary) -> list[str]:
-    statuses = ", ".join(
-        f"{STATUS_WORDS.get(name, name)}: {count}" for name, count in summary["statuses"].items()
+    least, angles, control = (
+        summary[name] for name in ("solutions_smallest_w2", "folds_deg", "destabilising")
     )
-    driven = "H'" if summary["control"] == "strain" else "P'"
-    how = (
-        f"{BY_WORDS[summary['by']]} up to {summary['amplitude']:g}; numbers are increments over "
-        f"it; boundary: {summary['boundary']}"
-        if summary["amplitude"] is not None
-        else f"{summary['candidates']} contacts are allowed to slide (yield band "
-        f"{summary['yield_band']:g}), {summary['pieces']} different sets of sliding contacts; "
-        f"boundary: {summary['boundary']}"
-    )
-    lines = [
-        f"{summary['directions']} directions of {driven} ({summary['subspace']}): {statuses}",
-        how,
-    ]
-    if summary["undetermined"]:
-        lines.insert(0, _unanswered(summary))
-    if summary["smallest_w2"] is not None:
-        lines.append(
-            f"smallest w2 {summary['smallest_w2']:.4f} at {summary['softest_theta_deg']:.1f} "
-            f"degrees; W2 < 0 in {100 * summary['unstable_fraction']:.2f} % of directions"
-        )
-    least = summary["solutions_smallest_w2"]
-    if least is not None and least < summary["smallest_w2"] - 1e-9:
-        lines.append(
-            f"of all {summary['solutions']} solutions the smallest w2 is {least:.4f} at "
-            f"{summary['solutions_softest_theta_deg']:.1f} degrees; W2 < 0 in one at least of "
-            f"{summary['solutions_unstable_directions']} directions"
-        )
-    if len(summary["folds_deg"]) and {"none", "none found"} & set(summary["statuses"]):
-        folds = ", ".join(f"{angle:.2f}" for angle in summary["folds_deg"][:SHOWN_FOLDS])
-        more = len(summary["folds_deg"]) - SHOWN_FOLDS
-        lines.append(
-            f"solutions turn back at {folds}"
-            + (f" and {more} more" if more > 0 else "")
-            + " degrees"
-        )
-    lines += [
-        f"cone from {cone['begin_deg']:.2f} to {cone['end_deg']:.2f} degrees"
-        + ("" if all(cone["refined"]) else " (one end is known only to the next direction)")
-        for cone in summary["cones"]
-    ]
-    control = summary["destabilising"]
+    folds = None
+    if len(angles) and {"none", "none found"} & set(summary["statuses"]):
+        folds, more = ", ".join(f"{angle:.2f}" for angle in angles[:SHOWN_FOLDS]), len(angles)
+        folds += f" and {more - SHOWN_FOLDS} more" if more > SHOWN_FOLDS else ""
+    held = None
     if control["status"] == "found":
         held = ", ".join(f"{value:.4f}" for value in control["held"])
-        lines.append(
-            f"the sample loses its strength if this combination of strains is held constant: {held}"
-        )
-    if summary["orders"]:
-        lines.append(
-            "softest direction, by order of the loops: share of W2, share of its negative part"
-        )
-        lines += [
-            f"  {order:>3}  {shown(row['W2_share']):>7}  {shown(row['negative_share']):>7}"
-            for order, row in summary["orders"].items()
-            if row["loops"]
-        ]
-    return lines
+    return printed(
+        *("probe", summary),
+        headline=_unanswered(summary) if summary["undetermined"] else None,
+        smaller=least is not None and least < summary["smallest_w2"] - 1e-9,
+        folds=folds,
+        held_strains=held,
+    )
 
 
 def _unanswered(summary: Summary) -> str:
@@ -154,33 +99,8 @@ def probe_command(
 
 
 def _sustain_lines(summary: Summary) -> list[str]:
-    statuses = ", ".join(f"{count} {name}" for name, count in summary["statuses"].items())
-    lines = [
-        f"{summary['directions']} directions of the stress rate ({summary['subspace']}), load up "
-        f"to {summary['largest']:.4g}: {statuses}"
-    ]
-    weakest = summary["weakest"]
-    if weakest is None:
-        lines.append("the equilibrium was lost in no direction")
-    elif weakest["first_large_load"] is not None:
-        lines.append(
-            f"weakest direction {weakest['theta_deg']:.1f} degrees: first large motion by "
-            f"{weakest['first_large_strain']:.2g} at an added load of "
-            f"{weakest['first_large_load']:.4g}{spread_words(weakest['first_large_spread'])}"
-        )
-        lines.append(
-            f"first loss of equilibrium in this direction: {weakest['limit']:.4g}"
-            f"{spread_words(weakest['limit_spread'], weakest['limit_converged'])}"
-        )
-    else:
-        lines.append(
-            "no large motion; the smallest load at which the equilibrium was lost: "
-            f"{weakest['limit']:.4g}, at {weakest['theta_deg']:.1f} degrees"
-            f"{spread_words(weakest['limit_spread'], weakest['limit_converged'])}"
-        )
     own, more = (summary[key] / summary["directions"] for key in ("seconds", "spread_seconds"))
-    lines.append(f"processor time a direction: {own:.2g} s, {more:.2g} s more for its spreads")
-    return lines
+    return printed("sustain", summary, own=own, more=more)
 
 
 def sustain_command(

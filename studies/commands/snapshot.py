@@ -27,8 +27,8 @@ from studies.commands import (
     answered,
     clock,
     out_or,
-    shown,
 )
+from studies.commands.printed import printed, shown
 from studies.questions import FURTHER, AsGiven, Cells, Replaying, Snapshotting, Tracking
 
 if TYPE_CHECKING:
@@ -40,41 +40,25 @@ MALLOC = {"M_ARENA_MAX": (-8, 1), "M_MMAP_THRESHOLD": (-3, 2**30), "M_TRIM_THRES
 
 
 def _snapshot_lines(summary: Summary) -> list[str]:
-    from studies.snapshot.table import LAST_ORDER
-
-    # Loops of the last order and beyond are counted together.
-    counts: dict[str, int] = {}
-    for n, count in summary["orders"].items():
-        group = n if int(n) < LAST_ORDER else f"{LAST_ORDER}+"
-        counts[group] = counts.get(group, 0) + count
-    orders = "  ".join(f"{n}: {count}" for n, count in counts.items())
-    lines = [
-        f"{summary['grains']} grains, {summary['contacts']} contacts; mean contacts per grain "
-        f"{summary['coordination']:.3f}, excluding {summary['dangling_grains']} grains with fewer "
-        "than two",
-        f"{summary['loops']} loops, mean order {shown(summary['mean_order'])} ({orders})",
-        f"Euler's formula {'holds' if summary['euler_ok'] else 'FAILS'}",
-    ]
-    if "sliding_fraction" in summary:
-        lines.append(f"{100 * summary['sliding_fraction']:.1f} % of the contacts slide")
-    if "unstable_by_order" in summary and not summary["normal_force"]["mean"]:
-        lines.append("all contact forces are zero: no verdict on the loops")
-    elif "unstable_by_order" in summary:
-        lines += _verdicts(summary)
-    return lines
+    groups = summary["orders_grouped"].items()
+    told: Summary = {
+        "groups": "  ".join(f"{name}: {one['loops']}" for name, one in groups if one["loops"])
+    }
+    if "unstable_by_order" in summary:
+        loaded = bool(summary["normal_force"]["mean"])
+        told |= _verdicts(summary) if loaded else {"unloaded": True}
+    return printed("snapshot", summary, **told)
 
 
-def _verdicts(summary: Summary) -> list[str]:
-    """Shares of unstable loops, with what each assumes."""
+def _verdicts(summary: Summary) -> Summary:
+    """Shares of unstable loops by judge, and what each assumes."""
     from studies.output import definitions
     from studies.snapshot.summary import JUDGE_TITLES
 
     assumed = definitions("assumptions")
-    lines = ["unstable loops by order, in % of those judged (judged of all, where some are not):"]
-    for judge in summary["unstable_by_order"]:
-        every, shares = (
-            summary[f"{kind}_by_order"][judge] for kind in ("undetermined", "unstable")
-        )
+    told: Summary = {"assumed": assumed, "cut_out": assumed["cut_out"], "judged": {}}
+    for judge, shares in summary["unstable_by_order"].items():
+        every = summary["undetermined_by_order"][judge]
         text = "  ".join(
             f"{group}: {_percent(share['mean'])}"
             + (f" ({share['count']} of {all_of})" if share["count"] < all_of else "")
@@ -82,28 +66,16 @@ def _verdicts(summary: Summary) -> list[str]:
             for all_of in (every[group]["count"],)
             if shares["all"]["count"]
         )
-        lines.append(f"  {JUDGE_TITLES[judge]:<24} {text or '-'}")
-    lines += [f"spins {case}: {assumed[f'spins_{case}']}" for case in ("blocked", "free")]
-    if "in_packing" not in summary:
-        return [*lines, assumed["cut_out"]]
-    parts = "  ".join(
-        f"{group}: {shown(share['median'] if share['count'] else None)}"
-        for group, share in summary["surroundings_share"].items()
-    )
-    positive = summary["surroundings_positive"]["all"]["mean"]
-    error = summary["packing_error"]
-    known = (
-        f"stated errors of the operators: median {error['median']:.1g}" if error["count"] else ""
-    )
-    return [
-        *lines,
-        summary["packing_at_rest"]["says"],
-        f"in its packing: {assumed['in_packing'].format(**summary['in_packing'])}",
-        f"surroundings' share of a loop's stiffness, median by order: {parts} "
-        "(without loops undetermined when cut out)",
-        f"loops whose surroundings have positive stiffness in all directions: "
-        f"{_percent(positive)} ({known})",
-    ]
+        told["judged"][JUDGE_TITLES[judge]] = text or "-"
+    if "in_packing" in summary:
+        medians = "  ".join(
+            f"{group}: {shown(share['median'] if share['count'] else None)}"
+            for group, share in summary["surroundings_share"].items()
+        )
+        around = assumed["in_packing"].format(**summary["in_packing"])
+        positive = _percent(summary["surroundings_positive"]["all"]["mean"])
+        told |= {"around": around, "medians": medians, "positive": positive, "cut_out": None}
+    return told
 
 
 def _percent(share: float) -> str:
@@ -253,99 +225,42 @@ def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Itera
 
 # Notes that are printed, at most.
 MOST_NOTES = 8
-# Characters that are printed of the reason why a snapshot was skipped, at most.
-LONGEST_REASON = 300
 
 
 def _series_lines(summary: Summary) -> list[str]:
-    fates = "  ".join(f"{name}: {count}" for name, count in summary["fates"].items())
-    lines = [
-        f"{summary['snapshots']} snapshots, {summary['loops']} loops in all",
-        f"loops in {summary['intervals']} intervals: {fates}",
-    ]
-    for when in ("first", "last"):
-        row = summary[when]
-        lines.append(
-            f"{when} snapshot: {row['loops']} loops, mean order {shown(row['mean_order'])}, "
-            f"mean contacts per grain {shown(row['coordination'])}"
-        )
-    strains = {name: summary["last"][name] for name in ("H11", "H12", "H21", "H22")}
-    said = (f"{name} = {'-' if e is None else f'{e:.6g}'}" for name, e in strains.items())
-    lines.append(f"strain between them: {'  '.join(said)}")
-    if "packing" in summary:
-        packing = summary["packing"]
-        lines.insert(
-            0,
-            f"increments of the packing ({packing['boundary'] or 'none'}): solved in "
-            f"{packing['solved']} of {packing['intervals']} intervals, nearest regimes in "
-            f"{packing.get('intervals nearest', 0)}",
-        )
-    if "followed" in summary:
-        lines[1:1] = _followed_lines(summary["followed"])
-    if "skill" in summary:
-        lines += _skill_lines(summary["skill"])
-    if "skill_of_targets" in summary:
-        lines += _target_lines(summary["skill_of_targets"])
-    lines += [
-        f"skipped: snapshot {one['snapshot']} ({one['name']}): {one['reason'][:LONGEST_REASON]}"
-        for one in summary["skipped"]
-    ]
-    return lines
+    last, told = summary["last"], {"rates": None, **_skills(summary)}
+    rates = summary.get("followed", {}).get("replay_inertial_number")
+    if rates is not None:
+        told["rates"] = " to ".join(dict.fromkeys(f"{value:.2g}" for value in rates))
+    strain = {name: last[name] for name in ("H11", "H12", "H21", "H22")}
+    ends = {"first": summary["first"], "last": last}
+    return printed("series", summary, ends=ends, strain=strain, **told)
 
 
-def _followed_lines(followed: dict[str, Any]) -> list[str]:
-    """Rate of the replays and where it is from; how the paths ended."""
-    if followed["replay_inertial_number"] is None:
-        return []
-    low, high = (f"{value:.2g}" for value in followed["replay_inertial_number"])
-    sources = ", ".join(
-        f"{source}: {count} intervals" for source, count in followed["replay_rate_from"].items()
-    )
-    ends = ", ".join(f"{status}: {count}" for status, count in followed["path_statuses"].items())
-    lines = [
-        f"replay at inertial number {low if low == high else f'{low} to {high}'} ({sources}), "
-        f"damping {followed['damping']:g}, programme {followed['programme']}",
-        f"path by events ({ends}), {followed['path_instabilities']} instabilities passed by "
-        f"{followed['past']}",
-    ]
-    apart = followed["path_from_replay"]
-    if apart is not None:
-        before, after = apart["snapshots"]
-        lines.append(
-            f"forces of path and replay differ by {apart['median']:.2g} of what the replay changes "
-            f"(median), at most by {apart['largest']:.2g}, from snapshot {before} to {after}"
-        )
-    missed = followed["replay_stress_error"]
-    if missed is not None:
-        before, after = missed["snapshots"]
-        lines.append(
-            f"replays end {100 * missed['median']:.2g} % of p from the later snapshot's stress "
-            f"(median), at most {100 * missed['largest']:.2g} %, from snapshot {before} to {after}"
-        )
-    return lines
+def _skills(summary: Summary) -> Summary:
+    """Skill of each prediction beside the base rate, and AUC for what else becomes of loops."""
+    from studies.series.skill import PREDICTORS, TARGETS
 
-
-def _skill_lines(skill: dict[str, Any]) -> list[str]:
-    """Skill of each prediction beside the base rate and persistence."""
-    base = skill["traction"]["base"]
-    if base is None:
-        return []
-    lines = [
-        f"{100 * base:.1f} % of the loops that survived and moved did negative second-order work "
-        "(base rate); how well it is predicted:",
-        f"  {'':<33} predicted  precision  recall    AUC   (lowest to highest)",
-    ]
-    for name, row in skill.items():
-        covered = "-" if row["coverage"] is None else f"{100 * row['coverage']:.3g} %"
-        values = "  ".join(f"{shown(row[key]):>7}" for key in ("precision", "recall", "auc"))
-        values = f"{covered:>8}   {values}"
-        spread = f"   ({row['auc_min']:.3f} to {row['auc_max']:.3f})" if "auc_min" in row else ""
-        lines.append(f"  {_predictor(name):<33}  {values}{spread}")
-    return [
-        *lines,
-        "  (predicted: share of these loops, the numbers beside it are of them; precision: compare "
-        "with the base rate; AUC: 0.5 is chance, 1 is perfect)",
-    ]
+    skill, targets = summary.get("skill"), summary.get("skill_of_targets")
+    told: Summary = {}
+    if skill is not None and (base := skill["traction"]["base"]) is not None:
+        rows = []
+        for name, row in skill.items():
+            known = row["coverage"] is not None
+            covered = f"{100 * row['coverage']:.3g} %" if known else "-"
+            rows.append(row | {"words": _predictor(name), "covered": covered})
+        told = {"base": base, "skills": rows}
+    if targets is not None:
+        skills = targets.values()
+        columns = {"AUC of all predictors for": [TARGETS[target] for target in targets]}
+        columns["base rate"] = [shown(next(iter(one.values()))["base"]) for one in skills]
+        for name in (one for one in PREDICTORS if any(one in skill for skill in skills)):
+            values = [shown(one.get(name, {}).get("auc")) for one in skills]
+            columns[_predictor(name)] = values
+        told["targets"] = {
+            name: "  ".join(f"{value:>18}" for value in row) for name, row in columns.items()
+        }
+    return told
 
 
 def _predictor(name: str) -> str:
@@ -354,21 +269,6 @@ def _predictor(name: str) -> str:
 
     said = PREDICTORS[name].replace(r"$\lambda_{\min}$", "least eigenvalue")
     return said.replace(r"$D^2_{\min}$", "D2min")
-
-
-def _target_lines(targets: dict[str, Any]) -> list[str]:
-    """AUC of every predictor for what else becomes of loops, below the base rates."""
-    from studies.series.skill import PREDICTORS, TARGETS
-
-    skills = targets.values()
-    rows = {"base rate": [next(iter(skill.values()))["base"] for skill in skills]}
-    for name in (one for one in PREDICTORS if any(one in skill for skill in skills)):
-        rows[_predictor(name)] = [skill.get(name, {}).get("auc") for skill in skills]
-    head = "  ".join(f"{TARGETS[target]:>18}" for target in targets)
-    return [f"  {'AUC of all predictors for':<33}  {head}"] + [
-        f"  {name:<33}  " + "  ".join(f"{shown(value):>18}" for value in values)
-        for name, values in rows.items()
-    ]
 
 
 def series_command(

@@ -1,0 +1,72 @@
+"""Printed lines: templates over a summary, whose parts are left out where values are unknown."""
+
+import pytest
+
+from studies.commands.printed import CONDITION, Filling, printed
+from studies.output import words
+
+SUMMARY = {
+    "share": 0.25,
+    "none": None,
+    "zero": 0,
+    "ends": [True, False],
+    "events": {"yield": 3, "opening": 2},
+    "end": {"P11": 1.0, "P22": None},
+    "driven": "H22",
+    "nested": {"spread": 0.031, "name with blanks": 4},
+}
+
+
+@pytest.mark.parametrize(
+    ("template", "text"),
+    [
+        ("{share:.2f}", "0.25"),
+        ("{share:%.3g} %", "25 %"),
+        ("{none}", None),
+        ("{missing[key]}", None),
+        ("{none[key]:.3f}", None),
+        ("a {share}| b {none}| c {zero}", "a 0.25 c 0"),
+        ("{none}| b {share}", None),
+        ("{none:3} {share:3>7}", "-   0.250"),
+        ("?share:yes|?zero: no|!none: unknown|!share: no|~ends: partly", "yes unknown partly"),
+        ("?zero:not printed", None),
+        ("{events:counts}", "3 yield, 2 opening"),
+        ("{events:counts of order}", "3 of order yield, 2 of order opening"),
+        ("{events:counted}; {events:spaced}", "yield: 3, opening: 2; yield: 3  opening: 2"),
+        ("{end:values}", "P11 = 1  P22 = -"),
+        ("P{driven:axes}{nested[spread]:spread}", "P22 (spread 3.1 %)"),
+        ("{nested[name with blanks]}|!nested[other name]: none", "4 none"),
+    ],
+)  # fmt: skip
+def test_a_template_over_a_summary(template, text):
+    assert Filling().filled(template, SUMMARY) == text
+
+
+def test_words_stand_for_what_they_describe():
+    assert Filling().filled("{by:word/by}", {"by": "increment"}) == "each in one solve"
+    counts = {"unique": 2, "finished": 1}
+    said = Filling().filled("{counts:counted/status}", {"counts": counts})
+    assert said == "one solution (proved): 2, finished: 1"
+    assert Filling().filled("{none:counts}", {"none": {}}) == "none"
+
+
+def test_a_line_for_each_item_with_its_own_keys():
+    """An item of a mapping has its name, an item of a list its own one."""
+    row = {"order": 3, "loops": 7, "W2_share": 0.5, "negative_share": None}
+    lines = printed("probe", {"orders": {"3": row, "4": {"loops": 0}}})
+    assert lines[-1] == "    3    0.500        -" and lines[-2].startswith("softest direction")
+    skipped = [{"snapshot": 2, "name": "b.csv", "reason": 400 * "x"}]
+    (line,) = (one for one in printed("series", {"skipped": skipped}) if "skipped" in one)
+    assert line == f"skipped: snapshot 2 (b.csv): {300 * 'x'}"
+
+
+def test_every_template_can_be_read():
+    """Braces are closed, conditions are conditions, and tables of words exist."""
+    tables = words("lines")
+    for lines in tables["lines"].values():
+        for line in lines:
+            for part in (line if isinstance(line, str) else line[1]).split("|"):
+                assert CONDITION.match(part) or part[:1] not in tuple("?!~")
+                for _, _, spec, _ in Filling().parse(part):
+                    _, _, table = (spec or "").partition("/")
+                    assert not table or table in tables["words"]
