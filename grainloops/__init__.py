@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from loops import order_kinetics as order_kinetics
     from loops import to_networkx as to_networkx
     from loops import traction_tangent as traction_tangent
+    from loops.closures.symbolic import symbolic_tangent as symbolic_tangent
     from patterns import Snapshot as Snapshot
     from patterns import diamond as diamond
     from patterns import planar as planar

@@ -54,6 +54,7 @@ TESTED = {
     "questions": "test_blocks",  # the sample of the package
     "series": "test_how_to",  # two snapshots of the slow series
     "sustaining": "test_how_to",
+    "symbols": "test_blocks",  # a triangle, a pentagon, a loop of the sample of the package
     "yade": "test_blocks",  # a stand-in for Yade with its own saves, in a cell and between walls
     "../README": "test_readme",
 }
@@ -148,6 +149,30 @@ def test_the_block_on_three_discs_says_what_the_page_says(capsys):
     # The ends of the line: one contact slides alone, by the sum that the table has.
     assert names["found"].families[0].corners.max() == pytest.approx(1.56124648, abs=5e-9)
     assert "any two slips with the sum 1.56124648" in PAGES["published"]
+
+
+@pytest.mark.slow
+def test_the_matrices_of_the_page_on_symbols_are_what_its_code_finds():
+    sp, names = pytest.importorskip("sympy"), {}
+    exec("\n".join(blocks("symbols")), names)
+    page = re.sub(r"\s+", " ", PAGES["symbols"])
+    for name, matrix in (("A", "A"), ("S", "S"), ("K", "K"), ("K", "K5")):
+        wanted = f"{name} = {sp.latex(names[matrix])} "
+        assert re.sub(r"\s+", " ", wanted.replace(r"\\", "\\\\ ")) in page
+    (shown,) = re.findall(r"A/l = \\left\[\\begin{matrix}(.*?)\\end", PAGES["symbols"], re.DOTALL)
+    rows = [[float(x) for x in row.split("&")] for row in shown.split("\\\\")]
+    length = next(iter(names["A5"].free_symbols))
+    known = np.array(names["A5"] / length, dtype=float)
+    np.testing.assert_allclose(rows, known, atol=5e-5)
+    difference = np.linalg.inv(names["C"]) - names["tangent"].matrix
+    assert np.abs(difference).max() < names["tangent"].error
+    # Twice kn, and kn + kt - N/l, times the tangent of 180/n degrees.
+    l, kn, kt, N = (sp.Symbol(name, real=True) for name in ("l", "kn", "kt", "N"))  # noqa: E741
+    for K, factor in ((names["K"], sp.sqrt(3)), (names["K5"], sp.sqrt(5 - 2 * sp.sqrt(5)))):
+        plane = ((K + K.T) / 2).extract([0, 3], [0, 3])
+        for way, value in (((1, 1), 2 * kn), ((1, -1), kn + kt - N / l)):
+            vector = sp.Matrix(way)
+            assert sp.simplify(plane * vector - factor * value * vector) == sp.zeros(2, 1)
 
 
 def test_the_block_on_a_material_runs():

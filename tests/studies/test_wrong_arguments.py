@@ -231,6 +231,7 @@ CALLS = {
         "scene:sample directions:shaped subspace:choice largest:number interval:number "
         "large:number most_snaps:count spread: hold:choice",
     ),
+    "symbolic_tangent": ({"graph": "ring", "law": LAW}, "graph:graph law:law closure:choice"),
     "symmetric_spectrum": ({"K": "K"}, "K:shaped"),
     "synthetic_network": (
         {"grains": 16},
