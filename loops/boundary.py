@@ -71,6 +71,23 @@ class PlaneContacts(Shown):
             sticks = sticks & ~self.sliding
         return np.where(sticks, Regime.ELASTIC, Regime.SLIDING).astype(np.int8)
 
+    @property
+    def friction(self) -> Floats:
+        """(W,) friction; where none is known, what has a shear stiffness never slides."""
+        return np.where(self.kt > 0, np.inf, 0.0) if self.mu is None else self.mu
+
+    def springs(self, radii: Floats) -> Floats:
+        """Return `kn`, `kt`, friction, overlaps and normal forces (5, W) of grains with `radii`.
+
+        The forces are those of the overlaps where none are given.
+        """
+        distance = np.linalg.norm(self.branch, axis=1)
+        overlap = np.maximum(radii - distance, 0.0)
+        push = self.kn * overlap
+        if self.force is not None:
+            push = -np.sum(self.force * self.branch, axis=1) / distance
+        return np.array([self.kn, self.kt, self.friction, overlap, push])
+
     def take(self, rows: Flags) -> PlaneContacts:
         """Return the picked contacts."""
         mu, force = (None if a is None else a[rows] for a in (self.mu, self.force))
@@ -100,8 +117,9 @@ class PlaneContacts(Shown):
 
     def law(self, law: ContactLaw) -> LinearFrictional:
         """Return springs and friction of the plates, with the shear increment of a law."""
-        mu = np.full(len(self.kn), np.inf) if self.mu is None else self.mu
-        return LinearFrictional(self.kn, self.kt, mu, getattr(law, "shear_increment", "branch"))
+        return LinearFrictional(
+            self.kn, self.kt, self.friction, getattr(law, "shear_increment", "branch")
+        )
 
 
 class Walls(NamedTuple):

@@ -14,7 +14,7 @@ from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, branches_between, require_one_state
 from loops.laws.movable import require_movable
-from loops.laws.of_pairs import MovableLaw, PairLaw, WallSprings, law_of_pairs
+from loops.laws.of_pairs import MovableLaw, PairLaw
 from loops.neighbours import new_pairs
 from loops.scene import Scene
 from loops.shown import Shown
@@ -324,8 +324,7 @@ class Contacts(PackingState):
         # A wall keeps its direction.
         frame["rotation"][self.at_wall] = 0.0
         frame["growth"] = 0.5 * T / unit
-        springs = law.tangent(law.touching - length, T, reach)
-        for name, values in zip(springs._fields, springs, strict=True):
+        for name, values in law.tangent(law.touching - length, T, reach).items():
             frame[name] = values
         frame["slides"], frame["at_touch"], frame["push"] = law.slides, law.at_touch, 1.0
         if law.springs == 1:
@@ -370,8 +369,7 @@ def start_state(
         radii, angle = np.append(radii, none), np.append(angle, none)
         contacts = np.vstack([graph.contacts, np.column_stack([planes.grain, count + wall])])
         images = np.zeros_like(contacts)
-        distance = np.linalg.norm(planes.branch, axis=1)
-        push = planes.kn * np.maximum(graph.radii[planes.grain] - distance, 0.0)
+        push = planes.springs(graph.radii[planes.grain])[4]
         force = push[:, None] * n if planes.force is None else planes.force
         # The normal of a contact points from the grain to the wall.
         frame = n, np.column_stack([-n[:, 1], n[:, 0]])
@@ -379,7 +377,7 @@ def start_state(
             np.append(old, np.sum(force * way, axis=1))
             for old, way in zip((N, T), frame, strict=True)
         )
-        M = np.append(M, 0.0 * distance)
+        M = np.append(M, 0.0 * push)
     return PackingState(
         radii=radii,
         x=x,
@@ -410,14 +408,10 @@ def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
 def contacts_of(start: PackingState, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:
     """Return the contacts of a state under a law, those with walls last."""
     wall = np.where(start.at_wall, start.contacts[:, 1] - start.count, -1)
-    walls, planes = None, None if boundary is None else boundary.walls
-    if len(start.walls) and planes is not None:
-        mu = np.where(planes.kt > 0, np.inf, 0.0) if planes.mu is None else planes.mu
-        foot = np.linalg.norm(planes.branch, axis=1)
-        overlap = np.maximum(start.radii[planes.grain] - foot, 0.0)
-        force = start.normal_force[np.count_nonzero(wall < 0) :]
-        walls = WallSprings(planes.kn, planes.kt, mu, overlap, force)
     radii = np.ascontiguousarray(start.radii[start.contacts].T)
+    planes, springs = None if boundary is None else boundary.walls, None
+    if len(start.walls) and planes is not None:
+        springs = planes.springs(start.radii[planes.grain])
     of_start = {field.name: getattr(start, field.name) for field in fields(PackingState)}
-    contacts = Contacts(**of_start, law=law_of_pairs(law, radii, wall, walls))
+    contacts = Contacts(**of_start, law=PairLaw.made(law, radii, wall, springs))
     return contacts.parted(contacts.overlap == 0)

@@ -286,8 +286,7 @@ def packing_stress(system: System) -> Floats:
     total = contact_forces(graph).T @ graph.branches
     if planes is not None:
         distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
-        overlap = np.maximum(graph.radii[planes.grain][:, None] - distance, 0.0)
-        push = planes.kn[:, None] * overlap * planes.branch / distance
+        push = planes.springs(graph.radii[planes.grain])[4][:, None] * planes.branch / distance
         forces = push if planes.force is None else -planes.force
         total = total + forces.T @ system.branches[len(system.contacts) :]
     return np.asarray(total / system.volume)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Self, cast
+from typing import Self, cast
 
 import numpy as np
 
@@ -32,32 +32,6 @@ SMALL_OVERLAP = 1e-4
 AS_GIVEN = 3.0
 # Forces at touch below this share of those at overlap are rounding: the law has no cohesion.
 AT_TOUCH = 1e-9
-
-
-class WallSprings(NamedTuple):
-    """Contacts with walls: tangent stiffnesses, friction, overlaps and normal forces, (W,)."""
-
-    kn: Floats
-    kt: Floats
-    mu: Floats
-    overlap: Floats
-    force: Floats
-
-
-AtWalls = WallSprings | None
-
-
-class Tangent(NamedTuple):
-    """Springs of pairs (P,) over an interval: `N' = -kn un'`, `T' = -kt ut' - coupling un'`.
-
-    The strength is `mu N + cohesion`, where it is finite.
-    """
-
-    kn: Floats
-    kt: Floats
-    coupling: Floats
-    mu: Floats
-    cohesion: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,29 +89,40 @@ class PairLaw:
     # ---- how it is made
 
     @classmethod
-    def made(cls, law: FrictionalLaw, radii: Floats, wall: Integers, walls: AtWalls = None) -> Self:
-        """Return the law of pairs, those with walls last."""
+    def made(
+        cls, given: MovableLaw, radii: Floats, wall: Integers, at_walls: Floats | None = None
+    ) -> Self:
+        """Return the law of pairs of radii (2, P), those with walls last, see `with_walls`.
+
+        `wall` is the number of the wall, -1 between grains, whose parameters the law has.
+        """
+        springs = given if isinstance(given, RollingResistance) else RollingResistance(given, 0.0)
+        law = cast(FrictionalLaw, springs.law)
         count = int(np.count_nonzero(wall < 0))
-        none, one, mu = np.zeros(count), np.ones(count), np.asarray(law.mu, dtype=float)
-        rest = one, none, np.broadcast_to(mu, count), none, none, np.full(count, np.inf)
-        pairs = cls(law, radii[:, :count], wall[:count], *rest).with_law(law)
-        return pairs.with_walls(radii[:, count:], wall[count:], walls) if walls else pairs
+        numbers = (np.full(count, k) for k in (1.0, 0.0, law.mu, 0.0, springs.k_r, springs.mu_r))
+        pairs = cls(law, radii[:, :count], wall[:count], *numbers).with_law(law)
+        if at_walls is None:
+            return pairs
+        return pairs.with_walls(radii[:, count:], wall[count:], at_walls)
 
     def with_law(self, law: FrictionalLaw) -> Self:
         """Return the same pairs under another law, with the reach that its gap tells."""
         touching = replace(self, law=law, reach=np.zeros(len(self)))
         return replace(touching, reach=np.where(self.at_wall, 0.0, -law.gap(touching.parting)))
 
-    def with_walls(self, radii: Floats, wall: Integers, walls: WallSprings) -> Self:
-        """Return the law with contacts at walls, of the forces and of the `kt/kn` given."""
-        ones = np.ones(len(wall))
-        unit = self._with_rows(radii, wall, ones, ones, walls.mu, 0.0 * ones, np.inf * ones)
-        at = np.append(np.zeros(len(self)), np.maximum(walls.overlap, SMALL_OVERLAP * radii[0]))
+    def with_walls(self, radii: Floats, wall: Integers, springs: Floats) -> Self:
+        """Return the law with contacts at walls, of the forces and of the `kt/kn` given.
+
+        `springs` (5, W) are their tangent stiffnesses, friction, overlaps and normal forces.
+        """
+        ones, (kn_given, kt_given, mu, overlap, force) = np.ones(len(wall)), springs
+        unit = self._with_rows(radii, wall, ones, ones, mu, 0.0 * ones, np.inf * ones)
+        at = np.append(np.zeros(len(self)), np.maximum(overlap, SMALL_OVERLAP * radii[0]))
         N, kn, kt = (k[len(self) :] for k in (unit.normal_force(at), *unit.stiffnesses(at)))
-        by_force, given = walls.force / N, walls.kn / kn
-        known = (walls.overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)
+        by_force, given = force / N, kn_given / kn
+        known = (overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)
         share = np.where(known, by_force, given)
-        shear = share * kn / kt * walls.kt / walls.kn
+        shear = share * kn / kt * kt_given / kn_given
         return replace(unit, kn=np.append(self.kn, share), kt=np.append(self.kt, shear))
 
     def grown(self, radii: Floats, wall: Integers) -> Self:
@@ -306,8 +291,12 @@ class PairLaw:
         most = np.where(touch & ~self.at_wall, own, self.friction * N)
         return np.where(self.slides, most, np.inf)
 
-    def tangent(self, overlap: Floats, T: Floats, reach: float) -> Tangent:
-        """Return tangents; near touch secants of the force and of the strength to those there."""
+    def tangent(self, overlap: Floats, T: Floats, reach: float) -> dict[str, Floats]:
+        """Return springs (P,) over an interval: `N' = -kn un'`, `T' = -kt ut' - coupling un'`.
+
+        The strength is `mu N + cohesion`, where it is finite. They are tangents; near touch secants
+        of the force and of the strength to those there.
+        """
         at, far = np.where(overlap > 0, overlap, reach), (overlap > reach) | self.linear
         touch, state = self.contacts(at, 1.0)
         kn, kt, coupling = self._elastic(at, T)
@@ -323,7 +312,8 @@ class PairLaw:
         cohesion = np.where(np.abs(cohesion) > AT_TOUCH * most, cohesion, 0.0)
         kn = np.where(far, kn, rise / np.where(touch, at, 1.0))
         mu = np.where(self.at_wall, self.friction, slope)
-        return Tangent(kn, kt, coupling, mu, np.where(self.at_wall, 0.0, cohesion))
+        cohesion = np.where(self.at_wall, 0.0, cohesion)
+        return {"kn": kn, "kt": kt, "coupling": coupling, "mu": mu, "cohesion": cohesion}
 
     # ---- springs against rolling
 
@@ -409,20 +399,6 @@ KERNELS: dict[type, Callable[[PairLaw], tuple[str, list[Floats]]]] = {
     CohesiveFrictional: _springs,
     HertzMindlin: _spheres,
 }
-
-
-def law_of_pairs(law: MovableLaw, radii: Floats, wall: Integers, walls: AtWalls = None) -> PairLaw:
-    """Return a law between pairs of radii (2, P), those with walls last and of their springs.
-
-    `wall` is the number of the wall, -1 between grains, whose parameters the law has.
-    """
-    if not isinstance(law, RollingResistance):
-        return PairLaw.made(law, radii, wall, walls)
-    free = law_of_pairs(cast(FrictionalLaw, law.law), radii, wall, walls)
-    # Walls have no springs for rolling.
-    k_r, mu_r = np.zeros((2, len(wall)))
-    k_r[wall < 0], mu_r[wall < 0] = law.k_r, law.mu_r
-    return replace(free, k_r=k_r, mu_r=mu_r) if k_r.any() else free
 
 
 def law_of(law: ContactLaw, pairs: PairLaw, rows: Flags) -> MovableLaw:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops import ContactLaw, GrainGraph
 from loops.arrays import Floats
 from loops.boundary import UPRIGHT, PlaneContacts, plane_contacts
-from loops.laws.of_pairs import MovableLaw, WallSprings, law_of_pairs
+from loops.laws.of_pairs import MovableLaw, PairLaw
 from loops.shown import Shown
 from patterns.snapshots.checks import SLIDING_SHARE
 
@@ -101,12 +101,11 @@ def wall_plates(
     planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
     if isinstance(law, MovableLaw) and graph.contact_count:
         # Tangents are those of the law under these forces: 3/2 of force over overlap under Hertz's.
-        state, count = planes.state(graph.radii), graph.contact_count
-        springs = WallSprings(planes.kn, planes.kt, planes.kt, state.overlap, state.normal_force)
-        on_plates = np.array([state.radii_i, state.radii_j])
+        springs, count = planes.springs(graph.radii[planes.grain]), graph.contact_count
+        on_plates = graph.radii[planes.grain] * np.array([[1.0], [0.0]])
         radii = np.hstack([graph.radii[graph.contacts].T, on_plates])
-        wall = np.repeat([-1, 0], [count, len(state.length)])
-        overlap = np.append(np.zeros(count), state.overlap)
-        kn, _ = law_of_pairs(law, radii, wall, springs).stiffnesses(overlap)
+        wall = np.repeat([-1, 0], [count, len(planes.grain)])
+        overlap = np.append(np.zeros(count), springs[3])
+        kn, _ = PairLaw.made(law, radii, wall, springs).stiffnesses(overlap)
         planes = replace(planes, kn=kn[count:])
     return planes, ["walls: frictionless, with the stiffness that their forces and overlaps give"]

@@ -6,7 +6,7 @@ import pytest
 from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional, contact_state
 from loops.graph import GrainGraph
 from loops.laws.compiled import answer_of, compiled
-from loops.laws.of_pairs import law_of_pairs
+from loops.laws.of_pairs import PairLaw
 
 COUNT = 40
 NO_WALLS = np.zeros((4, COUNT))
@@ -111,7 +111,7 @@ def test_kernels_of_known_laws_are_these_laws(kind):
         "attraction": CohesiveFrictional(MODULI, 0.5, mu, 0.02),
         "bond": CohesiveFrictional(MODULI, 0.5, mu, 0.02, bonded=True),
     }.get(kind) or HertzMindlin(MODULI, 0.2, mu, shear_history=kind)
-    filling = law_of_pairs(law, RADII, np.full(COUNT, -1)).filling(False)
+    filling = PairLaw.made(law, RADII, np.full(COUNT, -1)).filling(False)
     found = filled(filling.pointer.function, filling.constants)
     wanted = answer_of(law, RADII, OVERLAP, BEFORE, SHEAR)
     if kind == "displacement":

@@ -10,7 +10,7 @@ import pytest
 from loops import CohesiveFrictional, GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
 from loops.boundary import PlaneContacts
 from loops.contacts import AT_YIELD, contacts_of, start_state
-from loops.laws.of_pairs import WallSprings, law_of
+from loops.laws.of_pairs import law_of
 from loops.neighbours import codes, near_pairs, ordered
 from tests.stability.packing.test_own_laws import Stiffening
 from tests.stability.packing.walled_packings import between
@@ -42,9 +42,9 @@ def triangle(law, shear=(0.03, -0.02, 0.01), walls=False):
     else:
         feet = np.array([[0.0, 0.0], [0.0, 0.0]]) - [[0.0, 1.9], [0.0, 2.85]]
         stiff = np.array([6.0, 8.0]), np.array([1.5, 1.0])
-        planes = PlaneContacts(np.array([0, 1]), feet, *stiff, np.array([0.1, 0.6]))
         force = np.array([[0.01, 0.5], [-0.02, 0.9]])
-        state = start_state(graph, between(planes, force, volume=50.0), still=True)
+        planes = PlaneContacts(np.array([0, 1]), feet, *stiff, np.array([0.1, 0.6]), force)
+        state = start_state(graph, between(planes, volume=50.0), still=True)
     state = contacts_of(state, law, between(planes))
     return replace(state, normal_force=state.law.normal_force(state.overlap))
 
@@ -178,9 +178,9 @@ def test_walls_whose_force_is_no_guide_have_the_stiffness_given(name):
     """Apart, or at an overlap that is rounding: 6 and 8 where they stand, or hardly touch."""
     law = triangle(WALLED[name], walls=True).law
     given = law.kn[3:].copy(), law.kt[3:].copy()
-    walls = WallSprings(*np.array([[6.0, 8.0], [1.5, 1.0], [0.1, 0.6], [0.0, 1e-9], [0.0, 0.9]]))
+    springs = np.array([[6.0, 8.0], [1.5, 1.0], [0.1, 0.6], [0.0, 1e-9], [0.0, 0.9]])
     grains = law.taken(np.arange(3))
-    again = grains.with_walls(law.radii[:, 3:], law.wall[3:], walls)
+    again = grains.with_walls(law.radii[:, 3:], law.wall[3:], springs)
     at = np.concatenate([OVERLAP, 1e-4 * RADII[:2]])
     kn, kt = again.stiffnesses(at)
     np.testing.assert_allclose([kn[3:], kt[3:]], [[6.0, 8.0], [1.5, 1.0]], rtol=1e-12)
