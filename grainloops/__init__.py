@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.frames import to_geodataframe as to_geodataframe
+    from studies.one_loop import study as study
     from studies.present_domain import loop_domain as loop_domain
     from studies.probe import probe as probe
     from studies.series.tables import fates as fates

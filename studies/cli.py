@@ -19,7 +19,13 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 from loops.errors import InputError, out_of_memory
 from studies.commands import Answer
 from studies.commands.followed import evolve_command, forecast_command
-from studies.commands.loops import bench_command, diamond_command, domain_command, polygon_command
+from studies.commands.loops import (
+    bench_command,
+    diamond_command,
+    domain_command,
+    loop_command,
+    polygon_command,
+)
 from studies.commands.material import material_command
 from studies.commands.packing import probe_command, sustain_command
 from studies.commands.snapshot import check_command, series_command, snapshot_command
@@ -63,6 +69,7 @@ COMMANDS: dict[str, Callable[..., Answer]] = {
     "forecast": forecast_command,
     "diamond": diamond_command,
     "polygon": polygon_command,
+    "loop": loop_command,
     "domain": domain_command,
     "material": material_command,
     "bench": bench_command,

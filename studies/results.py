@@ -26,6 +26,7 @@ ANSWERS = {
     "HeldPacking": ("", "studies.plots.plot_scene"),
     "LoopDomain": ("rows", "studies.plots.plot_domain"),
     "LoopSet": ("studies.material.averaged_loops", ""),
+    "LoopStudy": ("closures", "studies.one_loop.draw_closures"),
     "MacroTangent": ("studies.results.tangent_rows", "studies.plots.plot_tangents"),
     "MaterialPath": ("studies.material.march_table", "studies.plots.plot_path"),
     "OrderKinetics": ("columns", ""),

@@ -256,6 +256,47 @@ def _polygon_lines(summary: Summary) -> list[str]:
     return printed("polygon", summary | told)
 
 
+def loop_command(
+    path: Path,
+    /,
+    *,
+    id: Whole,
+    closure: ClosureOption = "traction",
+    programme: str = "drained",
+    end: Annotated[float | None, Parameter(group=FURTHER)] = None,
+    no_packing: Annotated[bool, Parameter(group=FURTHER)] = False,
+    writing: Writing | None = None,
+    reading: OneReading | None = None,
+) -> Answer:
+    """Study one loop of a snapshot: its closures, its path and its domain on one page.
+
+    Parameters
+    ----------
+    path
+        File of the snapshot, or of its grains.
+    id
+        Number of the loop in loops.parquet.
+    programme
+        What is followed: a name of grainloops polygon --programme.
+    end
+        Strain E1 at which the programme ends. Default: five mean overlaps.
+    no_packing
+        Leave out the loop in its packing, which takes longest in large samples.
+    """
+    writing, reading = writing or Writing(), reading or OneReading()
+    out = out_or(writing.out, f"loop-{id}", path)
+    with clock("grainloops loop") as tell:
+        from studies.one_loop import run_loop
+
+        words = {"closure": closure, "programme": programme, "end": end}
+        options = _of_snapshot(path, id, [], words, reading.how_of(path))
+        place = not no_packing
+        found = run_loop(options, out, in_packing=place, progress=tell, **writing.files())
+    summary = found.summary
+    lines = [*printed("loop", summary), *_polygon_lines(summary)]
+    return answer(writing.json, out, lines, summary["notes"])
+
+
 def domain_command(
     *,
     order: Whole | None = None,

@@ -75,6 +75,7 @@ def answers(state):
         "loop_path": gl.follow(pentagon, drained, closure="affine"),
         "loop_rates": gl.rates_at(pentagon, "drained_biaxial", closure="affine"),
         "domain": gl.loop_domain(pentagon, "traction", directions=9),
+        "study": gl.study(pentagon),
         "rates": gl.rates_at(scene, H=[[1e-3, 0], [0, 0]]),
         "packing_path": gl.follow(scene, STAGE, closure="packing", rows=2),
         "replay": gl.replay(scene, [[1e-6, 0], [0, 0]], duration=1.0),

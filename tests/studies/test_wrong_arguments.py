@@ -226,6 +226,11 @@ CALLS = {
         f"periodic:choice {LAW_OF_FILE}",
     ),
     "stress": ({"snapshot": "sample"}, "snapshot:sample"),
+    "study": (
+        {"source": "sample", "number": 62, "in_packing": False},
+        "source:sample number:count out:name closure:choice programme:choice end:number "
+        "in_packing:",
+    ),
     "sustain": (
         {"scene": "packing", "directions": [[1.0, 0.0]], "largest": 1e-4, "spread": False},
         "scene:sample directions:shaped subspace:choice largest:number interval:number "

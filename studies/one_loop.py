@@ -1,0 +1,208 @@
+"""The study of one loop: its closures, its path and its domain on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from loops import InputError
+from loops.closures import Closure
+from loops.errors import number as checked_number
+from loops.errors import path_of
+from loops.scene import Scene, Subject
+from loops.shown import Shown
+from patterns import Snapshot, loop_of_snapshot
+from patterns.snapshots.snapshot import snapshot_of
+from stability import Path as LoopPath
+from studies.output import UNITS, Summary, readable
+from studies.paths.figures import polygon_figures
+from studies.paths.followed import Followed
+from studies.paths.options import LoopOptions, ProgrammeName
+from studies.paths.polygon import follow_polygon, polygon_summary, polygon_table
+from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
+from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, PLACE, STABILITY, loop_columns
+from studies.study import Drawings
+from studies.study import study as results_in
+from studies.style import BLUE, GREEN, GREY, VERMILION, outer_legend, panel
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopStudy(Shown):
+    """One loop under its closures, along a programme, and in all directions.
+
+    Attributes
+    ----------
+    closures : pandas.DataFrame
+        A row a closure (affine, traction, traction with free spins, in its packing): `verdict`,
+        the eigenvalues of Ks over the mean kn in the symmetric subspace, `unstable_fraction`,
+        `cone_opening` and `soft_angle` (degrees), and the bound `error` on the tangent over the
+        mean kn, in the packing over its norm. An eigenvalue without a certain sign is no number.
+    path : Path
+        The programme from the state of the snapshot on, lengths over two mean radii of the loop,
+        forces over the mean kn of its contacts.
+    domain : LoopDomain
+        Ends of straight programmes in all directions, in the same units.
+    summary : dict
+        What `summary.json` has.
+    """
+
+    closures: pd.DataFrame
+    path: LoopPath
+    domain: LoopDomain
+    summary: Summary
+    found: Followed
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        verdicts = dict(zip(self.closures["closure"], self.closures["verdict"], strict=True))
+        events = len(self.path.events)
+        return {**verdicts, "path": f"{self.path.status}, {events} events", **self.domain.facts()}
+
+    def figures(self) -> Drawings:
+        """Figures of the page with their names."""
+        yield "closures", lambda: draw_closures(self)
+        yield from polygon_figures(self.found)
+        domains = {"present state": self.domain}
+        yield "domain-strain", lambda: loop_domain_figure(domains, "strain")
+        yield "domain", lambda: loop_domain_figure(domains, "stress")
+
+
+def study(
+    source: Snapshot | Subject,
+    number: int | None = None,
+    out: Path | str | None = None,
+    *,
+    closure: Closure = "traction",
+    programme: ProgrammeName = "drained",
+    end: float | None = None,
+    in_packing: bool = True,
+    **how: Any,
+) -> LoopStudy:
+    """Study one loop, as `grainloops loop` does: closures, cone, path and domain.
+
+    Parameters
+    ----------
+    source : Snapshot, or loop or scene
+        A snapshot with `number`; or one loop, which has no packing.
+    number : int, optional
+        Of the loop in the column `loop` of `loop_table`.
+    out : path, optional
+        Folder for the report, tables and figures; nothing is written if left out.
+    closure : {'affine', 'traction'}
+        How the surrounding medium drives the grains along the path and in the domain.
+    programme : str
+        What is followed, a name of `grainloops polygon --programme`.
+    end : float, optional
+        E1 at its end, five mean overlaps if left out.
+    in_packing : bool
+        Judge the loop in its packing too.
+    **how
+        `force`, `csv` and `figures` of the folder.
+
+    Returns
+    -------
+    LoopStudy
+        `.closures`, `.path`, `.domain`; `.table()` and `.plot()` show the closures.
+
+    Raises
+    ------
+    InputError
+        If there is no loop of that number, or its contacts are no linear springs.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> found = study(read_snapshot(sample_path()), 62, in_packing=False)
+    >>> found.closures["verdict"].tolist(), found.path.status
+    (['stable', 'stable', 'unstable'], 'finished')
+    """
+    folder = None if out is None else path_of("out", out, "Name a folder.")
+    end = None if end is None else checked_number("end", end)
+    snapshot = snapshot_of(source)
+    last = len(snapshot.faces.loops) - 1
+    if number is None and last != 0:
+        remedy = "It is the column loop of gl.loop_table."
+        raise InputError("number", "none", f"a number from 0 to {last}", remedy)
+    number = 0 if number is None else number
+    order = loop_of_snapshot(snapshot, number).graph.grain_count
+    of_loop: Any = {"snapshot": snapshot, "loop": number, "source": "a snapshot"}
+    words: Any = {"closure": closure, "programme": programme, "end": end}
+    options = LoopOptions(order, confine=0.0, **words, **of_loop)
+    place = in_packing and isinstance(source, Snapshot)
+    return run_loop(options, folder, in_packing=place, **how)
+
+
+def run_loop(
+    options: LoopOptions,
+    out: Path | None,
+    *,
+    in_packing: bool = True,
+    progress: Callable[[str], object] = lambda _: None,
+    **how: Any,
+) -> LoopStudy:
+    """Study a loop of a snapshot, and write its report, tables and figures where `out` is given."""
+    snapshot = options.snapshot
+    assert snapshot is not None
+    progress("its closures")
+    table, notes = loop_columns(snapshot), list[str]()
+    if in_packing:
+        progress("its closures in the packing")
+        _, notes = add_in_packing(snapshot, table, "auto")
+    closures = closure_table(table, options.loop)
+    progress("its path")
+    path = follow_polygon(options)
+    progress("its domain")
+    domain = loop_domain(Scene(options.graph(), options.law()), options.closure)
+    ends = domain.rows["kind"].value_counts().to_dict()
+    summary = polygon_summary(path)
+    known = closures.astype(object).where(closures.notna(), None)
+    summary["closures"] = known.to_dict("records")
+    summary["domain"] = {"present_state": domain.status, "ended_by": ends}
+    summary["notes"] += notes
+    found = LoopStudy(closures, path.path, domain, summary, path)
+    if out is None:
+        return found
+    with results_in("loop", out, options.described(), UNITS["paths"], **how) as results:
+        tables = {"closures": closures, "path": polygon_table(path), "polar": path.polar_table()}
+        summary = results.write_results(tables | {"boundary": domain.rows}, summary)
+        if results.figures:
+            title = f"Loop {options.loop} of {readable(options.source)}"
+            results.write_report(title, summary, found.figures(), [])
+    return replace(found, summary=summary)
+
+
+def closure_table(table: Mapping[str, Any], loop: int) -> pd.DataFrame:
+    """Columns of one loop in the table of loops, a row a closure."""
+    rows = []
+    for closure in (*CLOSURES, FREE, PLACE):
+        if f"{closure}_{EIGENVALUES[0]}" in table:
+            names = ((name, f"{closure}_{name}") for name in (*STABILITY, "error"))
+            numbers = {name: float(table[own][loop]) for name, own in names if own in table}
+            smallest = numbers[EIGENVALUES[0]]
+            verdict = "stable" if smallest > 0.0 else "unstable"
+            verdict = "undetermined" if np.isnan(smallest) else verdict
+            rows.append({"closure": closure, "verdict": verdict, **numbers})
+    return pd.DataFrame(rows)
+
+
+@panel(height=2.2)
+def draw_closures(found: LoopStudy, ax: Axes) -> None:
+    """Eigenvalues of Ks under each closure, with the bound on their error."""
+    closures = found.closures
+    ax.axvline(0.0, color=GREY, linewidth=0.6)
+    labels = ("smallest", "second", "largest")
+    looks = zip(EIGENVALUES, labels, "osD", (VERMILION, BLUE, GREEN), strict=True)
+    for name, label, marker, colour in looks:
+        # In the packing the stated error is a share of the operator's norm.
+        error = closures["error"].where(closures["closure"] != PLACE, 0.0)
+        look: Any = {"fmt": marker, "color": colour, "label": label, "capsize": 2.0}
+        ax.errorbar(closures[name], closures["closure"], xerr=error, **look)
+    ax.set(xlabel="eigenvalues of $K_s$ over the mean $k_n$ (–)", ylim=(len(closures) - 0.5, -0.5))
+    outer_legend(ax, "upper center", (0.5, 0.0), 4.5, ncols=3)
