@@ -142,9 +142,10 @@ def off_the_page(figure):
             if box.x0 < -1 or box.y0 < -1 or box.x1 > width + 1 or box.y1 > height + 1]  # fmt: skip
 
 
-def test_figures_are_on_the_page_one_after_another(answers):
+def test_figures_are_on_the_page_one_after_another(answers, monkeypatch):
     """As in a script: no axes are given, and `savefig` cuts nothing off."""
     figures = {}
+    monkeypatch.setitem(pyplot.rcParams, "figure.max_open_warning", len(answers))
     for name, result in answers.items():
         if name in NO_FIGURE:
             with pytest.raises(gl.InputError, match="a result with a figure"):
