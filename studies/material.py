@@ -113,7 +113,7 @@ def run_material(
         number = _single(loops, options.single)
         paths = {
             name: _march(options, LoopMaterial(each, None, law, options.closure), snapshot)
-            for name, each in zip(SETS, (loops, loops.one(number)), strict=True)
+            for name, each in zip(SETS, (loops, loops.part(slice(number, number + 1))), strict=True)
         }
         rows = {name: march_table(path, along) for name, path in paths.items()}
         table = pd.concat(rows, names=["set"]).reset_index("set")

@@ -60,6 +60,10 @@ LANES = 16
 SWEEPS = 4  # of Jacobi's rotations, which converge quadratically
 KEPT, FIRST, ROLL = 0, 1, 2  # rows of `Ring.places`
 NO_GEAR, GEAR, UNSURE = 0, 1, 2
+MOVING, RELAXED, LOST = 0, 1, 2  # while a ring goes to its balance
+# Force out of balance over stiffness and length of a loop of six at which it is relaxed: some
+# hundred times the rounding of its terms.
+BALANCED = 1e-13
 # Arms are shared as the radii within this of each other; rounding of one share is half of it.
 SHARED = 4 * float(np.finfo(np.float64).eps)
 
@@ -268,6 +272,17 @@ def assemble(ring: Ring, A: Floats, n: int, closure: int, spins: int, turn: Floa
                 fn = own[c, QN] * z - own[c, KNN] * en - own[c, KNT] * et
                 ft = own[c, QT] * z - own[c, KTN] * en - own[c, KTT] * et
                 put(ring, A, n, closure, c, N + i, en, et, fn, ft, z)
+
+
+def load(ring: Ring, E: Floats, n: int, c: int, column: int) -> None:
+    """Add to the equations of a ring under traction what a contact bears, and its branch."""
+    own = ring.contacts
+    an, at, nx, ny = own[c, FN], own[c, FT], own[c, NX], own[c, NY]
+    dn, dt = nx * own[c, DX] + ny * own[c, DY], nx * own[c, DY] - ny * own[c, DX]
+    en, et = own[c, SNN] * an + own[c, SNT] * at, own[c, STN] * an + own[c, STT] * at
+    fn = -an - own[c, KNN] * dn - own[c, KNT] * dt
+    ft = -at - own[c, KTN] * dn - own[c, KTT] * dt
+    put(ring, E, n, TRACTION, c, column, dn + en, dt + et, fn, ft, 0.0)
 
 
 def balance_rolls(ring: Ring, A: Floats, n: int, N: int, gear: Any, E: Floats) -> None:
@@ -671,6 +686,124 @@ def tangents(
             if error < ERROR_LIMIT * math.sqrt(square):
                 errors[k, at] = unit * error
     return matrices, errors, sensitivity, area, growth
+
+
+def balance(
+    ring: Ring, answers: Floats, branches: Floats, dead: Floats, stress: Floats, begin: int, n: int,
+    size: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Fill in the contacts of a ring from their forces and branches, see `relax`.
+
+    Return its stiffness, and the largest force out of balance on a grain. In units of the ring
+    `FN`, `FT` are what a contact bears and `DX`, `DY` its branch.
+    """
+    own, stiffness, worst, last_x, last_y = ring.contacts, 0.0, 0.0, 0.0, 0.0
+    for c in range(n):
+        at = begin + c
+        x, y, mx, my = branches[at, 0], branches[at, 1], own[c, MX], own[c, MY]
+        length = math.sqrt(x * x + y * y)
+        nx, ny = x / length, y / length
+        own[c, NX], own[c, NY], own[c, DX], own[c, DY] = nx, ny, x / size, y / size
+        fx, fy = answers[0, at] + dead[at, 0], answers[1, at] + dead[at, 1]
+        own[c, FN], own[c, FT] = nx * fx + ny * fy, nx * fy - ny * fx
+        fx += size * (stress[0] * mx + stress[1] * my)
+        fy += size * (stress[2] * mx + stress[3] * my)
+        if c > 0:
+            worst = max(worst, abs(fx - last_x), abs(fy - last_y))
+        last_x, last_y = fx, fy
+        xx, xy, yx, yy = answers[2, at], answers[3, at], answers[4, at], answers[5, at]
+        stiffness = max(stiffness, abs(xx), abs(xy), abs(yx), abs(yy))
+        own[c, KNN] = nx * (xx * nx + xy * ny) + ny * (yx * nx + yy * ny)
+        own[c, KNT] = nx * (xy * nx - xx * ny) + ny * (yy * nx - yx * ny)
+        own[c, KTN] = nx * (yx * nx + yy * ny) - ny * (xx * nx + xy * ny)
+        own[c, KTT] = nx * (yy * nx - yx * ny) - ny * (xy * nx - xx * ny)
+    for c in range(n if stiffness > 0.0 else 0):
+        for k in range(KNN, KTT + 1):
+            own[c, k] /= stiffness
+        own[c, FN], own[c, FT] = own[c, FN] / (stiffness * size), own[c, FT] / (stiffness * size)
+        ring.places[KEPT, c] = kept_motions(ring, c)
+        condense(ring, c)
+    return stiffness, worst
+
+
+def move(ring: Ring, n: int, N: int, size: float, X: Floats, branches: Floats, begin: int) -> None:
+    """Move the branches of a ring to the solution `X`."""
+    own = ring.contacts
+    for c in range(n):
+        kept, first, mx, my = ring.places[KEPT, c], ring.places[FIRST, c], own[c, MX], own[c, MY]
+        nx, ny = own[c, NX], own[c, NY]
+        fx = X[N - 6, 0] - mx * X[N - 4, 0] - my * X[N - 3, 0]
+        fy = X[N - 5, 0] - mx * X[N - 2, 0] - my * X[N - 1, 0]
+        fn, ft = own[c, FN] - nx * fx - ny * fy, own[c, FT] - nx * fy + ny * fx
+        en, et = own[c, SNN] * fn + own[c, SNT] * ft, own[c, STN] * fn + own[c, STT] * ft
+        if kept == 1:
+            et = X[first, 0]
+            en -= own[c, KNT] / own[c, KNN] * et
+        elif kept == 2:
+            en, et = X[first, 0], X[first + 1, 0]
+        branches[begin + c, 0] += size * (nx * en - ny * et)
+        branches[begin + c, 1] += size * (ny * en + nx * et)
+
+
+def relax(
+    answers: Floats, offsets: Integers, stretch: Floats, levers: Floats, dead: Floats,
+    size: Floats, branches: Floats, stress: Floats, tangent: Floats, status: Integers,
+) -> int:  # fmt: skip
+    """Move rings towards balance under uniform stresses, one Newton step; return how many move.
+
+    Of Q states of L rings: `answers` (Q, 8, M) of the contacts, force and `-df/dd` first, at the
+    `branches` (Q, M, 2), which are moved, with the `stress` (Q, L, 4) and the `status` (Q, L);
+    the `tangent` (Q, L, 16) is filled once a ring is relaxed. `f + dead = f^ - P m` with the
+    `levers` m (M, 2) over the `size` (L,), and `sum d (x) m = -V0 U` under the `stretch` (Q, 4).
+    """
+    longest, moving = 3, 0
+    for loop in range(len(size)):
+        longest = max(longest, offsets[loop + 1] - offsets[loop])
+    N = 2 * longest + 6
+    ring = Ring(np.zeros((longest, COLUMNS)), np.full((3, longest + 1), -1))
+    solver = Solver(
+        np.empty(0), np.empty(N * N), np.empty((N, 4)), np.empty((0, 4)), np.empty((3, N)),
+        np.empty(N, np.int64),
+    )  # fmt: skip
+    still, equations = np.zeros(4), np.empty(N * (N + 3 + LANES))
+    for q in range(len(answers)):
+        for loop in range(len(size)):
+            if status[q, loop] != MOVING:
+                continue
+            begin, n = offsets[loop], offsets[loop + 1] - offsets[loop]
+            for c in range(n):
+                ring.contacts[c, MX], ring.contacts[c, MY] = levers[begin + c]
+            stiffness, worst = balance(
+                ring, answers[q], branches[q], dead, stress[q, loop], begin, n, size[loop]
+            )
+            if not stiffness > 0.0:
+                status[q, loop] = LOST
+                continue
+            N = place_unknowns(ring, n, TRACTION)
+            width = (N + 3 + LANES) // LANES * LANES
+            E = equations[: N * width].reshape((N, width))
+            assemble(ring, E, n, TRACTION, BLOCKED, still)
+            done = worst <= BALANCED * n / 6.0 * stiffness * size[loop]
+            if not done:
+                for i in range(4):
+                    E[N - 4 + i, N + i] = 0.0
+                    E[N - 4 + i, N] += stretch[q, i]
+                for c in range(n):
+                    load(ring, E, n, c, N)
+            if not factor(E, N, solver) > LEAST_PIVOT:
+                status[q, loop] = LOST
+                continue
+            solve(E, N, solver)
+            if done:
+                status[q, loop] = RELAXED
+                for i in range(16):
+                    tangent[q, loop, i] = stiffness * solver.X[N - 4 + i // 4, i % 4]
+                continue
+            moving += 1
+            move(ring, n, N, size[loop], solver.X, branches[q], begin)
+            for i in range(4):
+                stress[q, loop, i] = stiffness * solver.X[N - 4 + i, 0]
+    return moving
 
 
 def change(own: Floats, other: Floats) -> float:

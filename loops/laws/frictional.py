@@ -296,13 +296,6 @@ class FrictionalLaw(Shown):
             energy = energy + weight * self.closed_force(at)
         return energy * state.overlap
 
-    def power_springs(self, radii: Floats) -> tuple[float, ArrayLike, ArrayLike] | None:
-        """`p`, `a` and `kt` of grains of radii (2, C) with `N = a delta^p`, or None.
-
-        Where `kt` goes with the overlap `kt/kn` stands for it. Derived laws may have others.
-        """
-        return None
-
     def normal_force(self, state: ContactState) -> Floats:
         """`N` of the overlap, zero for an open contact."""
         return np.where(self.gap(state) > 0.0, 0.0, self.closed_force(state))
@@ -556,10 +549,6 @@ class LinearFrictional(FrictionalLaw):
     def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
         """The constants `kn` and `kt`."""
         return self.kn, self.kt
-
-    def power_springs(self, radii: Floats) -> tuple[float, Floats, Floats] | None:
-        """`1`, `kn`, `kt`."""
-        return (1.0, self.kn, self.kt) if linear_springs(self) else None
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = kn (r_i + r_j - l)`."""

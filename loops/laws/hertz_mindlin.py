@@ -161,17 +161,9 @@ class HertzMindlin(FrictionalLaw):
 
     def closed_force(self, state: ContactState) -> Floats:
         """`N = (4/3) E* sqrt(R*) delta^(3/2)`, odd in the overlap."""
-        factor = self._force_factor(state.radii_i, state.radii_j)
+        root = np.sqrt(effective_radius(state.radii_i, state.radii_j))
+        factor = (4.0 / 3.0) * self._effective_young() * root
         return factor * np.sign(state.overlap) * np.abs(state.overlap) ** 1.5
-
-    def power_springs(self, radii: Floats) -> tuple[float, Floats, Floats] | None:
-        """`3/2`, `(4/3) E* sqrt(R*)`, `kt/kn`."""
-        known = type(self) is HertzMindlin
-        return (1.5, self._force_factor(*radii), self.stiffness_ratio) if known else None
-
-    def _force_factor(self, radii_i: Floats, radii_j: Floats) -> Floats:
-        root = np.sqrt(effective_radius(radii_i, radii_j))
-        return np.asarray((4.0 / 3.0) * self._effective_young() * root)
 
     def normal_energy(self, state: ContactState) -> Floats:
         """`(2/5) N delta`."""

@@ -1,4 +1,4 @@
-"""Which laws paths of packings and equations of motion take, and why others are refused."""
+"""Which laws paths of packings, motions and materials take, and why others are refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEFT = ("shear_kinematics", "rolling_stiffness", "regime")
 
 
 def require_movable(law: object, state: ContactState) -> MovableLaw:
-    """The law of paths and equations of motion; refuse others, and packings without contacts.
+    """The law of paths, motions and materials; refuse others, and packings without contacts.
 
     The normal force is one of the overlap; where the grains part it vanishes, or pulls.
     """
@@ -73,7 +73,7 @@ def _require_formulae(law: FrictionalLaw, state: ContactState) -> None:
     changed = [m for m in LEFT if getattr(kind, m) is not getattr(FrictionalLaw, m)]
     changed += [] if law.keeps_strength else ["keeps_strength"]
     if changed:
-        expected = "in paths of packings a law that leaves these to gl.FrictionalLaw"
+        expected = "a law that leaves these to gl.FrictionalLaw"
         remedy = "Leave them out, or use the law for single loops."
         raise refuse(f"{name} with {', '.join(changed)}", expected, remedy)
     radii = np.array([state.radii_i, state.radii_j])

@@ -3,48 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
+from loops.closures.ring import BALANCED, LOST, MOVING, RELAXED
+from loops.closures.rings import kernels
 from loops.laws import ContactLaw
 from loops.laws.frictional import require_law
 from loops.shown import Shown
-from stability.material.cell import CONTACT_COUNTS, CONTACT_ROWS, Cells, cell_steps, cells_of
-from stability.material.contact_model import (
-    ContactSteps,
-    Touching,
-    length_at_touch,
-    require_steps,
-    steps_of,
-)
+from stability.material.cell import CONTACT_PARTS, CONTACT_ROWS, Cells, cell_steps, cells_of
+from stability.material.contact_steps import ContactSteps, lengths_at_touch, material_law
 from stability.material.kernels import (
-    BALANCED,
-    DENSITY,
+    A11,
     FX,
     KXX,
-    LOST,
-    MOVING,
-    OPEN,
-    REGIME,
-    SHARE,
+    P11,
     SHEAR,
+    STUCK,
     SUMS,
-    X,
-    Y,
-    affine_steps,
     affine_sums,
-    relax_centres,
-    relaxed_sums,
+    regime_sums,
+    strained,
 )
 from stability.material.loop_set import LoopSet
 
 # Newton steps after which a loop that is not in balance has no solution.
 MOST_RELAXATIONS = 40
 # Contacts of a block, times points: the arrays of a step stay in the cache.
-BLOCK_CONTACTS = 4096
+BLOCK_CONTACTS = 8192
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,183 +81,164 @@ class LoopBlock:
     """Loops one after the other, with what a step needs of them.
 
     `loops`, `rows`: Where they stand in the arrays of a state; `offsets` (L + 1,): Rows of each
-    loop in the block; `branches`, `shear`: At the start, (m, 2) and (m,), and the loops' `stress`
-    (L, 4); `weight` (L,); `share`: Of a contact's force; `steps`: Of the contacts. Under traction
-    boundary vectors over `size` (L,), the root of the area, and loads `dead` on the grains (m, 2).
+    loop in the block; `branches` (m, 2), `answer` (8, m): Of the contacts at the start; `part`
+    (m,): Of its loop's contacts that each stands for; `size` (L,): Roots of the areas; `weight`
+    (L,); `share`: Of a contact's force; `steps`: Of the contacts.
     """
 
     loops: slice
     rows: slice
     offsets: Integers
     branches: Floats
-    shear: Floats
-    stress: Floats
+    answer: Floats
+    part: Floats
     size: Floats
     weight: Floats
     share: float
     steps: ContactSteps
-    boundary: Floats
-    dead: Floats
-    cells: Cells | None = field(default=None)
+    cells: Cells | None
+
+    def spread(self, numbers: Floats | Flags, axis: int = 0) -> Any:
+        """Return numbers of the loops for each of their contacts."""
+        return np.repeat(numbers, np.diff(self.offsets), axis=axis)
 
     @cached_property
-    def columns(self) -> Floats:
-        """Return the columns (8, m) of the contacts under the affine closure."""
-        count, known = np.diff(self.offsets), self.steps.compiled
-        columns = np.zeros((8, len(self.branches)))
-        if known is not None:
-            columns[:X] = known.parameters.T
-        columns[X], columns[Y] = self.branches.T
-        columns[DENSITY] = np.repeat(self.share * self.weight / self.size**2, count)
-        columns[SHARE] = np.repeat(self.weight / count, count)
-        return columns
+    def columns(self) -> tuple[Floats, Floats]:
+        """Return the weights of contacts in `affine_sums`, (5, m), and in `regime_sums`, (1, m)."""
+        (x, y), density = self.branches.T, self.share * self.weight / self.size**2
+        columns = self.spread(density) * np.stack([x, y, x * x, x * y, y * y])
+        return columns, (self.spread(self.weight) * self.part)[None]
+
+    @cached_property
+    def balance(self) -> tuple[Floats, Floats, Floats]:
+        """Return stress (L, 4), levers (m, 2) and loads (m, 2) of loops at the start.
+
+        The stress is Love and Weber's, `(1/V0) sum f (x) d`; whole contacts. The levers m are those
+        of `f + load = f^ - P m`, over the size.
+        """
+        begins, force, d = self.offsets[:-1], self.answer[FX:KXX].T, self.branches
+
+        def centred(rows: Floats) -> Floats:
+            mean = np.add.reduceat(rows, begins) / np.diff(self.offsets)[:, None]
+            return np.asarray(rows - self.spread(mean))
+
+        outer = (force[:, :, None] * d[:, None, :]).reshape(-1, 4)
+        stress = np.add.reduceat(outer, begins) / self.size[:, None] ** 2
+        # The middle of a branch, turned by a quarter, from the first grain of all.
+        middle = np.cumsum(d, axis=0) - 0.5 * d
+        size = self.spread(self.size)[:, None]
+        levers = centred(np.stack([middle[:, 1], -middle[:, 0]], axis=1)) / size
+        pushed = np.einsum("mij,mj->mi", self.spread(stress).reshape(-1, 2, 2), size * levers)
+        loads = -centred(force + pushed)
+        # Loops in balance have loads that are rounding.
+        rounding = BALANCED * size * np.abs(self.answer[KXX:SHEAR]).max()
+        return stress, levers, np.where(np.abs(loads) > rounding, loads, 0.0)
 
 
 def blocks_of(loops: LoopSet, weight: Floats, law: ContactLaw, closure: str) -> list[LoopBlock]:
     """Return the loops in blocks, the laws of their contacts checked."""
     for count in loops.graph_contacts:
         require_law(law, (count,))
-    offsets, rows, branches = loops.offsets, np.arange(len(loops.x)), loops.branches
-    cells = None
-    if closure == "cell":
-        cells, branches = cells_of(loops)
-        rows = (loops.offsets[:-1, None] + np.array(CONTACT_ROWS)).ravel()
-        offsets, branches = 2 * np.arange(len(weight) + 1), branches.reshape(-1, 2)
-    following = np.arange(len(loops.x)) + 1
-    following[loops.offsets[1:] - 1] = loops.offsets[:-1]
-    radii = loops.radii[rows], loops.radii[following[rows]]
-    touching = Touching(*radii, radii[0] + radii[1])
-    own = law.take(loops.contacts[rows])
-    require_steps(own, touching)
-    if loops.law is not None:
-        normal = loops.normal_force[rows]
-        touching = Touching(*radii, length_at_touch(own, touching, branches, normal))
-    shear = loops.shear_force[rows]
-    size, boundary = np.sqrt(loops.areas), loops.boundary
-    blocks, begin = [], 0
-    while begin < len(weight):
-        end = max(
-            int(np.searchsorted(offsets, offsets[begin] + BLOCK_CONTACTS, side="right")) - 1,
-            begin + 1,
-        )
-        which, part = slice(begin, end), slice(int(offsets[begin]), int(offsets[end]))
-        numbers = np.arange(part.start, part.stop)
-        touch = Touching(radii[0][part], radii[1][part], touching.length[part])
-        steps = steps_of(own.take(numbers), touch)
-        answer = steps(branches[None, part], branches[None, part], shear[None, part])[0]
-        block = LoopBlock(
-            which, part, offsets[begin : end + 1] - offsets[begin], branches[part],
-            answer[:, SHEAR], np.zeros((end - begin, 4)), size[which], weight[which], loops.share,
-            steps, boundary[part], np.zeros_like(branches[part]),
-            None if cells is None else cells.take(which),
-        )  # fmt: skip
-        if closure == "traction":
-            _balance_start(block, answer)
-        blocks.append(block)
-        begin = end
+    blocks: list[LoopBlock] = []
+    while not blocks or blocks[-1].loops.stop < len(weight):
+        begin = blocks[-1].loops.stop if blocks else 0
+        most = loops.offsets[begin] + BLOCK_CONTACTS
+        end = max(int(np.searchsorted(loops.offsets, most, side="right")) - 1, begin + 1)
+        blocks.append(_block(loops, slice(begin, end), weight[begin:end], law, closure))
     return blocks
 
 
-def _balance_start(block: LoopBlock, answer: Floats) -> None:
-    """Fill the stress of the loops at the start, and the loads that balance their grains.
-
-    The stress is Love and Weber's, `(1/V0) sum f (x) d`; whole contacts.
-    """
-    count, force = np.diff(block.offsets), answer[:, FX:KXX]
-    outer = (force[:, :, None] * block.branches[:, None, :]).reshape(-1, 4)
-    block.stress[:] = np.add.reduceat(outer, block.offsets[:-1]) / block.size[:, None] ** 2
-    block.boundary[:] /= np.repeat(block.size, count)[:, None]
-    before = np.arange(len(force)) - 1
-    before[block.offsets[:-1]] = block.offsets[1:] - 1
-    stress = np.repeat(block.stress * block.size[:, None], count, axis=0).reshape(-1, 2, 2)
-    pushed = np.einsum("mij,mj->mi", stress, block.boundary)
-    loads = force[before] - force - pushed
-    # Loops in balance have loads that are rounding.
-    size = np.repeat(block.size, count) * np.abs(answer[:, KXX:SHEAR]).max()
-    block.dead[:] = np.where(np.abs(loads) > BALANCED * size[:, None], loads, 0.0)
+def _block(
+    every: LoopSet, which: slice, weight: Floats, law: ContactLaw, closure: str
+) -> LoopBlock:
+    """Return some loops as a block."""
+    loops, cells = every.part(which), None
+    offsets, rows, branches = loops.offsets, np.arange(len(loops.x)), loops.branches
+    part = np.repeat(1.0 / loops.orders, loops.orders)
+    first = int(every.offsets[which.start])
+    if closure == "cell":
+        cells, branches = cells_of(loops, which.start)
+        rows = (offsets[:-1, None] + np.array(CONTACT_ROWS)).ravel()
+        offsets, part = 2 * np.arange(len(weight) + 1), np.tile(CONTACT_PARTS, len(weight))
+        first = 2 * which.start
+    radii = np.stack([loops.radii[rows], loops.radii[loops.following[rows]]])
+    own = material_law(law.take(loops.contacts[rows]), radii)
+    opens = own.touching
+    if loops.law is not None:
+        opens = lengths_at_touch(own, branches, loops.normal_force[rows])
+    steps = ContactSteps(own, np.stack([opens - own.reach, opens]))
+    answer = steps(branches[None], branches[None], loops.shear_force[None, rows])[0]
+    at, size = slice(first, first + len(rows)), np.sqrt(loops.areas)
+    return LoopBlock(
+        which, at, offsets, branches, answer, part, size, weight, loops.share, steps, cells
+    )
 
 
 def affine(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step under `d = U d0`; fill the new state, return the sums (q, 24) of the loops."""
-    sums, known = np.zeros((len(U), SUMS)), block.steps.compiled
-    if known is not None:
-        affine_steps(
-            known.kind, known.by_radii, known.parameters, block.columns, old.stretch.reshape(-1, 4),
-            U.reshape(-1, 4), old.shear_force, new.shear_force, sums,
-        )  # fmt: skip
-        return sums
-    end = block.branches @ np.swapaxes(U, 1, 2)
-    start = block.branches @ np.swapaxes(old.stretch, 1, 2)
+    sums, (start, end) = np.zeros((len(U), SUMS)), np.empty((2, len(U), *block.branches.shape))
+    strained(old.stretch, block.branches, start)
+    strained(U, block.branches, end)
     answer = block.steps(start, end, old.shear_force)
-    new.shear_force[:] = answer[..., SHEAR]
-    affine_sums(answer, block.columns, sums)
+    new.shear_force[:] = answer[:, SHEAR]
+    affine_sums(answer, block.columns[0], sums)
+    regime_sums(answer, block.columns[1], sums)
     return sums
 
 
 def traction(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step of loops in balance under uniform stresses; as `affine`."""
-    change = np.swapaxes(U - old.stretch, 1, 2)
-    end = old.branches + block.branches @ change
-    # Centres from the first grain of each loop: running sums of the branches.
-    before = np.cumsum(end, axis=1) - end
-    x = before - np.repeat(before[:, block.offsets[:-1]], np.diff(block.offsets), axis=1)
-    stress, stretch = old.loop_stress.copy(), U.reshape(-1, 4)
-    tangent = np.zeros((*stress.shape[:2], 16))
+    end, stress = np.empty_like(old.branches), old.loop_stress.copy()
+    strained(U - old.stretch, block.branches, end)
+    end += old.branches
+    tangent, (_, levers, loads) = np.zeros((*stress.shape[:2], 16)), block.balance
     status = np.where(old.failed, LOST, MOVING)
     for _ in range(MOST_RELAXATIONS):
         answer = block.steps(old.branches, end, old.shear_force)
-        moving = relax_centres(
-            answer, block.offsets, stretch, block.boundary, block.dead, block.size, x, end, stress,
+        moving = kernels().relax(
+            answer, block.offsets, U.reshape(-1, 4), levers, loads, block.size, end, stress,
             tangent, status,
         )  # fmt: skip
         if not moving:
             break
-    lost = status != 1
+    lost = status != RELAXED
     if lost.any():
-        _part(block, U, old, lost, answer, end, stress, tangent)
-    rows = np.repeat(lost, np.diff(block.offsets), axis=1)
-    new.shear_force[:] = np.where(rows, old.shear_force, answer[..., SHEAR])
-    new.branches[:] = np.where(rows[..., None], old.branches, end)
-    new.loop_stress[:] = np.where(lost[..., None], old.loop_stress, stress)
-    new.failed[:] = lost
-    sums = np.zeros((len(U), SUMS))
-    relaxed_sums(answer, block.offsets, block.weight, block.share, stress, tangent, lost, sums)
-    return sums
-
-
-def _part(
-    block: LoopBlock, U: Floats, old: MaterialState, lost: Flags, answer: Floats, end: Floats,
-    stress: Floats, tangent: Floats,
-) -> None:  # fmt: skip
-    """Let loops that are not in balance come apart where the strain parts all their contacts."""
-    apart = block.branches @ np.swapaxes(U, 1, 2)
-    open_rows = np.hypot(apart[..., 0], apart[..., 1]) >= block.steps.touching.length
-    begins = block.offsets[:-1]
-    free = np.logical_and.reduceat(open_rows, begins, axis=1) & lost & ~old.failed
-    free &= np.add.reduceat((block.dead != 0.0).any(axis=1), begins) == 0
-    rows = np.repeat(free, np.diff(block.offsets), axis=1)
-    answer[rows], end[rows], answer[rows, REGIME] = 0.0, apart[rows], OPEN
-    stress[free], tangent[free] = 0.0, 0.0
-    lost &= ~free
+        # Loops come apart where the strain parts all their contacts.
+        apart, begins = block.branches @ np.swapaxes(U, 1, 2), block.offsets[:-1]
+        parts = np.hypot(apart[..., 0], apart[..., 1]) >= block.steps.touching[1]
+        free = np.logical_and.reduceat(parts, begins, axis=1) & lost & ~old.failed
+        free &= np.add.reduceat(loads.any(axis=1), begins) == 0
+        rows = block.spread(free, axis=1)
+        end[rows] = apart[rows]
+        answer[np.broadcast_to(rows[:, None], answer.shape)] = 0.0
+        stress[free], tangent[free] = 0.0, 0.0
+        lost &= ~free
+    return _taken(block, old, new, lost, end, answer, stress, tangent)
 
 
 def cell(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
     """Step of the H-model's cells; as `affine`."""
     assert block.cells is not None
     end, answer, stress, tangent, lost = cell_steps(
-        block.cells, block.steps, block.steps.touching.length, U, old.branches, old.shear_force
+        block.cells, block.steps, U, old.branches, old.shear_force
     )
-    lost |= old.failed
-    rows = np.repeat(lost, 2, axis=1)
-    new.shear_force[:] = np.where(rows, old.shear_force, answer[..., SHEAR])
+    return _taken(block, old, new, lost | old.failed, end, answer, stress, tangent)
+
+
+def _taken(
+    block: LoopBlock, old: MaterialState, new: MaterialState, lost: Flags, end: Floats,
+    answer: Floats, stress: Floats, tangent: Floats,
+) -> Floats:  # fmt: skip
+    """Fill the new state, that of lost loops as it was; return the sums of the others."""
+    rows = block.spread(lost, axis=1)
+    new.shear_force[:] = np.where(rows, old.shear_force, answer[:, SHEAR])
     new.branches[:] = np.where(rows[..., None], old.branches, end)
     new.loop_stress[:] = np.where(lost[..., None], old.loop_stress, stress)
     new.failed[:] = lost
-    sums = np.zeros((len(U), SUMS))
-    # Four inclined contacts and two axial ones.
-    six = np.repeat(answer, np.tile(CONTACT_COUNTS, len(block.weight)), axis=1)
-    offsets = 6 * np.arange(len(block.weight) + 1)
-    relaxed_sums(six, offsets, block.weight, block.share, stress, tangent, lost, sums)
+    sums, share = np.zeros((len(lost), SUMS)), np.where(lost, 0.0, block.weight)
+    sums[:, P11:A11] = block.share * np.einsum("ql,qlk->qk", share, new.loop_stress)
+    sums[:, A11:STUCK] = block.share * np.einsum("ql,qlk->qk", share, tangent)
+    regime_sums(answer, block.spread(share, axis=1) * block.part, sums)
     return sums
 
 

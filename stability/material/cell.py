@@ -12,13 +12,13 @@ import numpy as np
 
 from loops.arrays import Flags, Floats
 from loops.errors import InputError
-from stability.material.contact_model import ContactSteps
+from stability.material.contact_steps import ContactSteps
 from stability.material.kernels import FX, FY, KXX, KXY, KYX, KYY, REGIME
 from stability.material.loop_set import LoopSet
 
 # Rows of a hexagon that stand for its four inclined contacts, and for its two axial ones.
 CONTACT_ROWS = (2, 1)
-CONTACT_COUNTS = np.array([4, 2])
+CONTACT_PARTS = np.array([4, 2]) / 6.0
 # Sides that differ by no more than this share of the longest are equal.
 EQUAL = 1e-9
 # Change of an axial branch, over its length, that is rounding.
@@ -35,13 +35,9 @@ class Cells:
     extent: Floats
     area: Floats
 
-    def take(self, loops: slice) -> Cells:
-        """Return the picked cells."""
-        return Cells(self.axes[loops], self.extent[loops], self.area[loops])
 
-
-def cells_of(loops: LoopSet) -> tuple[Cells, Floats]:
-    """Return the cells of a set of hexagons, and their branches (L, 2, 2) in the cells' frames.
+def cells_of(loops: LoopSet, first: int) -> tuple[Cells, Floats]:
+    """Return hexagons, numbered from `first`, as cells; their branches (2 L, 2) in these frames.
 
     The axis runs from grain 3 to grain 0; `InputError` unless the hexagon is its own mirror image
     about it and across it.
@@ -61,22 +57,24 @@ def cells_of(loops: LoopSet) -> tuple[Cells, Floats]:
     force = loops.shear_force.reshape(-1, 6)
     wrong |= (force != 0.0).any(axis=1)
     if wrong.any():
-        received = f"loop {int(wrong.argmax())} without these mirror planes, or with shear forces"
+        received = (
+            f"loop {first + int(wrong.argmax())} without these mirror planes, or with shear forces"
+        )
         expected = "hexagons with mirror planes along and across the axis from grain 3 to grain 0"
         raise InputError("loops of a cell closure", received, expected, "See patterns.hexagon.")
     extent = np.stack([x[:, 0] - x[:, 3], x[:, 1] - x[:, 5]], axis=1)
     extent = np.abs(np.einsum("lij,lij->li", axes, extent))
-    first = np.abs(branches[:, CONTACT_ROWS, :])
-    return Cells(axes, extent, loops.areas), first
+    inclined_and_axial = np.abs(branches[:, CONTACT_ROWS, :])
+    return Cells(axes, extent, loops.areas), inclined_and_axial.reshape(-1, 2)
 
 
 def cell_steps(
-    cells: Cells, steps: ContactSteps, touching: Floats, U: Floats, start: Floats, shear: Floats
+    cells: Cells, steps: ContactSteps, U: Floats, start: Floats, shear: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Flags]:
     """Take one step of cells under the stretch `U` (q, 2, 2).
 
     `start` (q, 2 L, 2) and `shear` (q, 2 L) are those of an inclined and the axial contact of each
-    cell, `touching` (2 L,) their lengths at touch. The axial branch `d2` is found from
+    cell. The axial branch `d2` is found from
     `N2 = N1 cos(alpha) + T1 sin(alpha)`, the balance of a shoulder along the axis. Returns
     branches, answers, stress (q, L, 4), tangent (q, L, 16) over `1 - U`, and cells without an
     answer (q, L).
@@ -85,25 +83,25 @@ def cell_steps(
     length = cells.extent * normal
     q, count = length.shape[:2]
 
-    def at(axial: Floats) -> tuple[Floats, Floats]:
+    def at(axial: Floats) -> tuple[Floats, Floats, Floats]:
         end = np.zeros((q, count, 2, 2))
         end[..., 0, 0], end[..., 0, 1] = 0.5 * (length[..., 0] - axial), 0.5 * length[..., 1]
         end[..., 1, 0] = axial
         end = end.reshape(q, 2 * count, 2)
-        return end, steps(start, end, shear).reshape(q, count, 2, -1)
+        answer = steps(start, end, shear)
+        # Of the inclined contacts, and of the axial ones.
+        return end, answer, np.moveaxis(answer.reshape(q, -1, count, 2), -1, 0)
 
     # Between the touch of the axial grains, where N2 = 0, and half of it N2 overtakes.
-    high = np.broadcast_to(touching[1::2], (q, count)).copy()
+    high = np.broadcast_to(steps.touching[1, 1::2], (q, count)).copy()
     low = 0.5 * high
-    _, answer = at(high)
-    is_open = answer[..., 0, FX] <= 0.0
-    _, answer = at(low)
-    lost = ~is_open & (answer[..., 1, FX] < answer[..., 0, FX])
+    is_open = at(high)[2][0][:, FX] <= 0.0
+    _, _, (one, two) = at(low)
+    lost = ~is_open & (two[:, FX] < one[:, FX])
     axial = np.clip(start.reshape(q, count, 2, 2)[..., 1, 0], low, high)
     for _ in range(MOST_AXIAL_STEPS):
-        end, answer = at(axial)
-        excess = answer[..., 1, FX] - answer[..., 0, FX]
-        slope = answer[..., 1, KXX] + 0.5 * answer[..., 0, KXX]
+        end, answer, (one, two) = at(axial)
+        excess, slope = two[:, FX] - one[:, FX], two[:, KXX] + 0.5 * one[:, KXX]
         low, high = np.where(excess > 0.0, axial, low), np.where(excess > 0.0, high, axial)
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = axial + excess / slope
@@ -113,17 +111,15 @@ def cell_steps(
         if not np.abs(change).max(initial=0.0) > ROUNDED_CHANGE * np.abs(axial).max(initial=0.0):
             break
         axial = axial + change
-    is_open |= (answer[..., REGIME] == 0.0).any(axis=-1)
-    answer[is_open] = 0.0
-    one, two = answer[..., 0, :], answer[..., 1, :]
+    is_open |= (one[:, REGIME] == 0.0) | (two[:, REGIME] == 0.0)
+    answer[np.broadcast_to(np.repeat(is_open, 2, axis=1)[:, None], answer.shape)] = 0.0
     # Motions of the two branches for unit changes of the extents.
     with np.errstate(divide="ignore", invalid="ignore"):
-        rate = 0.5 / (two[..., KXX] + 0.5 * one[..., KXX])
-    rate = np.where(is_open, 0.0, rate)[..., None] * one[..., [KXX, KXY]]
-    across = 0.5 * one[..., KYX, None] * (np.array([1.0, 0.0]) - rate)
-    across[..., 1] += 0.5 * one[..., KYY]
-    moduli = np.stack([two[..., KXX, None] * rate, across], axis=-2)
-    force = np.stack([two[..., FX], one[..., FY]], axis=-1)
+        rate = 0.5 / (two[:, KXX] + 0.5 * one[:, KXX])
+    rate = np.where(is_open, 0.0, rate) * one[:, [KXX, KXY]].swapaxes(0, 1)
+    across = 0.5 * (one[:, [KYX, KYY]].swapaxes(0, 1) - one[:, KYX] * rate)
+    moduli = np.moveaxis(np.stack([two[:, KXX] * rate, across]), (0, 1), (-2, -1))
+    force = np.stack([two[:, FX], one[:, FY]], axis=-1)
     share = 2.0 * cells.extent / cells.area[:, None]
     stress = np.einsum("qla,la,lai,laj->qlij", force, share, cells.axes, cells.axes)
     tangent = np.einsum(
@@ -131,5 +127,4 @@ def cell_steps(
         moduli, share, cells.extent, cells.axes, cells.axes, cells.axes, cells.axes,
         optimize=True,
     )  # fmt: skip
-    whole = answer.reshape(q, 2 * count, -1)
-    return end, whole, stress.reshape(q, count, 4), tangent.reshape(q, count, 16), lost
+    return end, answer, stress.reshape(q, count, 4), tangent.reshape(q, count, 16), lost

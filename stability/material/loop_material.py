@@ -17,7 +17,7 @@ from loops.laws import ContactLaw
 from loops.shown import Shown
 from loops.validation import finite, nonnegative
 from stability.material.blocks import BLOCK_CONTACTS, CLOSURES, MaterialState, blocks_of
-from stability.material.kernels import A11, OPENED, P11, STUCK, SUMS, WEIGHT
+from stability.material.kernels import A11, OPENED, P11, SHEAR, STUCK, SUMS, WEIGHT
 from stability.material.loop_set import LoopSet, loop_set
 from stability.material.rotation import nominal_response, polar
 
@@ -81,8 +81,8 @@ class LoopMaterial(Shown):
     weights : (L,) array, optional
         Weights in the mean, not negative; those of the set if left out.
     law : ContactLaw, optional
-        Law of the contacts; that of the packing if the loops come from one. `LinearFrictional` and
-        `HertzMindlin` are compiled, others are asked through the protocol.
+        Law of the contacts; that of the packing if the loops come from one. Linear, cohesive and
+        Hertz's laws are compiled; numpy is asked for one of your own.
     closure : {'affine', 'traction', 'cell'}
         How the strain drives the loops.
     threads : int
@@ -141,16 +141,18 @@ class LoopMaterial(Shown):
             If the number of points is no positive whole number.
         """
         whole_number("points", points, 1)
-        blocks = self._blocks
-        shear = np.concatenate([block.shear for block in blocks])
-        branches = np.concatenate([block.branches for block in blocks])
-        stress = np.concatenate([block.stress for block in blocks])
+        branches, stress = np.empty((0, 2)), np.zeros((len(self.weights), 4))
+        if self.closure == "affine":
+            stress = stress[:0]
+        else:
+            branches = np.concatenate([block.branches for block in self._blocks])
+        if self.closure == "traction":
+            stress = np.concatenate([block.balance[0] for block in self._blocks])
 
         def each(value: Floats) -> Floats:
             return np.broadcast_to(value, (points, *value.shape)).copy()
 
-        if self.closure == "affine":
-            branches, stress = branches[:0], stress[:0]
+        shear = np.concatenate([block.answer[SHEAR] for block in self._blocks])
         failed = np.zeros((points, len(self.weights)), dtype=bool)
         arrays = each(np.eye(2)), each(shear), each(branches), each(stress)
         return MaterialState(*arrays, failed).freeze()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers
 from loops.errors import InputError, listed, whole_number
-from loops.geometry import boundary_vectors, polygon_area, require_loop
+from loops.geometry import polygon_area, require_loop
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.loop_batches import loop_batches
@@ -39,6 +39,8 @@ class LoopSet(Shown):
         Forces of the contact to the next grain (force, compression positive).
     weights : (L,) array
         Weights of the loops in a mean.
+    areas : (L,) array
+        Areas of the polygons (length squared).
     contacts : (M,) array of int
         Number of each contact in the graph that it comes from, for the law's parameters.
     share : float
@@ -62,6 +64,7 @@ class LoopSet(Shown):
     normal_force: Floats
     shear_force: Floats
     weights: Floats
+    areas: Floats
     contacts: Integers
     share: float = 1.0
     law: ContactLaw | None = None
@@ -78,34 +81,26 @@ class LoopSet(Shown):
         return {"loops": len(self.weights), "orders": orders, "contacts": len(self.x),
                 "share": f"{self.share:g}"}  # fmt: skip
 
-    def groups(self) -> Iterable[tuple[Integers, Integers]]:
-        """Yield the loops of each order and their rows (L, n)."""
-        for order in np.unique(self.orders):
-            loops = np.flatnonzero(self.orders == order)
-            yield loops, self.offsets[loops, None] + np.arange(order)
-
-    def one(self, number: int) -> LoopSet:
-        """Return a loop as a set of its own."""
-        rows = slice(*self.offsets[number : number + 2].tolist())
+    def part(self, loops: slice) -> LoopSet:
+        """Return some loops as a set of their own."""
+        weights, areas = self.weights[loops], self.areas[loops]
+        offsets = self.offsets[loops.start : loops.stop + 1]
         names = ("x", "radii", "normal_force", "shear_force", "contacts")
+        rows = slice(offsets[0], offsets[-1])
         own: dict[str, Any] = {name: getattr(self, name)[rows] for name in names}
-        offsets, weights = np.array([0, len(own["x"])]), self.weights[number : number + 1]
-        return replace(self, offsets=offsets, weights=weights, **own)
+        return replace(self, offsets=offsets - offsets[0], weights=weights, areas=areas, **own)
+
+    @property
+    def following(self) -> Integers:
+        """Return the next grain (M,) of each in its loop."""
+        following = np.arange(len(self.x)) + 1
+        following[self.offsets[1:] - 1] = self.offsets[:-1]
+        return following
 
     @property
     def branches(self) -> Floats:
         """Return the branch vectors (M, 2) from each grain to the next (length)."""
-        following = np.arange(len(self.x)) + 1
-        following[self.offsets[1:] - 1] = self.offsets[:-1]
-        return np.asarray(self.x[following] - self.x)
-
-    @property
-    def areas(self) -> Floats:
-        """Return the areas (L,) of the polygons (length squared)."""
-        area = np.empty(len(self.weights))
-        for loops, rows in self.groups():
-            area[loops] = np.abs(polygon_area(self.x[rows]))
-        return area
+        return np.asarray(self.x[self.following] - self.x)
 
     @property
     def stress(self) -> Floats:
@@ -117,14 +112,6 @@ class LoopSet(Shown):
         total = np.add.reduceat(force[:, :, None] * d[:, None, :], self.offsets[:-1])
         return np.asarray(self.share * total / self.areas[:, None, None])
 
-    @property
-    def boundary(self) -> Floats:
-        """Return the boundary vectors (M, 2) of the grains (length)."""
-        vectors = np.empty_like(self.x)
-        for _, rows in self.groups():
-            vectors[rows] = boundary_vectors(self.x[rows])
-        return vectors
-
 
 def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
     """Return a set of loops from graphs of single loops or of batches of one order."""
@@ -132,18 +119,22 @@ def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
         return loops
     graphs = listed("loops of the material", loops, GrainGraph, "Give graphs, or gl.oriented.")
     parts = [_rows_of(graph) for graph in graphs]
-    x, radii, normal, shear, contacts = (
+    x, radii, normal, shear, areas, contacts = (
         np.concatenate(column) for column in zip(*[part[1:] for part in parts], strict=True)
     )
     orders = np.concatenate([part[0] for part in parts])
     offsets = np.concatenate([[0], np.cumsum(orders)])
     counts = tuple(dict.fromkeys(graph.contact_count for graph in graphs))
     weights = np.ones(len(orders))
-    return LoopSet(offsets, x, radii, normal, shear, weights, contacts, graph_contacts=counts)
+    return LoopSet(
+        offsets, x, radii, normal, shear, weights, areas, contacts, graph_contacts=counts
+    )
 
 
-def _rows_of(graph: GrainGraph) -> tuple[Integers, Floats, Floats, Floats, Floats, Integers]:
-    """Return orders, centres, radii, forces and contacts of the loops of a graph, row by row."""
+def _rows_of(
+    graph: GrainGraph,
+) -> tuple[Integers, Floats, Floats, Floats, Floats, Floats, Integers]:
+    """Return orders, centres, radii, forces, areas and contacts of the loops of a graph."""
     n = graph.grain_count
     if not graph.contact_count:
         remedy = "Join its grains: contacts [[0, 1], [1, 2], ...]."
@@ -163,11 +154,12 @@ def _rows_of(graph: GrainGraph) -> tuple[Integers, Floats, Floats, Floats, Float
 
     forces = rows(graph.normal_force), rows(graph.shear_force)
     x = rows(graph.x, 2)
-    if (polygon_area(x.reshape(count, n, 2)) <= 0.0).any():
+    areas = polygon_area(x.reshape(count, n, 2))
+    if (areas <= 0.0).any():
         received, remedy = "a clockwise or flat loop", "Number the grains counter-clockwise."
         raise InputError("loop of the material", received, "an area above zero", remedy)
     numbers = np.tile(np.arange(n), count)
-    return np.full(count, n), x, rows(graph.radii), *forces, numbers
+    return np.full(count, n), x, rows(graph.radii), *forces, areas, numbers
 
 
 def oriented(loop: GrainGraph, count: int) -> LoopSet:
@@ -210,7 +202,7 @@ def oriented(loop: GrainGraph, count: int) -> LoopSet:
     n = len(single.x)
     copied: dict[str, Any] = {
         name: np.tile(getattr(single, name), count)
-        for name in ("radii", "normal_force", "shear_force", "contacts")
+        for name in ("radii", "normal_force", "shear_force", "areas", "contacts")
     }
     offsets = n * np.arange(count + 1)
     return replace(single, offsets=offsets, x=x.reshape(-1, 2), weights=np.ones(count), **copied)

@@ -119,7 +119,7 @@ def test_a_number_of_a_kernel_is_read_where_one_that_calls_it_runs():
     numbers = {one.name: one for one in numbers_of(ROOT, ["loops/compiled", "stability/material"])}
     names = {name for _, name in kernels_that_read(numbers["CLOSE"])}
     assert names == {"_sort_by_angle", "following_half_edges", "plane_faces"}
-    assert {"SHORT", "TOUCH", "BALANCED", "SINGULAR", "WIDTH"} <= numbers.keys()
+    assert {"SHORT", "TOUCH", "WIDTH"} <= numbers.keys()
     assert frozen(numbers["SHORT"]) and not frozen(numbers["MOST_FAILED"])
     assert not {"ANSWER", "SUMS", "WEIGHT", "FX", "BINS"} & numbers.keys()
     ring = GrainGraph(

@@ -1,6 +1,5 @@
 """What laws answer to those who read tables, check forces or compile steps."""
 
-import numpy as np
 import pytest
 
 from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional
@@ -35,17 +34,6 @@ def test_answers(law, words, power, cohesive, attraction):
     assert law.cohesive == cohesive and law.attraction == attraction
     assert of_tables(law) == (words is not None)
     assert linear_springs(law) == (law is LINEAR)
-
-
-def test_springs_that_are_a_power_of_the_overlap():
-    radii = np.array([[0.5, 1.0], [0.25, 1.0]])
-    assert LINEAR.power_springs(radii) == (1.0, LINEAR.kn, LINEAR.kt)
-    power, factor, ratio = HERTZ.power_springs(radii)
-    modulus = 3.0 / (2.0 * (1.0 - 0.2**2))
-    assert power == 1.5 and ratio == HERTZ.stiffness_ratio
-    np.testing.assert_allclose(factor, 4 / 3 * modulus * np.sqrt([1 / 6, 1 / 2]), rtol=1e-15)
-    for law in (Stiffer(2.0, 0.5, 0.4), ATTRACTS, OWN):
-        assert law.power_springs(radii) is None
 
 
 def test_other_laws_are_none_of_tables():

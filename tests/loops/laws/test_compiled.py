@@ -121,6 +121,29 @@ def test_kernels_of_known_laws_are_these_laws(kind):
         assert np.array_equal(found, wanted)
 
 
+@pytest.mark.parametrize("kind", ["linear", "attraction", "force", "displacement"])
+def test_slopes_of_known_laws_are_those_of_what_they_fill_in(kind):
+    """By differences of the fourth order over a thousandth of the overlaps."""
+    mu = np.where(MODULI > 2.5, np.inf, 0.4)
+    law = {
+        "linear": LinearFrictional(MODULI, 0.5, mu),
+        "attraction": CohesiveFrictional(MODULI, 0.5, mu, 0.02),
+    }.get(kind) or HertzMindlin(MODULI, 0.2, mu, shear_history=kind)
+    pointer, constants = PairLaw.made(law, RADII, np.full(COUNT, -1)).filling(False)
+
+    def at(share, rows=4):
+        out = np.empty((rows, COUNT))
+        pointer.function(constants, RADII, (1 + share) * OVERLAP, BEFORE, SHEAR, out)
+        return out
+
+    h, found = 1e-3, at(0.0, 8)
+    with np.errstate(invalid="ignore"):
+        steps = 8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))
+        wanted, finite = steps / (12 * h * OVERLAP), np.isfinite(steps)
+    assert np.array_equal(found[:4], at(0.0)) and finite[[0, 1, 3]].all()
+    np.testing.assert_allclose(found[4:][finite], wanted[finite], rtol=1e-10, atol=1e-11)
+
+
 class Branching(Springs):
     """Asks for the truth of a number, which numba takes for an array."""
 

@@ -1,5 +1,7 @@
 """One step of a set of loops against exact paths, differences and closed identities."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,14 +13,14 @@ from loops import (
     LinearFrictional,
     Scene,
     contact_state,
+    polygon_area,
 )
 from loops.laws import CohesiveFrictional
 from patterns import hexagon, polydisperse_polygon, random_loop, regular_polygon
 from stability import Stage, follow, programmes
 from stability.material import LoopMaterial, march, oriented
-from stability.material.rotation import nominal_response
 
-MU = np.tan(np.radians(30))
+MU, ONE = np.tan(np.radians(30)), np.eye(2)[None]
 LAW = LinearFrictional(kn=1.0, kt=0.5, mu=MU)
 HEXAGON = regular_polygon(6)
 HERTZ = HertzMindlin(young=1.0, poisson=0.3, mu=0.4)
@@ -73,34 +75,97 @@ def test_affine_step_of_any_length_equals_the_path_by_events(loop, law, steps):
     assert np.abs(P - exact).max() <= 1e-14
 
 
-@pytest.mark.parametrize("law", [LAW, BY_RADII, HERTZ])
-def test_contacts_taken_together_answer_as_each_by_itself(law):
+GLUE = CohesiveFrictional(kn=1.0, kt=0.5, mu=0.4, adhesion=2e-3)
+# Gauss points on [0, 1]; Hertz's law has five.
+NODES = [(0.5 + 0.5 * s, 0.5 * w) for s, w in (np.polynomial.legendre.leggauss(n) for n in (60, 5))]
+SPHERES = 2 / 3 / (1.0 - 0.3**2), 2.0 * (1.0 - 0.3) / (2.0 - 0.3)
+
+
+def by_itself(law, touching, reduced, p, d, T):
+    """Forces, shear forces and regimes of contacts that go from the branches p to d, (m, 2)."""
+    # Those that were open start anew where they touch.
+    D, opened = d - p, np.hypot(*p.T) > touching
+    a, b, c = (D * D).sum(axis=1), (p * D).sum(axis=1), (p * p).sum(axis=1) - touching**2
+    first = np.where(opened, (-b - np.sqrt(np.maximum(b * b - a * c, 0.0))) / a, 0.0)
+    p, T = p + first[:, None] * D, np.where(opened, 0.0, T)
+    modulus, ratio = SPHERES
+
+    def springs(length):
+        overlap = np.maximum(touching - length, 0.0)
+        if isinstance(law, HertzMindlin):
+            kn = 1.5 * modulus * np.sqrt(reduced * overlap)
+            return kn * overlap / 1.5, ratio * kn
+        return law.kn * overlap - np.asarray(law.attraction), law.kt + 0.0 * overlap
+
+    s, w = NODES[law is HERTZ]
+    r = np.array([np.hypot(*(p + one * (d - p)).T) for one in s])
+    g, turn = touching / r if law is BY_RADII else 1.0, p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]
+    length = np.hypot(*d.T)
+    N, kt = springs(length)
+    along = np.array([springs(one)[1] for one in r])
+    if law is BY_DISPLACEMENT:
+        before, along = springs(np.hypot(*p.T))[1], kt
+        T = np.where(T == 0.0, 0.0, T * kt / np.where(T == 0.0, 1.0, before))
+    T = T - turn * (w[:, None] * along * g / r).sum(axis=0)
+    most, closed = law.mu * N + np.asarray(law.cohesion), length < touching
+    slides, n = np.abs(T) > most, d / length[:, None]
+    N, T = closed * N, closed * np.where(slides, np.sign(T) * most, T)
+    force = N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+    return force, T, np.where(closed, 1 + slides, 0)
+
+
+@cache
+def many_loops():
+    orders = np.random.default_rng(0).integers(3, 9, 120)
+    return [random_loop(int(n), seed=k) for k, n in enumerate(orders)]
+
+
+@pytest.mark.parametrize("law", [LAW, BY_RADII, GLUE, HERTZ, BY_DISPLACEMENT])
+def test_contacts_of_many_loops_answer_as_each_by_itself(law):
     """Short and long ways, contacts that stay, open, touch again; more of them than a chunk."""
-    random, regimes = np.random.default_rng(0), set()
-    loops = [random_loop(int(n), seed=k) for k, n in enumerate(random.integers(3, 9, 120))]
-    weights = random.random(len(loops))
+    loops, regimes = many_loops(), set()
+    weights = np.random.default_rng(0).random(len(loops))
     material = LoopMaterial(loops, weights, law, closure="affine")
-    (block,) = material._blocks
-    state, shares = material.start(1), np.repeat(weights / weights.sum() / block.size**2,
-                                                 np.diff(block.offsets))  # fmt: skip
+    orders = [loop.grain_count for loop in loops]
+    share = np.repeat(weights / weights.sum() / [polygon_area(loop.x) for loop in loops], orders)
+    d0 = np.concatenate([np.roll(loop.x, -1, axis=0) - loop.x for loop in loops])
+    r, R = (np.concatenate([np.roll(loop.radii, k) for loop in loops]) for k in (0, -1))
+    state = material.start(1)
     for H11, H22, H12 in ((0.01, 0.0, 0.001), (-0.05, 0.02, 0.0), (0.04, 0.02, 0.01),
                           (0.4, 0.3, 0.1), (-0.1, -0.1, 0.0), (0.02, 0.01, -0.01)):  # fmt: skip
-        U = np.array([[1.0 - H11, -H12], [-H12, 1.0 - H22]])
-        start, end = block.branches @ state.stretch[0], block.branches @ U
-        answer = block.steps(start[None], end[None], state.shear_force)[0]
+        U, before = np.array([[1.0 - H11, -H12], [-H12, 1.0 - H22]]), state.stretch[0]
         response = material.update(U[None], state)
-        stress = np.einsum("m,mi,mj->ij", shares, answer[:, :2], block.branches)
-        K = answer[:, 2:6].reshape(-1, 2, 2)
-        A = np.einsum("m,mik,mj,ml->ijkl", shares, K, block.branches, block.branches)
-        turned_back = nominal_response(np.eye(2)[None], U[None], stress[None], A[None])
-        size = np.abs(K).max()
-        assert np.abs(response.stress - turned_back[0]).max() <= 1e-15 * size
-        assert np.abs(response.tangent - turned_back[1]).max() <= 2e-14 * size
-        force = response.state.shear_force
-        assert np.abs(force - answer[:, 6]).max() <= 1e-15 * size
-        regimes.update(answer[:, 7].tolist())
+        ways = d0 @ before, d0 @ U, state.shear_force[0]
+        force, T, regime = by_itself(law, r + R, r * R / (r + R), *ways)
+        assert np.abs(response.state.shear_force[0] - T).max() <= 2e-14
+        B = np.einsum("m,mi,mj->ij", share, force, d0)
+        B = 0.5 * (B + B.T)
+        # The Cauchy stress is symmetric.
+        E = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        B += np.trace(B @ U @ E) / np.trace(U) * E
+        assert np.abs(response.stress[0] - B).max() <= 1e-14
+        regimes.update(regime.tolist())
         state = response.state
-    assert regimes == {0.0, 1.0, 2.0} and len(block.branches) > 512
+    assert regimes == {0, 1, 2} and len(d0) > 512
+
+
+class Same(FrictionalLaw):
+    """A linear law of one's own: what is compiled is not known of it."""
+
+    def closed_force(self, state):
+        return self.kn * state.overlap
+
+
+@pytest.mark.parametrize("law", [LAW, GLUE, Same(kn=1.0, kt=0.5, mu=MU)])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_a_loop_that_just_touches_has_the_tangent_of_what_follows(law, closure):
+    """Into compression its slope, by one-sided differences of the third order."""
+    material = LoopMaterial(oriented(HEXAGON, 3), None, law, closure=closure)
+    state, D, h = material.start(1), np.array([[1.0, 0.2], [0.2, 0.8]]), 1e-4
+    stress = [material.update(ONE - k * h * D, state).stress[0] for k in range(4)]
+    numeric = np.tensordot([-11 / 6, 3.0, -1.5, 1 / 3], stress, 1) / h
+    tangent = material.update(ONE, state).tangent[0]
+    assert np.abs(np.einsum("ijkl,kl->ij", tangent, D) - numeric).max() < 1e-9
 
 
 def test_traction_steps_converge_in_second_order_to_the_path_by_events():
@@ -190,13 +255,6 @@ def test_traction_of_triangles_is_affine():
     assert np.allclose(both[0].tangent, both[1].tangent, rtol=0, atol=1e-12)
 
 
-class Same(FrictionalLaw):
-    """A linear law of one's own: what is compiled is not known of it."""
-
-    def closed_force(self, state):
-        return self.kn * state.overlap
-
-
 @pytest.mark.parametrize("closure", ["affine", "traction", "cell"])
 def test_a_law_of_ones_own_answers_as_the_compiled_one(closure):
     own = Same(kn=1.0, kt=0.5, mu=MU)
@@ -211,7 +269,7 @@ def test_a_law_of_ones_own_answers_as_the_compiled_one(closure):
         assert np.allclose(a.tangent, b.tangent, rtol=0, atol=1e-9)
 
 
-def test_attraction_goes_through_the_protocol():
+def test_attraction_pulls_where_grains_touch():
     law = CohesiveFrictional(kn=1.0, kt=0.5, mu=MU, adhesion=1e-3)
     response = stepped(LoopMaterial(HEXAGON, None, law), (0.0, 0.0, 0.0), 1)
     loop = HEXAGON.replace(normal_force=np.full(6, -1e-3))
@@ -339,8 +397,8 @@ class Integrated(Same):
     "law, words",
     [
         (CohesiveFrictional(1.0, 0.5, MU, 1e-3, bonded=True), "bonds, which break for good"),
-        (Coupled(kn=1.0, kt=0.5, mu=MU), "a stiffness between normal and shear"),
-        (Integrated(kn=1.0, kt=0.5, mu=MU), "has its own rate"),
+        (Coupled(kn=1.0, kt=0.5, mu=MU), "a normal force of the overlap alone"),
+        (Integrated(kn=1.0, kt=0.5, mu=MU), "Integrated with keeps_strength"),
         (FrictionalLaw(kn=1.0, kt=0.5), "FrictionalLaw.closed_force"),
         ("linear", "str without"),
         (None, "got none, expected a contact law"),
