@@ -1,4 +1,4 @@
-"""Controls of the rates of a packing: what of strain and stress is held or driven."""
+"""Controls of the rates of a packing, and the problem of its contacts at yield under them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats
 from loops.errors import InputError
-from stability.packing.yielding import LinearAnswer, YieldResponse, complementary_rates
 from stability.programmes import NOTHING
 from stability.spectra import subspace_basis
 
@@ -24,23 +23,36 @@ class MixedControl(NamedTuple):
     strain: Floats
     rate: Floats
 
+    def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
+        """Return the strain rate (4,) of a packing whose stress rate is `tangent @ H' + offset`."""
+        A = self.stress @ tangent + self.strain
+        return np.asarray(np.linalg.solve(A, self.rate - self.stress @ offset))
 
-def controlled(
-    yielding: YieldResponse,
-    active: Flags,
-    answer: LinearAnswer,
-    chosen: Integers,
-    pair: tuple[Floats, Floats],
-    control: MixedControl,
-) -> tuple[Floats, Floats]:
-    """Return `q` and `M` of the chosen candidates, strain that the stress drives eliminated."""
-    unit = complementary_rates(yielding, active, answer.relative)[chosen]
-    matrix, stress = pair
-    A = control.stress @ answer.stress + control.strain
-    solved = np.linalg.solve(A, np.column_stack([control.rate, -control.stress @ stress]))
-    q, driven = unit @ solved[:, 0], unit @ solved[:, 1:]
-    M = matrix + driven
-    return q, np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
+
+class Edge(NamedTuple):
+    """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
+
+    Of them all under unit strains (m, 4) and unit slips (m, k), and under the load (m,); the stress
+    rates (4, 4), (4, k), (4,) of these.
+    """
+
+    of_strain: Floats
+    of_slip: Floats
+    stress: Floats
+    stress_of_slip: Floats
+    of_load: Floats | float = 0.0
+    stress_of_load: Floats = NOTHING
+
+    def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
+        """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
+        A = control.stress @ self.stress + control.strain
+        right = control.rate - control.stress @ self.stress_of_load
+        drive = -control.stress @ self.stress_of_slip
+        solved = np.linalg.solve(A, np.column_stack([right, drive]))
+        driven = self.of_strain @ solved[:, 1:]
+        M = self.of_slip + driven
+        M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
+        return self.of_load + self.of_strain @ solved[:, 0], M
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:
@@ -72,11 +84,3 @@ def direction_control(direction: Floats, subspace: str, driven: str) -> MixedCon
     of_stress = np.diag((np.arange(4) < m) * float(driven == "stress"))
     rate = np.append(direction, np.zeros(4 - m))
     return MixedControl(of_stress @ rows, rows - of_stress @ rows, rate)
-
-
-def controlled_strain(
-    answer: LinearAnswer, control: MixedControl, of_slip: Floats = NOTHING
-) -> Floats:
-    """Return the strain rate (4,) under which the stress, that of slip included, is as asked."""
-    A = control.stress @ answer.stress + control.strain
-    return np.asarray(np.linalg.solve(A, control.rate - control.stress @ of_slip))

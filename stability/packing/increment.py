@@ -24,7 +24,7 @@ from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
 from stability.complementarity import positive_definite, raise_load
-from stability.packing.controls import MixedControl, component_control, controlled_strain
+from stability.packing.controls import MixedControl, component_control
 from stability.packing.response import (
     CONDENSED,
     TRUSTED,
@@ -64,8 +64,8 @@ class PackingIncrements:
         raised = raise_load(self.yielding.distance, q, M)
         slip = raised.slip
         yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
-        stress_of_slip = self.rates.whole[1] @ slip
-        h = controlled_strain(elastic, control, stress_of_slip)
+        stress_of_slip = self.rates.whole.stress_of_slip @ slip
+        h = control.strains(elastic.stress, stress_of_slip)
         H = h.reshape(2, 2)
         motion = elastic.motion @ h + self.rates.slips @ slip
         relative, forces = self._forces(motion, H, slip)

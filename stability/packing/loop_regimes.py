@@ -128,7 +128,7 @@ def loops_at_yield(
     if band is None or len(slides) * system.size > MOST_ENTRIES:
         return found
     rates = PackingRates(yielding)
-    softening = int(np.count_nonzero(np.diag(rates.whole[0]) <= 0))
+    softening = int(np.count_nonzero(np.diag(rates.whole.of_slip) <= 0))
     for group in polygons_of(scene.graph, scene.faces).groups if not softening else ():
         for k in np.flatnonzero(smallest[group.row] < 0):
             loop, row = loop_slips(rates, group, int(k)), group.row[k]
@@ -160,7 +160,7 @@ def loop_slips(
     under = rates.elastic.factor.solve(loads)
     operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ rates.slips / area
     push = -(in_freedoms(system, yielding.rows, yielding.gauge) @ under) @ operator
-    basis, M = subspace_basis("symmetric"), rates.whole[0] + push @ strain
+    basis, M = subspace_basis("symmetric"), rates.whole.of_slip + push @ strain
     return push @ basis.T, M, basis @ operator @ basis.T, basis @ operator @ strain
 
 

@@ -8,7 +8,6 @@ from loops.arrays import Floats
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.controls import MixedControl
-from stability.packing.pivots import slip_system
 from stability.packing.point import PackingPoint
 from stability.packing.regime_factor import ELASTIC, Memory, RegimeFactor
 from stability.path import Pathologies
@@ -42,7 +41,7 @@ def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Path
     if m == 0:
         return _judged(np.zeros(0), np.eye(0), w2), packing.memory
     low = packing.rounding(packing.solve(*control))
-    q, M = slip_system(packing, control, candidates)
+    q, M = packing.at_edge(candidates).problem(control)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
     return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing.memory
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from loops.arrays import Floats, Integers
 from stability.packing.controls import MixedControl
-from stability.packing.regime_factor import ELASTIC, ROOM, SLIDING, Combination, RegimeFactor
+from stability.packing.regime_factor import ELASTIC, SLIDING, Combination, RegimeFactor
 from stability.regimes import SlipProblem, agreeing
 
 # Grains that move by more than this share of the largest displacement are in an unstable mode.
@@ -95,35 +95,13 @@ def seek(
 
     All that changed regime, or None and the cause: a proof that there are none, or not.
     """
-    found = agreeing(SlipProblem(*slip_system(packing, control, contacts), low=rounding))
+    found = agreeing(SlipProblem(*packing.at_edge(contacts).problem(control), low=rounding))
     if not found.solutions:
         return None, "no_regimes" if found.proof else "none_found"
     active = found.taken.rates
     changed = contacts[active != (packing.regime[contacts] == SLIDING)].tolist()
     packing.set_regimes(contacts, np.where(active, SLIDING, ELASTIC))
     return changed, ""
-
-
-def slip_system(
-    packing: RegimeFactor, control: MixedControl, contacts: Integers
-) -> tuple[Floats, Floats]:
-    """`q` (m,), `M` (m, m) of `w = q + M z`, of contacts at yield on their sides of slip.
-
-    `w` are rates of the distance from the friction limit, `z` slip rates times the shear
-    stiffness.
-    """
-    rows = (len(packing.frame) + contacts).tolist()
-    sliding = contacts[packing.regime[contacts] == SLIDING]
-    parts = []
-    for first in range(0, len(rows), ROOM):
-        packing.set_regimes(sliding, ELASTIC)
-        columns = packing.columns(rows[first : first + ROOM])
-        units = packing.driven(control.stress, control.strain, columns)
-        parts.append(packing.edge(units, contacts))
-    q = packing.edge((packing.solve(*control),), contacts)[:, 0]
-    packing.set_regimes(sliding, SLIDING)
-    # A force -s on the shear row is one unit of slip.
-    return q, np.eye(len(rows)) - packing.side[contacts] * np.hstack(parts)
 
 
 def disagreeing(

@@ -15,22 +15,12 @@ from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, Memory
 from stability.path import Event
 from stability.programmes import Stage
-from stability.spectra import COMPONENTS
 
 if TYPE_CHECKING:
     from stability.path import Pathologies
 
 # Pairs closer than this share of the mean diameter may close: they are listed, as open contacts.
 MAY_CLOSE_GAP = 0.01
-
-
-class Goal(NamedTuple):
-    """End of an increment: when `strain . H' + stress . P' + time` has grown by `left`."""
-
-    left: float
-    strain: Floats
-    stress: Floats
-    time: float
 
 
 class Leg(NamedTuple):
@@ -127,6 +117,11 @@ class PackingPoint:
         whole, now = (abs(float(np.linalg.det(c))) for c in (self.state.cell0, self.state.cell))
         return now / whole * np.kron(np.eye(2), np.linalg.inv(self.F))
 
+    @cached_property
+    def _turned(self) -> Floats:
+        """`H0' = H' F` on the components."""
+        return np.asarray(np.kron(np.eye(2), self.F.T))
+
     @property
     def load(self) -> Floats:
         """(B, 3) forces and moments that still balance resultants of the start."""
@@ -156,8 +151,7 @@ class PackingPoint:
         if correction:
             asked = rate * (self.parameter - self.leg.parameter)
             rate = rate - correction * (self.done - asked)
-        turned = np.kron(np.eye(2), self.F.T)
-        return MixedControl(stress @ self._to_reference, strain @ turned, rate)
+        return MixedControl(stress @ self._to_reference, strain @ self._turned, rate)
 
     def control_to(self, parameter: float) -> MixedControl:
         """The whole change of stress and strain to a later loading parameter."""
@@ -165,15 +159,10 @@ class PackingPoint:
         whole = rate * (parameter - self.leg.parameter) - self.done
         return self.control()._replace(rate=whole)
 
-    def goal(self) -> Goal:
-        """The stage's quantity on rates in this geometry, and its distance to the next target."""
-        kind, left, none = self.leg.stage.quantity, self.targets[0] - self.quantity, np.zeros(4)
-        if kind == "parameter":
-            return Goal(left, none, none, 1.0)
-        k = COMPONENTS.index(kind[1:])
-        if kind[0] == "H":
-            return Goal(left, np.kron(np.eye(2), self.F.T)[k], none, 0.0)
-        return Goal(left, none, self._to_reference[k], 0.0)
+    def speed(self, strain_rate: Floats, stress_rate: Floats) -> float:
+        """Return the rate of the stage's quantity under rates (4,) in this geometry."""
+        rates = self._turned @ strain_rate, self._to_reference @ stress_rate
+        return self.leg.stage.value(*rates, 1.0)
 
     # ---- what is kept of the path
 

@@ -17,6 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
+from stability.packing.controls import Edge
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Order
@@ -331,6 +332,23 @@ class RegimeFactor:
         cached = self.yield_rates, self.motion_count, self.slip_sign
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
+
+    def at_edge(self, contacts: Integers) -> Edge:
+        """Return contacts at yield on their sides of slip, in units of slip times stiffness."""
+        rows, sliding = len(self.frame) + contacts, contacts[self.regime[contacts] == SLIDING]
+        parts = []
+        for first in range(0, len(rows), ROOM):
+            self.set_regimes(sliding, ELASTIC)
+            k = len(self.columns(rows[first : first + ROOM].tolist()))
+            rates = self.edge([Combination(np.zeros(5), unit) for unit in np.eye(k)], contacts)
+            _, stress, of_columns = self._controlled(np.eye(4), np.eye(4), np.zeros((0, 5)))
+            parts.append(np.vstack([rates, of_columns]))
+        *of_strain, of_load = self.edge([Combination(h, h[:0]) for h in np.eye(5)], contacts).T
+        self.set_regimes(sliding, SLIDING)
+        # A force -s on the shear row is one unit of slip.
+        slips, m = -self.side[contacts] * np.hstack(parts), len(rows)
+        given = np.array(of_strain).T, np.eye(m) + slips[:m], stress[:, :4], slips[m:]
+        return Edge(*given, of_load, stress[:, 4])
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

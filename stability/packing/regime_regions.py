@@ -16,7 +16,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.directional.branches import plane_directions, works
-from stability.packing.controls import MixedControl, controlled_strain, direction_control
+from stability.packing.controls import MixedControl, direction_control
 from stability.packing.response import (
     CRITICAL,
     SCALED,
@@ -267,7 +267,7 @@ class RegimeRegions:
     def elastic(self, direction: Floats) -> Floats:
         """Return `H'` and `P'` (2, 2, 2) with all contacts at yield sticking."""
         answer = self.rates.elastic
-        H = controlled_strain(answer, self.control(direction))
+        H = self.control(direction).strains(answer.stress)
         return np.stack([H, answer.stress @ H]).reshape(2, 2, 2)
 
     def tangent_along(self, direction: Floats) -> tuple[Floats, Floats]:

@@ -33,10 +33,9 @@ from stability.complementarity import (
 )
 from stability.packing.controls import (
     ROUNDED,
+    Edge,
     MixedControl,
     component_control,
-    controlled,
-    controlled_strain,
 )
 from stability.packing.yielding import (
     YIELD_BAND,
@@ -238,8 +237,8 @@ class PackingRates:
         return self._slips[1] if self.small else 0.0
 
     @cached_property
-    def whole(self) -> tuple[Floats, Floats]:
-        """Matrix and stress of all candidates' complementary variables, with all sticking."""
+    def whole(self) -> Edge:
+        """All candidates at yield, with all sticking."""
         return condensed(self.yielding, self.none, self.elastic, self.every, self.slips)
 
     def response(
@@ -256,7 +255,7 @@ class PackingRates:
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
-        return controlled(self.yielding, self.none, self.elastic, self.every, self.whole, control)
+        return self.whole.problem(control)
 
     def rounding(self, answer: LinearAnswer, H: Floats) -> float:
         """Return what rates of candidates err by: rounding of the largest motion of all."""
@@ -282,7 +281,7 @@ class PackingRates:
         q, M = self.problem(control)
         starts = starts if len(q) <= STARTED else min(starts, 1)
         feasible = np.array_equal(M, self._feasible)
-        low = self.rounding(self.elastic, controlled_strain(self.elastic, control))
+        low = self.rounding(self.elastic, control.strains(self.elastic.stress))
         problem = SlipProblem(q, M, free, feasible, low)
         found = agreeing(problem, starts=starts, known=known, complete=complete)
         missed = found.status == "none found" or found.proof == HELD_STUCK
@@ -298,7 +297,7 @@ class PackingRates:
     def rates_of(self, control: MixedControl, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
         answer = self._answer(active)
-        H = controlled_strain(answer, control)
+        H = control.strains(answer.stress)
         return H, answer.stress @ H
 
     def _by_parts(self, control: MixedControl, free: Flags, proof: str) -> Solved:
@@ -322,7 +321,7 @@ class PackingRates:
             return self.elastic
         if not np.array_equal(active, self.last[0]):
             factor = None
-            if regular_factors(self.whole[0][np.ix_(active, active)]) is not None:
+            if regular_factors(self.whole.of_slip[np.ix_(active, active)]) is not None:
                 factor = updated_factor(self.yielding, self.elastic, active, self.slips)
             self.last = (active, linear_answer(self.yielding, active, factor=factor))
         return self.last[1]
@@ -332,7 +331,7 @@ class PackingRates:
     ) -> PackingResponse:
         yielding = self.yielding
         system, graph = yielding.system, yielding.system.graph
-        H = controlled_strain(answer, control).reshape(2, 2)
+        H = control.strains(answer.stress).reshape(2, 2)
         relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
         wrong = complementary_rates(yielding, active, relative)
         unsure = self.rounding(answer, H.ravel())
@@ -430,9 +429,8 @@ def regimes_by_parts(
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
         answer = linear_answer(yielding, active)
-        values = complementary_rates(
-            yielding, active, answer.relative @ controlled_strain(answer, control)
-        )
+        relative = answer.relative @ control.strains(answer.stress)
+        values = complementary_rates(yielding, active, relative)
         wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
         count = int(np.count_nonzero(wrong))
         improves = count < 0.7 * least
@@ -450,8 +448,8 @@ def regimes_by_parts(
         if improves or len(chosen) > PART:
             active[wrong] ^= True
             continue
-        pair = condensed(yielding, active, answer, chosen, slip_motion(yielding, answer, chosen)[0])
-        q, M = controlled(yielding, active, answer, chosen, pair, control)
+        slips = slip_motion(yielding, answer, chosen)[0]
+        q, M = condensed(yielding, active, answer, chosen, slips).problem(control)
         flips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
     return best, linear_answer(yielding, best), False

@@ -70,9 +70,9 @@ class StrainIncrement:
     ) -> None:
         self.point, self.packing, self.state = point, packing, point.state
         self.control, self.duration, self.past = point.control(1.0 / duration), duration, past
-        self.goal = point.goal()
+        self.left = point.targets[0] - point.quantity
         # Under given strain rates its time ends it, to rounding.
-        self.left, self.left_to_strain = self.goal.left, (1.0 + 1e-9) * size
+        self.left_to_strain = (1.0 + 1e-9) * size
         state, law = point.state, point.state.law
         scale = np.tile([1.0, 1.0, 1.0 / packing.length], len(state.x))
         self.relief_rate = relief / duration
@@ -105,14 +105,14 @@ class StrainIncrement:
         """
         from stability.compiled.packing_rates import earliest, stress_rate
 
-        packing, goal, self.reached = self.packing, self.goal, False
+        packing, point, self.reached = self.packing, self.point, False
         rates = self._settled()
         while self.time < self.duration and self.left_to_strain > 0:
             if isinstance(rates, Event):
                 return rates
             h, v = rates.h, packing.motion(rates)
             strain_speed = float(np.linalg.norm(h[:4]))
-            if not strain_speed <= MAX_SPEED_RATIO * self.point.slowest:
+            if not strain_speed <= MAX_SPEED_RATIO * point.slowest:
                 return self._event("control_limit")
             left = min(self.duration - self.time, self.left_to_strain / strain_speed)
             # The earliest event: time from now, contact, and its side if it yields.
@@ -123,11 +123,11 @@ class StrainIncrement:
             if event in (-1, 1):
                 kind = "yield"
                 packing.side[c] = event
-            # Rate of the goal's quantity.
+            # Rate of the quantity whose target ends it.
             stress = np.zeros(4)
-            if goal.stress.any():
+            if point.leg.stage.quantity[0] == "P":
                 stress_rate(*pairs, v, h, stress)
-            speed = float(goal.strain @ h[:4] + goal.stress @ (stress / packing.volume)) + goal.time
+            speed = point.speed(h[:4], stress / packing.volume)
             reached = speed * self.left > 0 and self.left / speed < left
             if reached:
                 left = self.left / speed

@@ -28,6 +28,7 @@ from loops.system import (
     stiffness_matrix,
     system_of,
 )
+from stability.packing.controls import Edge
 
 # Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
 YIELD_BAND = 0.99
@@ -227,11 +228,11 @@ def updated_factor(
 
 def condensed(
     yielding: YieldResponse, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
-) -> tuple[Floats, Floats]:
-    """Return matrix (k, k) and stress (4, k) of the chosen candidates' complementary variables.
+) -> Edge:
+    """Return the chosen candidates at yield, by their motions (size, k) under unit slips.
 
     The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either reduces
-    `s T'`. The matrix gives the other one of each pair.
+    `s T'`. What is given of each is the other one.
     """
     system, rows = yielding.system, yielding.rows[chosen]
     side = np.where(active[chosen], -1.0, 1.0)[:, None]
@@ -242,7 +243,8 @@ def condensed(
     lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
     stress = balancing_forces(system, lines.reshape(len(blocks), 4, 4)).T @ motion
     own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
-    return matrix, (stress - own) / system.volume
+    of_strain = complementary_rates(yielding, active, answer.relative)[chosen]
+    return Edge(of_strain, matrix, answer.stress, (stress - own) / system.volume)
 
 
 def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:
