@@ -23,10 +23,14 @@ class MixedControl(NamedTuple):
     strain: Floats
     rate: Floats
 
+    def matrix(self, tangent: Floats) -> Floats:
+        """Return what the strain rate of a packing with this tangent (4, 4) is multiplied by."""
+        return self.stress @ tangent + self.strain
+
     def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
-        """Return the strain rate (4,) of a packing whose stress rate is `tangent @ H' + offset`."""
-        A = self.stress @ tangent + self.strain
-        return np.asarray(np.linalg.solve(A, self.rate - self.stress @ offset))
+        """Return strain rates (4,) at which the stress rate is `tangent @ H' + offset`."""
+        right = self.rate - self.stress @ offset
+        return np.asarray(np.linalg.solve(self.matrix(tangent), right))
 
 
 class Edge(NamedTuple):
@@ -45,14 +49,12 @@ class Edge(NamedTuple):
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
-        A = control.stress @ self.stress + control.strain
-        right = control.rate - control.stress @ self.stress_of_load
-        drive = -control.stress @ self.stress_of_slip
-        solved = np.linalg.solve(A, np.column_stack([right, drive]))
-        driven = self.of_strain @ solved[:, 1:]
+        still = control._replace(rate=np.zeros((4, 1)))
+        driven = self.of_strain @ still.strains(self.stress, self.stress_of_slip)
         M = self.of_slip + driven
         M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
-        return self.of_load + self.of_strain @ solved[:, 0], M
+        h = control.strains(self.stress, self.stress_of_load)
+        return self.of_load + self.of_strain @ h, M
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:

@@ -155,7 +155,7 @@ class PackingPathSolver:
         reach = REACH * size * 2.0 * start.state.mean_radius
         regimes = start.regime, start.side
         packing = RegimeFactor(start.state, *regimes, reach=reach, memory=start.memory)
-        speed = float(np.linalg.norm(packing.solve(*start.control()).h[:4]))
+        speed = float(np.linalg.norm(packing.solve(start.control()).h[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"
         point, duration = replace(start, slowest=min(start.slowest, speed)), size / speed

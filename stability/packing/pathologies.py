@@ -40,8 +40,8 @@ def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Path
         return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing.memory
     if m == 0:
         return _judged(np.zeros(0), np.eye(0), w2), packing.memory
-    low = packing.rounding(packing.solve(*control))
-    q, M = packing.at_edge(candidates).problem(control)
+    low = packing.rounding(packing.solve(control))
+    q, M = packing.problem(control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
     return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing.memory
 
@@ -67,7 +67,7 @@ def _second_order_work(packing: RegimeFactor, control: MixedControl) -> float:
     """Return `P':H'` over the sizes of both, in the present regimes under a control."""
     from stability.compiled.packing_rates import stress_rate
 
-    rates, stress = packing.solve(*control), np.zeros(4)
+    rates, stress = packing.solve(control), np.zeros(4)
     strain = rates.h[:4]
     stress_rate(packing.frame, packing.regime, packing.side, packing.motion(rates), rates.h, stress)
     size = float(np.linalg.norm(stress) * np.linalg.norm(strain))

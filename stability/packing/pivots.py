@@ -49,9 +49,9 @@ def pivot(
     every = np.append(others, c)
     changed: list[int] = []
     column = packing.column(len(packing.frame) + c)
-    raised, base = 0.0, packing.solve(*control)
+    raised, base = 0.0, packing.solve(control)
     for _ in range(PIVOT_STEPS):
-        (unit,) = packing.driven(control.stress, control.strain, [column])
+        (unit,) = packing.driven(control, [column])
         # A force -s on the shear row is one unit of slip, or of the distance from the cone.
         push = -packing.side[c]
         value, along = packing.edge((base, unit), every).T
@@ -72,7 +72,7 @@ def pivot(
         if k >= 0 and reach[k] < own:
             raised = float(reach[k])
             packing.flip(int(others[k]))
-            base = packing.solve(*control)
+            base = packing.solve(control)
             changed.append(int(others[k]))
         elif np.isfinite(own):
             packing.flip(c)
@@ -81,9 +81,9 @@ def pivot(
             break
     for other in changed:
         packing.flip(other)
-    turns = packing.sign(control.stress, control.strain)
+    turns = packing.sign(control)
     packing.flip(c)
-    turns *= packing.sign(control.stress, control.strain)
+    turns *= packing.sign(control)
     packing.flip(c)
     return None, unstable_mode(packing.motion(unit), bool(turns < 0))
 
@@ -95,7 +95,7 @@ def seek(
 
     All that changed regime, or None and the cause: a proof that there are none, or not.
     """
-    found = agreeing(SlipProblem(*packing.at_edge(contacts).problem(control), low=rounding))
+    found = agreeing(SlipProblem(*packing.problem(control, contacts), low=rounding))
     if not found.solutions:
         return None, "no_regimes" if found.proof else "none_found"
     active = found.taken.rates

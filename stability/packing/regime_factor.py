@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.controls import Edge
+from stability.packing.controls import Edge, MixedControl
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Order
@@ -240,30 +240,28 @@ class RegimeFactor:
         """Make a stuck contact slide on its side, or a sliding one stick."""
         self.set_regime(c, SLIDING if self.regime[c] == ELASTIC else ELASTIC, self.side[c])
 
-    def solve(self, stress: Floats, strain: Floats, rate: Floats) -> Combination:
-        """Return rates under `stress @ P' + strain @ H' = rate`."""
+    def solve(self, control: MixedControl) -> Combination:
+        """Return rates under a control."""
         small, h = self._small(), np.ones(5)
         if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
-        if stress.any():
-            A, whole, _ = self._controlled(stress, strain, small.Y)
-            h[:4] = np.linalg.solve(A, rate - stress @ whole[:, 4])
-        else:
-            h[:4] = np.linalg.solve(strain, rate)
+        stress = self._stress_rates(control, small.Y)[0]
+        h[:4] = control.strains(stress[:, :4], stress[:, 4])
         # Nothing of the columns that came since.
         w = np.zeros(len(self.at))
         w[: len(small.Y)] = -small.Y @ h
         return Combination(h, w)
 
-    def driven(self, stress: Floats, strain: Floats, units: list[int]) -> list[Combination]:
+    def driven(self, control: MixedControl, units: list[int]) -> list[Combination]:
         """Return rates under a unit force on the row of each column, at a control that stands."""
         small, m = self._small(), len(self._small().Y)
         h, x = np.zeros((5, len(units))), np.zeros((len(self.at), len(units)))
         x[:m] = -small.solved(self._changes(self.mutual[:, :, units], m))
         x[units, np.arange(len(units))] += 1.0
-        if stress.any():
-            A, _, columns = self._controlled(stress, strain, small.Y)
-            h[:4] = np.linalg.solve(A, -stress @ (columns @ x))
+        if control.stress.any():
+            stress, columns = self._stress_rates(control, small.Y)
+            still = control._replace(rate=np.zeros((4, 1)))
+            h[:4] = still.strains(stress[:, :4], columns @ x)
             x[:m] -= small.Y @ h
         return [Combination(*one) for one in zip(h.T, x.T, strict=True)]
 
@@ -286,21 +284,21 @@ class RegimeFactor:
         p, q = self.coefficients[:, :m, None]
         return np.asarray(p * rates[0, :m] + q * rates[1, :m])
 
-    def sign(self, stress: Floats, strain: Floats) -> float:
-        """Return the sign of the determinant, over that of the reference."""
+    def sign(self, control: MixedControl) -> float:
+        """Return the sign of the determinant under a control, over that of the reference."""
         small = self._small()
-        if not stress.any() or small.sign == 0.0:
+        if not control.stress.any() or small.sign == 0.0:
             return small.sign
-        A, _, _ = self._controlled(stress, strain, small.Y)
-        return float(small.sign * np.sign(np.linalg.det(A)))
+        stress = self._stress_rates(control, small.Y)[0][:, :4]
+        return float(small.sign * np.sign(np.linalg.det(control.matrix(stress))))
 
-    def _controlled(
-        self, stress: Floats, strain: Floats, Y: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return the matrix of the control; stress rates of unit strains and load, of columns."""
+    def _stress_rates(self, control: MixedControl, Y: Floats) -> tuple[Floats, Floats]:
+        """Return stress rates of unit strains and the load, and of columns; zero if unneeded."""
         from stability.compiled import packing_rates as kernels
 
         frame, m, out = self.frame, len(self.at), np.empty(4)
+        if not control.stress.any():
+            return np.zeros((4, 5)), np.zeros((4, m))
         if not self.stressed:
             for k in range(5):
                 kernels.stress_rate(frame, *self.reference, self.V[k], STRAIN_RATES[k], out)
@@ -313,8 +311,7 @@ class RegimeFactor:
             self.column_stress[:, k] = (out + own) / self.volume
         self.stressed = m + 1
         columns = self.column_stress[:, :m]
-        whole = self.stress0 - columns[:, : len(Y)] @ Y
-        return stress @ whole[:, :4] + strain, whole, columns
+        return self.stress0 - columns[:, : len(Y)] @ Y, columns
 
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """Return `n . d'` and the shear rate of a pair."""
@@ -333,22 +330,22 @@ class RegimeFactor:
         yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
         return out
 
-    def at_edge(self, contacts: Integers) -> Edge:
-        """Return contacts at yield on their sides of slip, in units of slip times stiffness."""
+    def problem(self, control: MixedControl, contacts: Integers) -> tuple[Floats, Floats]:
+        """Return `q` and `M` of contacts at yield on their sides; slips are times stiffness."""
         rows, sliding = len(self.frame) + contacts, contacts[self.regime[contacts] == SLIDING]
         parts = []
         for first in range(0, len(rows), ROOM):
             self.set_regimes(sliding, ELASTIC)
             k = len(self.columns(rows[first : first + ROOM].tolist()))
             rates = self.edge([Combination(np.zeros(5), unit) for unit in np.eye(k)], contacts)
-            _, stress, of_columns = self._controlled(np.eye(4), np.eye(4), np.zeros((0, 5)))
+            stress, of_columns = self._stress_rates(control, np.zeros((0, 5)))
             parts.append(np.vstack([rates, of_columns]))
         *of_strain, of_load = self.edge([Combination(h, h[:0]) for h in np.eye(5)], contacts).T
         self.set_regimes(sliding, SLIDING)
         # A force -s on the shear row is one unit of slip.
         slips, m = -self.side[contacts] * np.hstack(parts), len(rows)
         given = np.array(of_strain).T, np.eye(m) + slips[:m], stress[:, :4], slips[m:]
-        return Edge(*given, of_load, stress[:, 4])
+        return Edge(*given, of_load, stress[:, 4]).problem(control)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

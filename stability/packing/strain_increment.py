@@ -299,7 +299,7 @@ class StrainIncrement:
         for sides in () if sticks else product((0.0, 1.0, -1.0), repeat=len(rows)):
             for row, side in zip(rows, sides, strict=True):
                 packing.set_regime(row, SLIDING if side else ELASTIC, side)
-            rates, agree = packing.solve(*self.control), True
+            rates, agree = packing.solve(self.control), True
             for row, side in zip(rows, sides, strict=True):
                 pair = packing.frame[row]
                 un, ut = packing.relative(rates, row)
@@ -354,7 +354,7 @@ class StrainIncrement:
                 packing.factorise()
             if self.control.stress.any() and (packing.regime == OPEN).all():
                 return self._event("control_limit")
-            rates = packing.solve(*self.control)
+            rates = packing.solve(self.control)
             critical = packing.at_yield(self.N, self.T, self.held)
             # Stuck ones have just been looked at, or have their event to come.
             sliders = critical[packing.regime[critical] == SLIDING]

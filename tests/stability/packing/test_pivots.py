@@ -38,7 +38,7 @@ def settle(frozen, control, critical):
     """
     counts = []
     while True:
-        wrong = disagreeing(frozen, frozen.solve(*control), critical, TINY)
+        wrong = disagreeing(frozen, frozen.solve(control), critical, TINY)
         if len(wrong) == 0:
             return counts
         changed, mode = pivot(frozen, control, int(wrong[0]), critical, TINY)
@@ -65,7 +65,7 @@ def test_pivots_find_the_only_solution(stress_held):
         counts += settle(frozen, control, critical)
         compared += 1
         np.testing.assert_array_equal(frozen.regime, wanted.regime)
-        strain = frozen.solve(*control).h[:4]
+        strain = frozen.solve(control).h[:4]
         np.testing.assert_allclose(strain, wanted.strain_rate.ravel(), rtol=0, atol=1e-4)
     # Many pivots change more contacts than the one that is asked for.
     assert compared > 30 and sum(count > 1 for count in counts) > 20
@@ -84,7 +84,7 @@ def test_a_pivot_without_a_solution_changes_no_regime(seed):
     _, frozen, critical = stuck_packing(seed)
     control = MixedControl(NONE, ALL, np.random.default_rng(seed).normal(size=4))
     c, mode = settle(frozen, control, critical)
-    (wrong, *_) = disagreeing(frozen, frozen.solve(*control), critical, TINY)
+    (wrong, *_) = disagreeing(frozen, frozen.solve(control), critical, TINY)
     assert c == wrong
     signs = []
     for _ in range(2):

@@ -10,6 +10,7 @@ from stability import Stage, follow, programmes
 from stability.compiled.packing_rates import stress_rate
 from stability.compiled.packing_system import blocks, strain_loads
 from stability.packing import pivots, regime_factor, strain_increment
+from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
 from tests.stability.packing.yade_rest import STATES, yade_rest
@@ -18,8 +19,8 @@ NONE, ALL = np.zeros((4, 4)), np.eye(4)
 HELD = np.diag([1.0, 0, 0, 0])
 # The first is under prescribed strain, the second holds P11.
 CONTROLS = (
-    (NONE, ALL, np.array([1.0, 0.2, 0.1, -0.7])),
-    (HELD, ALL - HELD, np.array([0, 0, 0, 1.0])),
+    MixedControl(NONE, ALL, np.array([1.0, 0.2, 0.1, -0.7])),
+    MixedControl(HELD, ALL - HELD, np.array([0, 0, 0, 1.0])),
 )
 OPENS = 13
 CHANGES = (
@@ -71,12 +72,12 @@ def test_columns_are_a_factorisation_of_the_changed_system(control):
     changed, anew = pieces_of(graph), pieces_of(graph, CHANGES)
     for change in CHANGES:
         changed.set_regime(*change)
-        changed.solve(*control)
-    found, wanted = (pieces.solve(*control) for pieces in (changed, anew))
+        changed.solve(control)
+    found, wanted = (pieces.solve(control) for pieces in (changed, anew))
     np.testing.assert_allclose(found.h, wanted.h, rtol=0, atol=1e-11)
     motions = changed.motion(found), anew.motion(wanted)
     np.testing.assert_allclose(*motions, rtol=0, atol=1e-10 * np.abs(motions[1]).max())
-    assert changed.sign(*control[:2]) == 1.0
+    assert changed.sign(control) == 1.0
 
 
 def test_columns_solved_ahead_are_those_solved_alone():
@@ -166,7 +167,7 @@ def test_edges_are_kept_by_motion():
             pieces.set_regime(7, SLIDING, 1.0)
         elif change:
             pieces.set_regime(*change)
-        rates = pieces.solve(*CONTROLS[0])
+        rates = pieces.solve(CONTROLS[0])
         u = pieces.motion(rates).reshape(-1, 3)
         frame = pieces.frame[some]
         d, n, t = frame["d"], frame["n"], frame["t"]
@@ -238,7 +239,7 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
     pieces = RegimeFactor(state, regime, side, load)
-    rates = pieces.solve(*control)
+    rates = pieces.solve(control)
     motion, n = pieces.motion(rates), len(load)
     force, stress = rates_of(pieces)
     stress = stress.T / pieces.volume

@@ -6,6 +6,7 @@ import pytest
 from loops.contacts import contacts_of, start_state
 from stability.compiled.packing_system import Order, structure
 from stability.packing import regime_factor
+from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
@@ -17,12 +18,12 @@ from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE,
 from tests.stability.packing.test_units import unequal
 
 UNITS = [1.0, 2.0**30, 2.0**-30]
-STRAIN = NONE, ALL, np.array([1.0, 0.2, 0.1, -0.7])
+STRAIN = MixedControl(NONE, ALL, np.array([1.0, 0.2, 0.1, -0.7]))
 
 
 def held(unit):
     """P11 grows, the other strains are given."""
-    return HELD, ALL - HELD, np.array([0.2 * unit, 0.1, 0.0, 1.0])
+    return MixedControl(HELD, ALL - HELD, np.array([0.2 * unit, 0.1, 0.0, 1.0]))
 
 
 def pieces_of(unit=1.0, changes=(), more=0.0):
@@ -65,10 +66,10 @@ def test_columns_are_a_new_factorisation_in_any_unit(unit):
     for change in CHANGES:
         changed.set_regime(*change)
         plain.set_regime(*change)
-        changed.solve(*held(unit))
-        plain.solve(*held(1.0))
+        changed.solve(held(unit))
+        plain.solve(held(1.0))
     for control, other in ((STRAIN, STRAIN), (held(unit), held(1.0))):
-        found, wanted, same = changed.solve(*control), anew.solve(*control), plain.solve(*other)
+        found, wanted, same = changed.solve(control), anew.solve(control), plain.solve(other)
         np.testing.assert_allclose(found.h, wanted.h, rtol=0, atol=1e-10)
         motions = changed.motion(found), anew.motion(wanted)
         np.testing.assert_allclose(*motions, rtol=0, atol=1e-9 * np.abs(motions[1]).max())
@@ -117,18 +118,18 @@ def test_a_force_on_a_row_adds_its_rates(stress_held):
     for row in (11, 25, len(pieces.frame) + 3):
         k = pieces.column(row)
         pieces.column(40)
-        (found,) = pieces.driven(*control[:2], [k])
+        (found,) = pieces.driven(control, [k])
         loaded = pieces_of(more=force_on(pieces, row))
         for change in CHANGES[:3]:
             loaded.set_regime(*change)
-        one, other = pieces.solve(*control), loaded.solve(*control)
+        one, other = pieces.solve(control), loaded.solve(control)
         # The force's own stress is no part of the stress of the contacts that the control holds.
         pair = pieces.frame[row % len(pieces.frame)]
         own = np.outer(pair["n" if row < len(pieces.frame) else "t"], pair["d"]).ravel()
         if stress_held:
-            rate = control[2].copy()
+            rate = control.rate.copy()
             rate[0] -= own[0] / pieces.volume
-            other = loaded.solve(*control[:2], rate)
+            other = loaded.solve(control._replace(rate=rate))
         else:
             np.testing.assert_array_equal(found.h, np.zeros(5))
         wanted = loaded.motion(other) - pieces.motion(one)
@@ -148,10 +149,11 @@ def test_signs_are_those_of_dense_determinants():
         for change in changes:
             pieces.set_regime(*change)
         ratio = np.linalg.slogdet(dense(pieces))[0] * first
-        assert pieces.sign(NONE, ALL) == ratio
+        assert pieces.sign(STRAIN) == ratio
         anew = pieces_of(changes=changes)
-        for stress, strain in ((HELD, ALL - HELD), (-HELD, ALL - HELD), (ALL, NONE)):
-            assert pieces.sign(stress, strain) == ratio * anew.sign(stress, strain)
+        for both in ((HELD, ALL - HELD), (-HELD, ALL - HELD), (ALL, NONE)):
+            control = MixedControl(*both, STRAIN.rate)
+            assert pieces.sign(control) == ratio * anew.sign(control)
         seen.add(float(ratio))
     assert seen == {1.0, -1.0}
 
@@ -186,13 +188,13 @@ def test_an_order_of_elimination_is_kept_until_the_factors_grow_by_a_quarter(gro
 
 def test_a_regime_that_returns_leaves_no_change():
     pieces = pieces_of()
-    before = pieces.solve(*STRAIN)
+    before = pieces.solve(STRAIN)
     for c, regime, side in ((3, SLIDING, -1.0), (9, OPEN, 0.0)):
         pieces.set_regime(c, regime, side)
-        assert not np.allclose(pieces.motion(pieces.solve(*STRAIN)), pieces.motion(before))
+        assert not np.allclose(pieces.motion(pieces.solve(STRAIN)), pieces.motion(before))
         pieces.set_regime(c, ELASTIC, 1.0)
     np.testing.assert_allclose(
-        pieces.motion(pieces.solve(*STRAIN)), pieces.motion(before), rtol=0, atol=1e-12
+        pieces.motion(pieces.solve(STRAIN)), pieces.motion(before), rtol=0, atol=1e-12
     )
     # A contact that sticks on its other side changes nothing: no column is made.
     count = len(pieces.at)
