@@ -25,6 +25,8 @@ from loops.laws.rolling_resistance import RollingResistance
 
 # Contact laws of paths and equations of motion.
 MovableLaw = FrictionalLaw | RollingResistance
+# Which pairs touch, and all of them as their law sees them.
+Pressed = tuple[Flags, ContactState]
 # Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
 SMALL_OVERLAP = 1e-4
 # Stiffness over the one given, at most and at least, that the force of a wall may tell: beyond, its
@@ -186,7 +188,7 @@ class PairLaw:
         """(2, P) radii that the formulae see."""
         return np.where(self.at_wall, 2.0 * self.radii[0], self.radii)
 
-    def contacts(self, overlap: Floats, T: Floats | float = 0.0) -> tuple[Flags, ContactState]:
+    def contacts(self, overlap: Floats, T: Floats | float = 0.0) -> Pressed:
         """(P,) which pairs touch, and contacts of overlaps (P,); those apart as at a small one.
 
         Overlaps are measured from where a closed contact opens. Forces are those of the formulae.
@@ -253,23 +255,22 @@ class PairLaw:
 
     # ---- forces, energies and stiffnesses at overlaps (P,), zero where a pair is apart
 
-    def normal_force(self, overlap: Floats) -> Floats:
-        """Return the force of the law."""
+    def normal_force(self, overlap: Floats, known: Pressed | None = None) -> Floats:
+        """Return the force of the law; `known` is `contacts(overlap)`."""
         if overlap.ndim > 1:
             return np.array([self.normal_force(one) for one in overlap])
-        touch, state = self.contacts(overlap)
+        touch, state = known or self.contacts(overlap)
         return np.where(touch, self.kn * (state.normal_force - self.pull), 0.0)
 
-    def normal_energy(self, overlap: Floats) -> Floats:
+    def normal_energy(self, overlap: Floats, known: Pressed | None = None) -> Floats:
         """Return the energy of the law; of pairs apart that at their opening."""
-        touch, state = self.contacts(overlap)
+        touch, state = known or self.contacts(overlap)
         energy = self.law.normal_energy(state) - self.pull * overlap
         return self.kn * np.where(touch, energy, self.energy_at_touch)
 
     def stiffnesses(self, overlap: Floats) -> tuple[Floats, Floats]:
         """Return tangents; zero where pairs don't touch, of springs that are not constant."""
-        kn, kt, _ = self._elastic(overlap, np.zeros(len(self)))
-        return kn, kt
+        return self._elastic(overlap, np.zeros(len(self)))[:2]
 
     def typical_stiffness(self, overlap: Floats) -> Floats:
         """Return `kn` (P,), of pairs that hardly touch at a small overlap."""
@@ -284,9 +285,9 @@ class PairLaw:
         kt = np.where(self.at_wall, self.kt * secant, D[:, 1, 1])
         return self.kn * D[:, 0, 0], kt, D[:, 1, 0]
 
-    def shear_strength(self, overlap: Floats, N: Floats) -> Floats:
+    def shear_strength(self, overlap: Floats, N: Floats, known: Pressed | None = None) -> Floats:
         """Return the strength (P,) under these `N`, at walls `mu N`, infinite where none slides."""
-        touch, state = self.contacts(overlap)
+        touch, state = known or self.contacts(overlap)
         own = self.law.strength(replace(state, normal_force=N))
         most = np.where(touch & ~self.at_wall, own, self.friction * N)
         return np.where(self.slides, most, np.inf)

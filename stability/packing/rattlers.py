@@ -233,15 +233,16 @@ class _Cages:
         self.x, self.turned, state, law = x, turned, self.state, self.state.law
         pairs = self.ends, self.offset, state.walls, x, law.touching
         n, length, overlap = kernels.normals_and_overlaps(*pairs)
-        N = law.normal_force(overlap)
-        self.stored = float(np.sum(law.normal_energy(overlap) - law.at_touch * overlap))
+        seen = law.contacts(overlap)
+        N = law.normal_force(overlap, seen)
+        self.stored = float(np.sum(law.normal_energy(overlap, seen) - law.at_touch * overlap))
         # The rest is of those that overlap.
         self.pressed = c = np.flatnonzero(overlap)
         self.load, self.overlap, self.length = (N - law.at_touch)[c], overlap[c], length[c]
         n = n[c]
         # Secants, with which springs that stiffen leave an overlap in one step.
         self.kn = self.load / self.overlap
-        self.kt, self.strength = self.ratio[c] * self.kn, law.shear_strength(overlap, N)[c]
+        self.kt, self.strength = self.ratio[c] * self.kn, law.shear_strength(overlap, N, seen)[c]
         springs = self.kt, self.strength
         found = kernels.sheared(self.ends, c, n, x - state.x, turned, *springs)
         self.slid, self.T, self.slides = found

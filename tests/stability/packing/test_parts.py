@@ -58,12 +58,13 @@ def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
     """Condensed about any regimes, `w` and `z` of the sliding contacts change places."""
     yielding = yield_response(Scene(packing(16, seed, 0.9, 0.3), LAW), yield_band=0.99)
     rates = PackingRates(yielding)
-    M, stress = rates.whole
+    M, stress = rates.whole.of_slip, rates.whole.stress_of_slip
     active = np.arange(len(M)) % 3 == 1
     assert 0 < active.sum() < len(M)
     answer = linear_answer(yielding, active)
     motion = slip_motion(yielding, answer, rates.every)[0]
-    found, of_found = condensed(yielding, active, answer, rates.every, motion)
+    condensed_about = condensed(yielding, active, answer, rates.every, motion)
+    found, of_found = condensed_about.of_slip, condensed_about.stress_of_slip
     _, table = principal_transform(np.zeros(len(M)), M, active)
     np.testing.assert_allclose(found, table, rtol=0, atol=1e-9 * np.abs(table).max())
     # Slips of all contacts per variable: of sliding ones from the table, of others their own.
