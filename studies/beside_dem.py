@@ -34,7 +34,7 @@ def replay_rate(
 ) -> Rate:
     """Rate of the replay of a stage: that of the code until the next snapshot."""
     if known.inertial_number is None and not after:
-        return Rate(DEFAULT_RATE, "no later snapshot", {"inertial_number": DEFAULT_RATE})
+        return Rate.from_rest(DEFAULT_RATE, "no later snapshot")
     H = np.eye(2) if not after else sample_strain(snapshot, after[0])[0]
     found = interval_rate(snapshot, after[0] if after else snapshot, H, times[:2], known)
     if "duration" not in found.options:

@@ -210,7 +210,7 @@ def evolve(
     snapshot = planar(subject)
     balance_notes(snapshot)
     number("inertial_number", inertial_number, 0.0, open_low=True)
-    rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
+    rate = Rate.from_rest(inertial_number, "as given")
     return followed(snapshot, asked.along(snapshot.scene), rate, progress)
 
 

@@ -351,7 +351,7 @@ def forecast_of(
     """Return the forecast of a packing."""
     whole_number("--rows", asked.rows, 1)
     number("inertial_number", inertial_number, 0.0, open_low=True)
-    rate = Rate(inertial_number, "as given", {"inertial_number": inertial_number})
+    rate = Rate.from_rest(inertial_number, "as given")
     found, graph = followed(snapshot, asked, rate, progress), snapshot.graph
     told = {name: places(found, way) for name, way in WAYS.items()}
     loops = found.loops()[["loop", "order", "area", "grains"]]

@@ -27,11 +27,12 @@ from studies.paths.options import LoopOptions, PolygonOptions, file_notes, insid
 from studies.present_domain import (
     LoopDomain,
     domain_of,
+    in_planes,
     limits_along,
     loop_domain_figure,
     model_along_axes,
     present_fan,
-    stresses_of,
+    strain_to,
     virgin_domain,
 )
 from studies.study import Drawings, study
@@ -128,10 +129,8 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
     # |d0 - rho rate| = |d0|.
     opening = 2.0 * (rate * fan.model.d0).sum(axis=-1) / (rate**2).sum(axis=-1)
     end = np.minimum(opening.min(axis=1), fan.reach)
-    strain = {kind: np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T),
-                             np.inf) for kind in (*STABILITY_LIMITS, "opening")}  # fmt: skip
-    end = np.minimum(end, strain["opening"])
-    stable = np.minimum(end, np.minimum(*(strain[kind] for kind in STABILITY_LIMITS)))
+    end = np.minimum(end, strain_to(limits, "opening"))
+    stable = np.minimum(end, np.minimum(*(strain_to(limits, kind) for kind in STABILITY_LIMITS)))
     left, whole = (np.trapezoid(0.5 * rho**2, fan.programme) for rho in (stable, end))
     return float(1.0 - left / whole)
 
@@ -175,7 +174,6 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
     """One row for each programme with a limit of this kind: its state and stress."""
     found, model = np.flatnonzero(limits.found[kind]), fan.model
     states = limits.states[kind].take(found)
-    P = stresses_of(fan, states)
     sliding = (states.regime == Regime.SLIDING).any(axis=1)
     x = np.cumsum(model.d0 + states.moved, axis=1)
     ring = GrainGraph(x=x, radii=np.roll(model.radii, -1), contacts=model.contacts)
@@ -185,10 +183,7 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
             "kind": kind,
             "programme_deg": np.degrees(fan.programme[found]),
             "regime": np.where(sliding, "sliding", "elastic"),
-            "E1": states.H[:, 0],
-            "E2": states.H[:, 3],
-            "s1": P[:, 0, 0],
-            "s2": P[:, 1, 1],
+            **in_planes(fan, states),
             "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
         }
     )

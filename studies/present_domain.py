@@ -178,43 +178,39 @@ def stresses_of(fan: Fan, states: LoopStates) -> Floats:
     return np.asarray(np.einsum("bci,cj->bij", force, model.d0) / model.volume)
 
 
+def in_planes(fan: Fan, states: LoopStates) -> dict[str, Floats]:
+    """Columns of strains and stresses along both axes."""
+    H, P = states.H, stresses_of(fan, states)
+    return {"E1": H[:, 0], "E2": H[:, 3], "s1": P[:, 0, 0], "s2": P[:, 1, 1]}
+
+
+def strain_to(limits: FanLimits, kind: str) -> Floats:
+    """Size of the strain at a kind of limit on each programme, infinite where there is none."""
+    return np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T), np.inf)
+
+
 def ends_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
     """Return the first limit of each programme, or its end, with strains and stresses there."""
-    count = len(fan.programme)
     kinds = [kind for kind in ENDS if kind in LIMITS]
-    distance = np.stack(
-        [
-            np.where(limits.found[kind], np.hypot(*limits.states[kind].H[:, [0, 3]].T), np.inf)
-            for kind in kinds
-        ]
-    )
+    distance = np.stack([strain_to(limits, kind) for kind in kinds])
     first, ended = distance.argmin(axis=0), np.isfinite(distance.min(axis=0))
     kind = np.where(ended, np.array(kinds)[first], "end")
-    values = np.full((4, count), np.nan)
+    table = pd.DataFrame({"programme_deg": np.degrees(fan.programme), "kind": kind})
+    table[["E1", "E2", "s1", "s2"]] = np.nan
     known = {name: limits.states[name] for name in kinds} | {"end": limits.end}
     for name, states in known.items():
         at = np.flatnonzero(kind == name)
-        if states is None or len(at) == 0:
-            continue
-        own = states.take(at)
-        P = stresses_of(fan, own)
-        values[:, at] = own.H[:, 0], own.H[:, 3], P[:, 0, 0], P[:, 1, 1]
-    names = ("E1", "E2", "s1", "s2")
-    frame = {"programme_deg": np.degrees(fan.programme), "kind": kind}
-    return pd.DataFrame(frame | dict(zip(names, values, strict=True)))
+        if states is not None and len(at):
+            own = in_planes(fan, states.take(at))
+            table.loc[at, [*own]] = np.column_stack([*own.values()])
+    return table
 
 
 def yields_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
     """State of the first yield on each programme that has one."""
     at = np.flatnonzero(limits.found["yield"])
-    own = limits.states["yield"].take(at)
-    P = stresses_of(fan, own)
-    return pd.DataFrame(
-        {
-            "programme_deg": np.degrees(fan.programme[at]), "E1": own.H[:, 0], "E2": own.H[:, 3],
-            "s1": P[:, 0, 0], "s2": P[:, 1, 1],
-        }
-    )  # fmt: skip
+    own = in_planes(fan, limits.states["yield"].take(at))
+    return pd.DataFrame({"programme_deg": np.degrees(fan.programme[at]), **own})
 
 
 def loop_domain(

@@ -47,6 +47,12 @@ FluidBulkModulus = Annotated[
         "loop over kn). Default: infinite.",
     ),
 ]
+ClosureOption = Annotated[
+    str, Parameter(help="Loading of the loop by its surroundings: affine or traction.")
+]
+Phi = Annotated[
+    float | None, Parameter(name="--phi", help="Friction angle of the contacts (degrees).")
+]
 StrainRatio = Annotated[
     float | None,
     Parameter(group=FURTHER, help="Strain across over the driven strain, for proportional-strain."),
@@ -361,6 +367,147 @@ class Averaging:
     single: Annotated[Whole | None, Parameter(group=FURTHER)] = None
     end: float | None = None
     steps: Annotated[Whole, Parameter(group=FURTHER)] = 200
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class DiamondChoice:
+    """Options of `diamond`; parameters left out are those of Table 1.
+
+    Parameters
+    ----------
+    table
+        Table 1 or 2 of the paper.
+    alpha0_deg
+        Branch angle of the reference (degrees).
+    kappa
+        Stiffness ratio kt/kn.
+    confine
+        Isotropic strain at state A, where the biaxial test starts.
+    contact_on_touch
+        When opposite grains touch: ignore it, stop, or add a contact.
+    model
+        auto: two degrees of freedom, as in the paper; full: all eight, to check.
+    """
+
+    table: Whole | None = None
+    alpha0_deg: Annotated[float | None, Parameter(name="--alpha0")] = None
+    kappa: float | None = None
+    phi_deg: Phi = None
+    confine: float | None = None
+    closure: ClosureOption = "affine"
+    contact_on_touch: Annotated[str, Parameter(group=FURTHER)] = "ignore"
+    model: Annotated[str, Parameter(group=FURTHER)] = "auto"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LoopChoice:
+    """Options of `polygon`.
+
+    Parameters
+    ----------
+    order
+        Number of grains, 3 or more.
+    compare
+        Compare several orders, such as 3-12.
+    radii
+        Radii of unequal grains in order, centres on a circle.
+    centres
+        Table x, y, radius of the grains of any loop in order, re-entrant too.
+    snapshot
+        Snapshot that the loop is taken from, with --loop.
+    loop
+        Number of the loop in loops.parquet.
+    orientation
+        What points along axis 1: vertex (a grain) or edge. Default: vertex.
+    kappa
+        Stiffness ratio kt/kn. Default: 0.2; 0.82 with --law hertz.
+    phi_deg
+        Friction angle of the contacts (degrees). Default: 5.
+    rolling
+        Rolling stiffness over kn l0^2, with --spins free.
+    spins
+        Rotation of the grains: blocked, affine (with the loop) or free.
+    confine
+        Isotropic strain before the programme. Default: 0.1.
+    programme
+        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
+        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain.
+    end
+        Strain E1 at which the programme ends.
+    model
+        auto: the fewest degrees of freedom by symmetry; full: all of them.
+    """
+
+    order: Whole | None = None
+    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None
+    radii: Annotated[str | None, Parameter(group=FURTHER, metavar="R1,R2,...")] = None
+    centres: Annotated[Path | None, Parameter(group=FURTHER)] = None
+    snapshot: Path | None = None
+    loop: Whole | None = None
+    orientation: Annotated[str | None, Parameter(group=FURTHER)] = None
+    kappa: float | None = None
+    phi_deg: Annotated[float | None, Parameter(name="--phi")] = None
+    rolling: Annotated[float | None, Parameter(group=FURTHER)] = None
+    closure: ClosureOption = "affine"
+    spins: str = "blocked"
+    confine: Annotated[float | None, Parameter(group=FURTHER)] = None
+    programme: str = "drained"
+    fluid_bulk_modulus: FluidBulkModulus = None
+    strain_ratio: StrainRatio = None
+    end: Annotated[float | None, Parameter(group=FURTHER)] = None
+    model: Annotated[str, Parameter(group=FURTHER)] = "auto"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class DomainChoice:
+    """Options of `domain`.
+
+    Parameters
+    ----------
+    order
+        Number of grains of a regular loop, 3 to 60.
+    compare
+        Compare several orders, such as 3-12.
+    radii
+        Radii of unequal grains in order.
+    snapshot
+        Snapshot that the loop is taken from, with --loop.
+    loop
+        Number of the loop in loops.parquet.
+    closure
+        Loading of the loop by its surroundings: affine or traction. Default: affine; with --compare
+        both.
+    spins
+        Rotation of the grains: blocked, affine (with the loop) or free.
+    rolling
+        Rolling stiffness over kn l0^2, with --spins free.
+    programmes
+        What grows in proportion along a programme: strain or stress.
+    alpha0
+        Reference angles (degrees), separated by commas.
+    kappa
+        Stiffness ratios kt/kn, separated by commas.
+    directions
+        Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law is hertz;
+        1441 without --order, --compare, --radii or --snapshot.
+    """
+
+    order: Whole | None = None
+    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None
+    radii: Annotated[str | None, Parameter(metavar="R1,R2,...")] = None
+    snapshot: Path | None = None
+    loop: Whole | None = None
+    closure: str | None = None
+    spins: str = "blocked"
+    rolling: Annotated[float, Parameter(group=FURTHER)] = 0.0
+    programmes: Annotated[str, Parameter(group=FURTHER)] = "strain"
+    alpha0: Annotated[str | None, Parameter(group=FURTHER)] = None
+    kappa: str | None = None
+    phi_deg: Phi = None
+    directions: Annotated[Whole | None, Parameter(group=FURTHER)] = None
 
 
 def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -30,6 +30,8 @@ CLOCK_PATIENCE = 2.0
 # Seconds between two changes of it.
 TICK = 0.5
 CLEAR = "\r\x1b[K"
+# Module of a command's study, where it is not that of the name.
+PLACES = {"series": "studies.series.run"}
 # How a note on a check of the file that is not as wanted begins.
 DOUBT = ("doubt: ", "error: ")
 
@@ -242,32 +244,35 @@ def answered(
     command: str,
     paths: Path | Sequence[Path],
     lines: Callable[[dict[str, Any]], Sequence[str]],
-    writing: Writing | None,
+    writing: Writing,
     reading: Reading,
     *groups: Any,
     progress: Callable[[Any], str] | None = None,
     unanswered: Callable[[dict[str, Any]], bool] | None = None,
     kept: str = "",
+    clocked: bool = True,
+    most: int = 1000,
     **options: Any,
 ) -> Answer:
     """Run the study of a packing, and answer: `run_NAME` of `studies.NAME`, from the first path.
 
-    `groups` are dataclasses of options, None where none is given. `progress` is what the clock says
-    of what the study tells; `kept` what an interruption leaves. Exit status 1 if `unanswered`.
+    `groups` are dataclasses of options. `progress` is what the clock says of what the study tells,
+    unless that has a bar of its own; `kept` what an interruption leaves, `most` the number of notes
+    that are printed. Exit status 1 if `unanswered`.
     """
-    writing, first = writing or Writing(), paths if isinstance(paths, Path) else paths[0]
+    first = paths if isinstance(paths, Path) else paths[0]
     out = out_or(writing.out, command, first)
     for group in groups:
-        options |= {} if group is None else asdict(group)
-    with clock(f"grainloops {command}") as tell:
-        if progress is not None:
+        options |= asdict(group)
+    with clock(f"grainloops {command}") if clocked else nullcontext() as tell:
+        if tell is not None and progress is not None:
             options["progress"] = lambda done: tell(progress(done))
-        run = named(f"studies.{command}.run_{command}")
+        run = named(f"{PLACES.get(command, f'studies.{command}')}.run_{command}")
         try:
             summary = run(paths, out, **options, **writing.files(), **reading.how_of(first))
         except KeyboardInterrupt:
             raise KeyboardInterrupt(kept) from None
-    said = answer(writing.json, out, lines(summary), summary["notes"])
+    said = answer(writing.json, out, lines(summary), summary["notes"], most)
     return replace(said, status=int(unanswered is not None and unanswered(summary)))
 
 

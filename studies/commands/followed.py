@@ -40,12 +40,12 @@ def _evolve_lines(summary: Summary) -> list[str]:
 def evolve_command(
     *paths: Annotated[Path, Parameter(required=True)],
     asked: Evolving,
-    writing: Writing | None = None,
-    replaying: Replaying | None = None,
-    holding: Holding | None = None,
+    writing: Writing = Writing(),
+    replaying: Replaying = Replaying(),
+    holding: Holding = Holding(),
     cells: Cells = None,
     animation: Annotated[bool, Parameter(group=FURTHER)] = False,
-    reading: PlaneReading | None = None,
+    reading: PlaneReading = PlaneReading(),
 ) -> Answer:
     """Follow a DEM snapshot through a loading programme: stresses, events, loops.
 
@@ -57,7 +57,7 @@ def evolve_command(
         Animate the loops' second-order work, as GIF.
     """
     return answered(
-        *("evolve", paths, _evolve_lines, writing, reading or PlaneReading()),
+        *("evolve", paths, _evolve_lines, writing, reading),
         *(asked, replaying, holding),
         progress=_reached(asked),
         cells=cells,
@@ -78,14 +78,14 @@ def forecast_command(
     /,
     *,
     asked: Driving,
-    writing: Writing | None = None,
+    writing: Writing = Writing(),
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 40,
     instabilities: Instabilities = 1000,
     no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     inertial_number: Annotated[float, Parameter(group=FURTHER)] = 2e-6,
     damping: Damping = 0.3,
-    holding: Holding | None = None,
-    reading: OneReading | None = None,
+    holding: Holding = Holding(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Say which loops of a DEM snapshot will be lost, how likely, and where the stress drops next.
 
@@ -103,7 +103,7 @@ def forecast_command(
         Inertial number of the replay.
     """
     return answered(
-        *("forecast", path, _forecast_lines, writing, reading or OneReading(), asked, holding),
+        *("forecast", path, _forecast_lines, writing, reading, asked, holding),
         progress=_reached(asked),
         unanswered=lambda summary: not summary["answered"],
         instabilities=instabilities,

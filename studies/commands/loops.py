@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,65 +26,44 @@ from studies.commands import (
     out_or,
 )
 from studies.commands.printed import printed
-from studies.questions import FURTHER, FluidBulkModulus, StrainRatio, Whole
+from studies.questions import (
+    FURTHER,
+    ClosureOption,
+    DiamondChoice,
+    DomainChoice,
+    LoopChoice,
+    Whole,
+)
 
 if TYPE_CHECKING:
     from studies.output import Summary
 
 # Default stiffness ratio kt/kn; that of spheres is for Poisson's ratio 0.3.
 KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
-ClosureOption = Annotated[
-    str, Parameter(help="Loading of the loop by its surroundings: affine or traction.")
-]
-Phi = Annotated[float | None, Parameter(help="Friction angle of the contacts (degrees).")]
+# Options that say which loop, and those of a loop that is made.
+OF_POLYGON = ("order", "radii", "compare", "snapshot", "centres")
+OF_DOMAIN = ("order", "compare", "radii", "snapshot")
+OWN = ("orientation", "kappa", "phi_deg", "confine", "rolling")
 
 
 def diamond_command(
-    *,
-    table: Whole | None = None,
-    alpha0: float | None = None,
-    kappa: float | None = None,
-    phi: Phi = None,
-    confine: float | None = None,
-    closure: ClosureOption = "affine",
-    contact_on_touch: Annotated[str, Parameter(group=FURTHER)] = "ignore",
-    model: Annotated[str, Parameter(group=FURTHER)] = "auto",
-    writing: Writing | None = None,
+    *, asked: DiamondChoice = DiamondChoice(), writing: Writing = Writing()
 ) -> Answer:
     """Follow the four-grain diamond of the paper; without options, its Table 1.
 
     Figures of the paper: with --table 1 path_dependence (Fig. 4),
     axial_stress (6), determinant (7); with --table 2 axial_stress (8),
     determinant (9), eigenvalues (10), polar (11), cone (12).
-
-    Parameters
-    ----------
-    table
-        Table 1 or 2 of the paper.
-    alpha0
-        Branch angle of the reference (degrees).
-    kappa
-        Stiffness ratio kt/kn.
-    confine
-        Isotropic strain at state A, where the biaxial test starts.
-    contact_on_touch
-        When opposite grains touch: ignore it, stop, or add a contact.
-    model
-        auto: two degrees of freedom, as in the paper; full: all eight, to check.
     """
-    writing = writing or Writing()
-    own = {alpha0, kappa, phi, confine} != {None}
-    out = out_or(writing.out, "diamond" if own else f"diamond-table{table or 1}")
-    # The options check the words themselves, and say what is expected.
-    words: Any = (closure, contact_on_touch, model)
+    own = {asked.alpha0_deg, asked.kappa, asked.phi_deg, asked.confine} != {None}
+    out = out_or(writing.out, "diamond" if own else f"diamond-table{asked.table or 1}")
     with clock("grainloops diamond"):
         from studies.paths.followed import area_line, state_lines
         from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
         from studies.paths.run import run_diamond
 
-        options = DiamondOptions(table, alpha0, kappa, phi, confine, *words)
-        summary = run_diamond(options, out, **writing.files())
+        summary = run_diamond(DiamondOptions(**asdict(asked)), out, **writing.files())
     check = summary["model"]["check"]
     apart = None
     if check is not None:
@@ -98,92 +78,25 @@ def diamond_command(
 
 def polygon_command(
     *,
-    order: Whole | None = None,
-    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None,
-    radii: Annotated[str | None, Parameter(group=FURTHER, metavar="R1,R2,...")] = None,
-    centres: Annotated[Path | None, Parameter(group=FURTHER)] = None,
-    snapshot: Path | None = None,
-    loop: Whole | None = None,
-    orientation: Annotated[str | None, Parameter(group=FURTHER)] = None,
-    kappa: float | None = None,
-    phi: float | None = None,
-    rolling: Annotated[float | None, Parameter(group=FURTHER)] = None,
-    closure: ClosureOption = "affine",
-    spins: str = "blocked",
-    confine: Annotated[float | None, Parameter(group=FURTHER)] = None,
-    programme: str = "drained",
-    fluid_bulk_modulus: FluidBulkModulus = None,
-    strain_ratio: StrainRatio = None,
-    end: Annotated[float | None, Parameter(group=FURTHER)] = None,
-    model: Annotated[str, Parameter(group=FURTHER)] = "auto",
-    writing: Writing | None = None,
-    reading: OneReading | None = None,
+    asked: LoopChoice = LoopChoice(),
+    writing: Writing = Writing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
-    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders.
-
-    Parameters
-    ----------
-    order
-        Number of grains, 3 or more.
-    compare
-        Compare several orders, such as 3-12.
-    radii
-        Radii of unequal grains in order, centres on a circle.
-    centres
-        Table x, y, radius of the grains of any loop in order, re-entrant too.
-    snapshot
-        Snapshot that the loop is taken from, with --loop.
-    loop
-        Number of the loop in loops.parquet.
-    orientation
-        What points along axis 1: vertex (a grain) or edge. Default: vertex.
-    kappa
-        Stiffness ratio kt/kn. Default: 0.2; 0.82 with --law hertz.
-    phi
-        Friction angle of the contacts (degrees). Default: 5.
-    rolling
-        Rolling stiffness over kn l0^2, with --spins free.
-    spins
-        Rotation of the grains: blocked, affine (with the loop) or free.
-    confine
-        Isotropic strain before the programme. Default: 0.1.
-    programme
-        drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
-        stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain.
-    end
-        Strain E1 at which the programme ends.
-    model
-        auto: the fewest degrees of freedom by symmetry; full: all of them.
-    """
-    writing, reading = writing or Writing(), reading or OneReading()
-    kinds = {"--order": order, "--radii": radii, "--compare": compare, "--snapshot": snapshot}
-    _which_loop(kinds | {"--centres": centres}, needed=True)
-    own = {"orientation": orientation, "kappa": kappa, "phi_deg": phi, "confine": confine,
-           "rolling": rolling}  # fmt: skip
-    asked: dict[str, Any] = {name: value for name, value in own.items() if value is not None}
-    # The options check the words themselves, and say what is expected.
-    words: Any = {"closure": closure, "spins": spins, "programme": programme, "end": end}
-    words |= {"model": model, "fluid_bulk_modulus": fluid_bulk_modulus}
-    words["strain_ratio"] = strain_ratio
-    named = f"loop-{loop}-polygon" if snapshot else f"polygon-{order or compare or 'grains'}"
-    out = out_or(writing.out, named, snapshot)
+    """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
+    _which_loop(asked, OF_POLYGON, needed=True)
+    compare, named = asked.compare, f"polygon-{asked.order or asked.compare or 'grains'}"
+    named = f"loop-{asked.loop}-polygon" if asked.snapshot else named
+    out = out_or(writing.out, named, asked.snapshot)
     with clock("grainloops polygon"):
-        from studies.paths.options import ComparisonOptions, PolygonOptions, orders_of
+        from studies.paths.options import ComparisonOptions
         from studies.paths.run import run_comparison, run_polygon
 
-        if snapshot is not None:
-            options = _of_snapshot(snapshot, loop, [*asked], words, reading.how_of(snapshot))
-        else:
-            law, sizes = _refuse_reading(loop, reading), numbers("--radii", radii)
-            asked = {"kappa": KAPPA.get(law, 0.2), "contact_law": law} | asked | words
-            if centres is not None:
-                asked["centres"], sizes = _ring_of(centres)
-            orders = (order or len(sizes or ()),) if compare is None else orders_of(compare)
-            options = PolygonOptions(orders[0], radii=sizes, **asked)
+        ratios = None if asked.kappa is None else (asked.kappa,)
+        orders, loops = _loops_of(asked, reading, (asked.closure,), ratios)
         if compare is None:
-            summary = run_polygon(options, out, **writing.files())
+            summary = run_polygon(loops[0], out, **writing.files())
         else:
-            summary = run_comparison(ComparisonOptions(orders, options), out, **writing.files())
+            summary = run_comparison(ComparisonOptions(orders, loops[0]), out, **writing.files())
     lines = _polygon_lines(summary) if compare is None else printed("compare", summary)
     return answer(writing.json, out, lines, summary["notes"])
 
@@ -204,13 +117,57 @@ def _ring_of(path: Path) -> tuple[Any, Any]:
     return tuple(map(tuple, x[::sense].tolist())), tuple(table["radius"].tolist()[::sense])
 
 
-def _which_loop(kinds: dict[str, Any], *, needed: bool) -> str:
+def _which_loop(
+    asked: LoopChoice | DomainChoice, names: Sequence[str], *, needed: bool = False
+) -> str:
     """Return the option that says which loop; `InputError` for several, and for none if needed."""
-    given = [name for name, value in kinds.items() if value is not None]
+    given = [f"--{name}" for name in names if getattr(asked, name) is not None]
     if len(given) > 1 or (needed and not given):
         received = " and ".join(given) or "none"
-        raise InputError(", ".join(kinds), received, "one of them", "Write --order 6.")
+        where = ", ".join(f"--{name}" for name in names)
+        raise InputError(where, received, "one of them", "Write --order 6.")
     return given[0] if given else ""
+
+
+def _loops_of(
+    asked: LoopChoice | DomainChoice,
+    reading: OneReading,
+    closures: Sequence[str],
+    ratios: Sequence[float] | None,
+    given: str = "",
+) -> tuple[tuple[int, ...], list[Any]]:
+    """Orders and options of the loops that are asked for: of a snapshot, unequal, or regular.
+
+    Those of a domain are `given` by an option, and their orders are checked.
+    """
+    from studies.paths.options import PolygonOptions, orders_of
+
+    known = {one.name for one in fields(PolygonOptions)} - {"order", "radii", "centres", "kappa"}
+    own = [one.name for one in fields(asked) if getattr(asked, one.name) != one.default]
+    named = asdict(asked).items()
+    words: Any = {name: value for name, value in named if name in known and value is not None}
+    if asked.snapshot is not None:
+        if wrong := flags([name for name in OWN if name in own]):
+            expected = "none of these: a loop of a snapshot has its own law and state"
+            raise InputError(wrong, "given with --snapshot", expected, "Leave them out.")
+        words = {name: value for name, value in words.items() if name not in OWN}
+        words |= {"closure": closures[0]}
+        loop = _of_snapshot(asked.snapshot, asked.loop, words, reading.how_of(asked.snapshot))
+        return (loop.order,), [loop]
+    words["contact_law"] = law = _refuse_reading(asked.loop, reading)
+    words["radii"] = numbers("--radii", asked.radii)
+    if (centres := getattr(asked, "centres", None)) is not None:
+        words["centres"], words["radii"] = _ring_of(centres)
+    sizes, every = words["radii"], orders_of(asked.compare) if asked.compare else ()
+    orders = every or (asked.order or len(sizes or ()),)
+    if given:
+        _require_orders(orders, "number of --radii" if sizes else given, each=bool(every))
+    return orders, [
+        PolygonOptions(n, **words | {"kappa": kappa, "closure": closure})
+        for kappa in ratios or (KAPPA.get(law, 0.2),)
+        for closure in closures
+        for n in (orders if given else orders[:1])
+    ]
 
 
 def _refuse_reading(loop: int | None, reading: OneReading) -> str:
@@ -222,17 +179,12 @@ def _refuse_reading(loop: int | None, reading: OneReading) -> str:
     return reading.law or "linear"
 
 
-def _of_snapshot(
-    path: Path, loop: int | None, own: list[str], words: Any, how: dict[str, Any]
-) -> Any:
+def _of_snapshot(path: Path, loop: int | None, words: Any, how: dict[str, Any]) -> Any:
     """Options of one loop of a snapshot."""
     from patterns import loop_of_snapshot
     from studies.paths.options import LoopOptions
     from studies.reading import read_planar
 
-    if own:
-        expected = "none of these: a loop of a snapshot has its own law and state"
-        raise InputError(flags(own), "given with --snapshot", expected, "Leave them out.")
     snapshot = read_planar(path, **how)
     if loop is None:
         remedy = "loops.parquet of grainloops snapshot has them in its column loop."
@@ -265,8 +217,8 @@ def loop_command(
     programme: str = "drained",
     end: Annotated[float | None, Parameter(group=FURTHER)] = None,
     no_packing: Annotated[bool, Parameter(group=FURTHER)] = False,
-    writing: Writing | None = None,
-    reading: OneReading | None = None,
+    writing: Writing = Writing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Study one loop of a snapshot: its closures, its path and its domain on one page.
 
@@ -283,13 +235,12 @@ def loop_command(
     no_packing
         Leave out the loop in its packing, which takes longest in large samples.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
     out = out_or(writing.out, f"loop-{id}", path)
     with clock("grainloops loop") as tell:
         from studies.one_loop import run_loop
 
         words = {"closure": closure, "programme": programme, "end": end}
-        options = _of_snapshot(path, id, [], words, reading.how_of(path))
+        options = _of_snapshot(path, id, words, reading.how_of(path))
         place = not no_packing
         found = run_loop(options, out, in_packing=place, progress=tell, **writing.files())
     summary = found.summary
@@ -299,60 +250,17 @@ def loop_command(
 
 def domain_command(
     *,
-    order: Whole | None = None,
-    compare: Annotated[str | None, Parameter(metavar="ORDERS")] = None,
-    radii: Annotated[str | None, Parameter(metavar="R1,R2,...")] = None,
-    snapshot: Path | None = None,
-    loop: Whole | None = None,
-    closure: str | None = None,
-    spins: str = "blocked",
-    rolling: Annotated[float, Parameter(group=FURTHER)] = 0.0,
-    programmes: Annotated[str, Parameter(group=FURTHER)] = "strain",
-    alpha0: Annotated[str | None, Parameter(group=FURTHER)] = None,
-    kappa: str | None = None,
-    phi: Phi = None,
-    directions: Annotated[Whole | None, Parameter(group=FURTHER)] = None,
-    writing: Writing | None = None,
-    reading: OneReading | None = None,
+    asked: DomainChoice = DomainChoice(),
+    writing: Writing = Writing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Draw bifurcation domains: of the diamond, a loop of any order, or one of a snapshot.
 
     Without options those of the paper's Tables 1 and 2.
-
-    Parameters
-    ----------
-    order
-        Number of grains of a regular loop, 3 to 60.
-    compare
-        Compare several orders, such as 3-12.
-    radii
-        Radii of unequal grains in order.
-    snapshot
-        Snapshot that the loop is taken from, with --loop.
-    loop
-        Number of the loop in loops.parquet.
-    closure
-        Loading of the loop by its surroundings: affine or traction. Default: affine; with --compare
-        both.
-    spins
-        Rotation of the grains: blocked, affine (with the loop) or free.
-    rolling
-        Rolling stiffness over kn l0^2, with --spins free.
-    programmes
-        What grows in proportion along a programme: strain or stress.
-    alpha0
-        Reference angles (degrees), separated by commas.
-    kappa
-        Stiffness ratios kt/kn, separated by commas.
-    directions
-        Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law is hertz;
-        1441 without --order, --compare, --radii or --snapshot.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
-    kinds = {"--order": order, "--compare": compare, "--radii": radii, "--snapshot": snapshot}
-    given = _which_loop(kinds, needed=False)
-    out = out_or(writing.out, "domain" if not snapshot else f"loop-{loop}-domain", snapshot)
-    ratios = numbers("--kappa", kappa)
+    given, loop = _which_loop(asked, OF_DOMAIN), asked.loop
+    out = out_or(writing.out, f"loop-{loop}-domain" if asked.snapshot else "domain", asked.snapshot)
+    ratios, directions = numbers("--kappa", asked.kappa), asked.directions
     with clock("grainloops domain"):
         from studies.domain import DomainParameters, run_domain
         from studies.loop_domain import LoopDomainParameters, run_loop_domains
@@ -360,46 +268,28 @@ def domain_command(
 
         if not given:
             plain = (None, "blocked", None, 0.0, "strain")
-            if (closure, spins, reading.law, rolling, programmes) != plain:
+            others = asked.closure, asked.spins, reading.law, asked.rolling, asked.programmes
+            if others != plain:
                 received = "given without a loop"
                 expected = "--order, --compare, --radii or --snapshot with them"
                 remedy = "Write --order 4 for the square diamond."
                 where = "--closure, --spins, --law, --rolling, --programmes"
                 raise InputError(where, received, expected, remedy)
             _refuse_reading(loop, reading)
-            parameters = DomainParameters(
-                numbers("--alpha0", alpha0), ratios, phi, 1441 if directions is None else directions
-            )
+            angles = numbers("--alpha0", asked.alpha0)
+            count = 1441 if directions is None else directions
+            parameters = DomainParameters(angles, ratios, asked.phi_deg, count)
             summary = run_domain(parameters, out, **writing.files())
             return answer(writing.json, out, _domain_lines(summary))
-        from studies.paths.options import PolygonOptions, orders_of
-
-        if alpha0 is not None:
+        if asked.alpha0 is not None:
             raise InputError("--alpha0", f"given with {given}", "diamonds alone", "Leave it out.")
-        words: Any = {"spins": spins}
-        closures: tuple[Any, ...] = (closure or "affine",)
-        if snapshot is not None:
-            asked = {"kappa": kappa, "phi_deg": phi, "rolling": rolling or None}
-            own = [name for name, value in asked.items() if value is not None]
-            words |= {"closure": closures[0]}
-            loops = [_of_snapshot(snapshot, loop, own, words, reading.how_of(snapshot))]
-        else:
-            law = _refuse_reading(loop, reading)
-            sizes = numbers("--radii", radii)
-            if compare is not None:
-                closures = (closure,) if closure else ("affine", "traction")
-            orders = orders_of(compare) if compare else (order or len(sizes or ()),)
-            _require_orders(orders, "number of --radii" if sizes else given, each=bool(compare))
-            angle: Any = {} if phi is None else {"phi_deg": phi}
-            words |= {"radii": sizes, "contact_law": law, "rolling": rolling, **angle}
-            loops = [
-                PolygonOptions(n, kappa=k, closure=c, **words)
-                for k in ratios or (KAPPA.get(law, 0.2),) for c in closures for n in orders
-            ]  # fmt: skip
-        control: Any = programmes
+        both = asked.compare is not None and not asked.closure
+        closures = ("affine", "traction") if both else (asked.closure or "affine",)
+        _, loops = _loops_of(asked, reading, closures, ratios, given)
         if directions is None:
             linear = all(one.contact_law == "linear" for one in loops)
             directions = programmes_of(loops[0].spins, linear=linear)
+        control: Any = asked.programmes
         wanted = LoopDomainParameters(tuple(loops), control, directions)
         summary = run_loop_domains(wanted, out, **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])

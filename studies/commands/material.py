@@ -28,9 +28,9 @@ OF_SNAPSHOT = ("orders", "count")
 def material_command(
     snapshot: Path | None = None,
     *,
-    asked: Averaging | None = None,
-    writing: Writing | None = None,
-    reading: OneReading | None = None,
+    asked: Averaging = Averaging(),
+    writing: Writing = Writing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Average loops as a material, and march the mean through a programme.
 
@@ -42,10 +42,7 @@ def material_command(
     snapshot
         Snapshot whose loops are averaged, with its law and forces.
     """
-    writing, reading = writing or Writing(), reading or OneReading()
-    given = {
-        name: value for name, value in asdict(asked or Averaging()).items() if value is not None
-    }
+    given = {name: value for name, value in asdict(asked).items() if value is not None}
     of_loop, of_snapshot = ([n for n in names if n in given] for names in (OF_LOOP, OF_SNAPSHOT))
     if snapshot is not None and of_loop:
         expected = "none of these: loops of a snapshot have their own law and state"

@@ -71,11 +71,11 @@ def probe_command(
     path: Path,
     /,
     *,
-    writing: Writing | None = None,
-    asked: Probing | None = None,
-    holding: Holding | None = None,
-    sharing: Sharing | None = None,
-    reading: OneReading | None = None,
+    writing: Writing = Writing(),
+    asked: Probing = Probing(),
+    holding: Holding = Holding(),
+    sharing: Sharing = Sharing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Probe a DEM snapshot in many directions: response envelope, cones, unstable loops.
 
@@ -89,10 +89,8 @@ def probe_command(
     path
         File of the snapshot, or of its grains.
     """
-    asked = asked or Probing()
-    groups = writing, reading or OneReading(), asked, holding, sharing
     return answered(
-        *("probe", path, _probe_lines, *groups),
+        *("probe", path, _probe_lines, writing, reading, asked, holding, sharing),
         progress=lambda done: f"{done} of {asked.directions} directions",
         unanswered=lambda summary: bool(summary["undetermined"] == summary["directions"]),
     )
@@ -107,12 +105,12 @@ def sustain_command(
     path: Path,
     /,
     *,
-    writing: Writing | None = None,
-    asked: Sustaining | None = None,
+    writing: Writing = Writing(),
+    asked: Sustaining = Sustaining(),
     no_spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False,
     hold_stress: Annotated[bool, Parameter(group=FURTHER)] = False,
-    sharing: Sharing | None = None,
-    reading: OneReading | None = None,
+    sharing: Sharing = Sharing(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Find the load of the first large motion of a DEM snapshot in each direction of stress.
 
@@ -126,6 +124,5 @@ def sustain_command(
         Bring the sample to rest at fixed stress first. Default: at fixed cell.
     """
     kept = "finished directions are kept; the same command computes the others"
-    groups = writing, reading or OneReading(), asked, sharing
-    own: Any = {"spread": not no_spread, "hold_stress": hold_stress}
-    return answered("sustain", path, _sustain_lines, *groups, kept=kept, **own)
+    own: Any = {"spread": not no_spread, "hold_stress": hold_stress, "kept": kept}
+    return answered("sustain", path, _sustain_lines, writing, reading, asked, sharing, **own)

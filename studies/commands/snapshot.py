@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,10 +23,8 @@ from studies.commands import (
     Reading,
     Sharing,
     Writing,
-    answer,
     answered,
     clock,
-    out_or,
 )
 from studies.commands.printed import printed, shown
 from studies.questions import FURTHER, AsGiven, Cells, Replaying, Snapshotting, Tracking
@@ -86,9 +84,9 @@ def snapshot_command(
     path: Path,
     /,
     *,
-    writing: Writing | None = None,
-    asked: Snapshotting | None = None,
-    reading: OneReading | None = None,
+    writing: Writing = Writing(),
+    asked: Snapshotting = Snapshotting(),
+    reading: OneReading = OneReading(),
 ) -> Answer:
     """Find the loops of a DEM snapshot and judge the stability of each.
 
@@ -100,7 +98,7 @@ def snapshot_command(
     with suppress(OSError, AttributeError, TypeError):
         for option in MALLOC.values():
             ctypes.CDLL(None).mallopt(*option)
-    return answered("snapshot", path, _snapshot_lines, writing, reading or OneReading(), asked)
+    return answered("snapshot", path, _snapshot_lines, writing, reading, asked)
 
 
 def check_command(
@@ -113,7 +111,7 @@ def check_command(
     as_given: AsGiven = False,
     exit_zero: Annotated[bool, Parameter(group=FURTHER)] = False,
     contacts: Contacts = None,
-    reading: Reading | None = None,
+    reading: Reading = Reading(),
 ) -> Answer:
     """Check each file for consistency: signs, units, columns, balance, jamming.
 
@@ -133,7 +131,7 @@ def check_command(
     from studies.output import as_json, provenance
     from studies.study import study
 
-    how, ordered = {"contacts": contacts, **(reading or Reading()).how()}, list(paths)
+    how, ordered = {"contacts": contacts, **reading.how()}, list(paths)
     strict = how.pop("strict")
     if not as_given:
         from studies.reading import in_order
@@ -156,18 +154,11 @@ def check_command(
                 columns = {name: [row[name] for row in rows] for name in (rows or [{}])[0]}
                 results.write_tables({"findings": columns} if columns else {})
                 results.write_summary(summary)
-    lines = []
-    place = None
-    for row in rows:
-        if place != (row["path"], row["snapshot"]):
-            place = row["path"], row["snapshot"]
-            lines.append(f"{row['path']}, snapshot {row['snapshot']}")
-        text = row["says"] + (f". {row['remedy']}" if row["remedy"] else "")
-        lines.append(f"  {row['severity']:<5}  {row['check']:<13}  {text}")
-    found = ", ".join(f"{count} {name}" for name, count in summary["findings"].items())
-    lines.append(f"{summary['snapshots']} snapshots: {found}; verdict: {summary['verdict']}")
+    places = [f"{row['path']}, snapshot {row['snapshot']}" for row in rows]
+    heads = [place if place != before else None for before, place in pairwise(["", *places])]
+    told = [row | {"place": head} for row, head in zip(rows, heads, strict=True)]
     return Answer(
-        lines,
+        printed("check", summary, checks=told),
         as_json(summary) if json else None,
         errors=tuple(map(str, unread)),
         status=2 if unread or (strict and worst) else int(worst == 2 and not exit_zero),
@@ -273,11 +264,11 @@ def _predictor(name: str) -> str:
 
 def series_command(
     *paths: Annotated[Path, Parameter(required=True)],
-    writing: Writing | None = None,
-    sharing: Sharing | None = None,
-    asked: Tracking | None = None,
-    replaying: Replaying | None = None,
-    reading: PlaneReading | None = None,
+    writing: Writing = Writing(),
+    sharing: Sharing = Sharing(),
+    asked: Tracking = Tracking(),
+    replaying: Replaying = Replaying(),
+    reading: PlaneReading = PlaneReading(),
 ) -> Answer:
     """Follow the loops through a series of snapshots; after a stop the same command continues.
 
@@ -286,21 +277,7 @@ def series_command(
     paths
         Files of the snapshots; of a file with several snapshots, all.
     """
-    from studies.series.run import run_series
-
-    writing, reading = writing or Writing(), reading or PlaneReading()
-    out = out_or(writing.out, "series", paths[0] if paths else None)
-    try:
-        summary = run_series(
-            paths,
-            out,
-            **asdict(sharing or Sharing()),
-            **asdict(asked or Tracking()),
-            **asdict(replaying or Replaying()),
-            **writing.files(),
-            **reading.how(),
-        )
-    except KeyboardInterrupt:
-        kept = "finished snapshots are kept: the same command continues"
-        raise KeyboardInterrupt(kept) from None
-    return answer(writing.json, out, _series_lines(summary), summary["notes"], MOST_NOTES)
+    kept = "finished snapshots are kept: the same command continues"
+    own: Any = {"kept": kept, "clocked": False, "most": MOST_NOTES}
+    groups = writing, reading, sharing, asked, replaying
+    return answered("series", paths, _series_lines, *groups, **own)

@@ -37,6 +37,7 @@ from stability import Programme, Stage, programmes
 from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
 from studies.output import values_of
+from studies.questions import DiamondChoice
 
 if TYPE_CHECKING:
     from patterns import Snapshot
@@ -97,8 +98,8 @@ def programme_named(
     return programmes.BY_NAME[name.replace("-", "_")](**given)
 
 
-@dataclass(frozen=True)
-class DiamondOptions:
+@dataclass(frozen=True, kw_only=True)
+class DiamondOptions(DiamondChoice):
     """Options of `grainloops diamond`; parameters left out are those of Table 1.
 
     `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
@@ -107,11 +108,6 @@ class DiamondOptions:
     does), stops the path, or adds a contact between them.
     """
 
-    table: int | None = None
-    alpha0_deg: float | None = None
-    kappa: float | None = None
-    phi_deg: float | None = None
-    confine: float | None = None
     closure: Closure = "affine"
     contact_on_touch: OnTouch = "ignore"
     model: ModelOption = "auto"

@@ -115,6 +115,11 @@ class Rate(NamedTuple):
     source: str
     options: dict[str, Any]
 
+    @classmethod
+    def from_rest(cls, inertial_number: float, source: str) -> Rate:
+        """Return the rate of an inertial number, the grains at rest."""
+        return cls(inertial_number, source, {"inertial_number": inertial_number})
+
 
 def interval_rate(
     before: Snapshot,
@@ -130,19 +135,18 @@ def interval_rate(
     the way of a `loading`, or straight.
     """
     if asked.inertial_number is not None:
-        given = asked.inertial_number
-        return Rate(given, "as given", {"inertial_number": given})
+        return Rate.from_rest(asked.inertial_number, "as given")
     start, end = times_of(before, after, times, asked)
     masses = before.mass
     if masses is None and asked.mean_mass is not None:
         square = before.graph.radii**2
         masses = asked.mean_mass * square / square.mean()
     if masses is None:
-        return Rate(DEFAULT_RATE, "no masses", {"inertial_number": DEFAULT_RATE})
+        return Rate.from_rest(DEFAULT_RATE, "no masses")
     if start is None or end is None:
-        return Rate(DEFAULT_RATE, "no times", {"inertial_number": DEFAULT_RATE})
+        return Rate.from_rest(DEFAULT_RATE, "no times")
     if not end > start:
-        return Rate(DEFAULT_RATE, "no growing times", {"inertial_number": DEFAULT_RATE})
+        return Rate.from_rest(DEFAULT_RATE, "no growing times")
     state = contacts_at_start(before.scene)
     step = step_of(*masses_of(before.graph.radii, masses), state)
     longest = REPLAY_STEPS * step

@@ -11,7 +11,7 @@ import pytest
 
 import grainloops as gl
 from studies.cli import COMMANDS, main
-from studies.commands import out_or
+from studies.commands import Answer, out_or
 from tests.studies.snapshot.test_run import run
 
 SAMPLE = str(gl.sample_path())
@@ -74,7 +74,7 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
         "studies.series.run.run_series",
         lambda paths, out, **how: seen.update(how, paths=paths) or {"notes": []},
     )
-    monkeypatch.setattr("studies.commands.snapshot.answer", lambda *_: None)
+    monkeypatch.setattr("studies.commands.answer", lambda *_: Answer([]))
     monkeypatch.setattr("studies.commands.snapshot._series_lines", lambda _: [])
     monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
     with pytest.raises(SystemExit) as end:
@@ -133,6 +133,7 @@ def interrupt(*_):
 signal.signal(signal.SIGINT, signal.default_int_handler)
 Results.write_summary = interrupt
 sys.argv = ["grainloops", "snapshot", {SAMPLE!r}, "--no-figures"]
+from studies.commands import Answer, out_or
 from studies.cli import COMMANDS, main
 main()
 """
