@@ -21,6 +21,7 @@ from studies.output import SIGNS, UNITS, components, described, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import BANDS, add_in_packing
+from studies.snapshot.input_error import add_input_errors
 
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
@@ -31,7 +32,11 @@ WORKS = ("work", "slip_work", "shear_work", "released")
 
 @one_blas_thread()
 def loop_table(
-    snapshot: Snapshot | Subject, *, in_packing: bool = False, hold: bool = False
+    snapshot: Snapshot | Subject,
+    *,
+    in_packing: bool = False,
+    hold: bool = False,
+    input_error: str | float | tuple[float, float] | None = None,
 ) -> pd.DataFrame:
     """One row per loop: shape, stress and stability, as `grainloops snapshot` writes them.
 
@@ -46,6 +51,10 @@ def loop_table(
         Whether the packing is brought to rest first, for the columns of the state at rest
         (`packing_lambda_min_held`, `packing_confirmed`, `packing_direction_*`), which are empty
         where a state moves.
+    input_error : 'digits', float or pair of floats, optional
+        Errors of the file: half a unit in the last place of its numbers, or the error of a
+        contact's force as a share of it, and that of kn and kt. Adds `affine_input_error` and
+        `traction_input_error`, bounds on the change of `*_lambda_min` by them.
 
     Returns
     -------
@@ -80,6 +89,8 @@ def loop_table(
     columns = tables.loop_columns(snapshot)
     if in_packing:
         add_in_packing(snapshot, columns, "auto", hold=hold, yield_band=BANDS[1])
+    if input_error is not None:
+        add_input_errors(snapshot, columns, input_error)
     if snapshot.mechanical:
         columns["chain_contacts"] = chains_on_loops(snapshot)[1]
     frame: pd.DataFrame = pa.table(columns).to_pandas()

@@ -99,6 +99,9 @@ class Snapshotting:
     yield_band
         Least |T|/(mu N) of contacts that slide in a loop's packing at rest. Default: 0.999999,
         0.999 and 0.99.
+    input_error
+        Errors of the file: digits (half a unit in the last place of its numbers), or that of a
+        contact's force as a share of it, and of kn and kt: 0.1,0.05. Adds which signs are certain.
     quadrons
         Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
         with each of its grains.
@@ -109,6 +112,7 @@ class Snapshotting:
     in_packing: Annotated[str | None, Parameter(metavar="auto|whole|blocks")] = None
     hold: bool = False
     yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None
+    input_error: Annotated[str | None, Parameter(metavar="digits|FORCE,...")] = None
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False
 

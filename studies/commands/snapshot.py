@@ -65,6 +65,12 @@ def _verdicts(summary: Summary) -> Summary:
             if shares["all"]["count"]
         )
         told["judged"][JUDGE_TITLES[judge]] = text or "-"
+    told["certain"] = {
+        f"certain sign, {closure}": "  ".join(
+            f"{group}: {_percent(share['mean'])}" for group, share in shares.items()
+        )
+        for closure, shares in summary.get("certain_by_order", {}).items()
+    }
     if "in_packing" in summary:
         medians = "  ".join(
             f"{group}: {shown(share['median'] if share['count'] else None)}"

@@ -11,7 +11,7 @@ from loops import ForceChains, force_chains
 from loops.arrays import Integers
 from loops.errors import InputError, check_choice
 from patterns import Snapshot
-from studies.output import UNITS, Summary, readable
+from studies.output import UNITS, Summary, definitions, readable
 from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
@@ -29,6 +29,8 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     in_packing, hold, yield_band = asked.in_packing, asked.hold, asked.yield_band
     files = files_of(how)
     configuration = {"path": path, **reading(**how)}
+    if asked.input_error is not None:
+        configuration["input_error"] = asked.input_error
     if in_packing is not None:
         from loops.in_place import METHODS
 
@@ -50,6 +52,11 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             )
         if on_loops is not None:
             table["chain_contacts"] = on_loops
+        certain = None
+        if asked.input_error is not None:
+            from studies.snapshot.input_error import add_input_errors
+
+            certain = add_input_errors(snapshot, table, asked.input_error)
         # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(results.write_tables, {"loops": table})
@@ -58,6 +65,10 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             written.result()
         summary["notes"] += notes
         tables: dict[str, Any] = {"orders": order_columns(summary, table)}
+        if certain is not None:
+            summary |= certain[0]
+            summary["definitions"] |= definitions("snapshot_input_error")
+            tables["certain"] = certain[1]
         if asked.quadrons:
             from studies.snapshot.quadrons import quadron_columns, quadron_summary
 
@@ -82,6 +93,11 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
                 from studies.snapshot.quadrons import quadron_figure
 
                 drawn = chain(drawn, [("quadrons", lambda: quadron_figure(tables["quadrons"]))])
+            if certain is not None:
+                from studies.snapshot.input_error import draw_certain
+
+                shown = certain[1], str(asked.input_error)
+                drawn = chain(drawn, [("certain", lambda: draw_certain(*shown))])
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)
             results.write_report(title, summary, drawn, maps)

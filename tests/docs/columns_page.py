@@ -6,7 +6,7 @@ from studies.output import definitions, words
 
 # Keys of the summary of a command, by their parts.
 KEYS = {
-    "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing"),
+    "snapshot": ("snapshot", "snapshot_forces", "snapshot_in_packing", "snapshot_input_error"),
     **{
         name: (name,)
         for name in (

@@ -44,6 +44,7 @@ TESTED = {
     "first-steps": "test_first_steps",  # the sample of the package
     "forecast": "test_how_to",  # in a cell, between walls; cut out it is refused
     "formats": "test_blocks",  # in a cell, between walls, cut out
+    "input-error": "test_blocks",  # the sample of the package
     "larger-loops": "test_how_to",  # a hexagon
     "material": "test_blocks",  # hexagons, and loops of three kinds of samples
     "one-loop": "test_blocks",  # in a cell, between walls, cut out
@@ -149,6 +150,26 @@ def test_the_block_on_three_discs_says_what_the_page_says(capsys):
     # The ends of the line: one contact slides alone, by the sum that the table has.
     assert names["found"].families[0].corners.max() == pytest.approx(1.56124648, abs=5e-9)
     assert "any two slips with the sum 1.56124648" in PAGES["published"]
+
+
+@pytest.mark.slow
+def test_shares_of_certain_signs_are_those_of_the_page():
+    names = {}
+    exec("\n".join(blocks("input-error")), names)
+    rows = re.findall(r"^\| (\d+) % \| (.*) \|$", PAGES["input-error"], re.MULTILINE)
+    assert [row[0] for row in rows] == ["1", "3", "10", "30"]
+    for force, told in rows:
+        table = gl.loop_table(names["snapshot"], input_error=int(force) / 100)
+        error = table["traction_error"] + table["traction_input_error"]
+        certain = table["traction_lambda_min"].abs() > error
+        by_order = certain.groupby(table["order"].clip(upper=8)).mean()
+        shown = [float(x) for x in told.replace(" %", "").split(" | ")]
+        np.testing.assert_allclose(shown[:1], 100 * certain.mean(), atol=0.051)
+        np.testing.assert_allclose(shown[1:], 100 * by_order, atol=0.51)
+        if force == "1":
+            moved = table["traction_input_error"] / table["traction_lambda_min"].abs()
+            assert 1e-6 < moved.median() < 2e-5
+    assert f"Of the {len(table)} loops" in PAGES["input-error"]
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ WRONG = {
     "name": (3, ["a"], {}),
     "law": ("linear", 3.0, [LAW], {}),
     "list": (None, 3, "a", [None], [], {}),
+    "share": ("a", "0.1,b", [0.1, 0.2, 0.3], -0.1, 1.5, 1j, NAN, {}),
     "size": (None, "a", 1.5, -1, [1.5], NAN, {}),
     "pairs": (None, 3, "a", [None], [(1,)], [(1, 2)]),
     "call": (3, "a", [1]),
@@ -166,7 +167,10 @@ CALLS = {
         {"loop": "loop", "closure": "affine", "directions": 4},
         "loop:sample closure:choice spins:choice control:choice directions:count",
     ),
-    "loop_table": ({"snapshot": "sample"}, "snapshot:sample in_packing: hold:"),
+    "loop_table": (
+        {"snapshot": "sample"},
+        "snapshot:sample in_packing: hold: input_error:share",
+    ),
     "loop_tangents": (
         {"graph": "ring", "law": LAW, "closure": "affine"},
         "graph:graph law:law faces:result closure:choice spins:choice",
