@@ -20,9 +20,9 @@ ANSWER = 8
 # Rows of a law: normal force, kt, strength, shear force that is kept; their slopes.
 N, KT, MOST, KEPT, N_SLOPE, KT_SLOPE, MOST_SLOPE, KEPT_SLOPE = range(8)
 # Rows of a chunk of contacts at work: law, answer, branches at the start and the end, lengths at
-# touch and at opening, overlaps at the start and the end, shear force that is held, and whether
+# touch and at opening, overlaps at the start and the end, shear force, and whether
 # `_contact` takes it.
-OUT, START, END, TOUCHING, OPENS, BEFORE, OVERLAP, HELD, TAKEN, ROWS = 8, 16, 18, *range(20, 27)
+OUT, START, END, TOUCHING, OPENS, BEFORE, OVERLAP, SHEAR0, TAKEN, ROWS = 8, 16, 18, *range(20, 27)
 # Contacts taken together: their rows stay in the nearest cache.
 CHUNK = 256
 OPEN, ELASTIC, SLIDING = 0.0, 1.0, 2.0
@@ -195,7 +195,7 @@ def _short_ways(nodes: int, by_radii: bool, count: int, work: Floats) -> int:
         slid, slid_x, slid_y = _slid(by_radii, True, touching, px, py, dx, dy)
         kt, slope = law[KT, c], law[KT_SLOPE, c] * slid * over
         lost_x, lost_y = kt * slid_x - slope * dx, kt * slid_y - slope * dy
-        kept = work[HELD, c]
+        kept = work[SHEAR0, c]
         _answer(c, closed, dx, dy, over, kt * slid, lost_x, lost_y, kept, law, answer)
         takes = closed & long
         work[TAKEN, c] = 1.0 if takes else 0.0
@@ -227,18 +227,16 @@ def _contact(by_radii: bool, nodes: int, c: int, work: Floats, laws: Floats) -> 
         lost_x -= back_x * xx + back_y * yx
         lost_y -= back_x * xy + back_y * yy
     law, answer = work[:OUT], work[OUT:START]
-    _answer(c, True, dx, dy, 1.0 / length, lost, lost_x, lost_y, work[HELD, c], law, answer)
+    _answer(c, True, dx, dy, 1.0 / length, lost, lost_x, lost_y, work[SHEAR0, c], law, answer)
 
 
 @inlined
 def _overlaps(count: int, work: Floats) -> None:
-    """Write overlaps at the start and the end; contacts that were open hold no shear force."""
+    """Write overlaps at the start and the end."""
     for c in range(count):
         px, py, dx, dy = work[START, c], work[START + 1, c], work[END, c], work[END + 1, c]
-        touching, opens, p2 = work[TOUCHING, c], work[OPENS, c], px * px + py * py
-        work[BEFORE, c] = touching - min(math.sqrt(p2), opens)
-        work[OVERLAP, c] = touching - min(math.sqrt(dx * dx + dy * dy), opens)
-        work[HELD, c] = 0.0 if _was_open(p2, opens) else work[HELD, c]
+        work[BEFORE, c] = work[TOUCHING, c] - min(math.sqrt(px * px + py * py), work[OPENS, c])
+        work[OVERLAP, c] = work[TOUCHING, c] - min(math.sqrt(dx * dx + dy * dy), work[OPENS, c])
 
 
 @kernel
@@ -268,20 +266,20 @@ def contact_steps(
     last_q, last_g = len(constants) - 1, constants.shape[1] - 1
     for begin in range(0, touching.shape[1], size):
         chunk, count = begin // size, min(size, touching.shape[1] - begin)
-        overlap, before, held = work[OVERLAP, :count], work[BEFORE, :count], work[HELD, :count]
+        overlap, before, shear0 = work[OVERLAP, :count], work[BEFORE, :count], work[SHEAR0, :count]
         for q in range(len(end)):
             own = constants[min(q, last_q)]
             for c in range(count):
                 work[START, c], work[START + 1, c] = start[q, begin + c, 0], start[q, begin + c, 1]
                 work[END, c], work[END + 1, c] = end[q, begin + c, 0], end[q, begin + c, 1]
                 work[TOUCHING, c], work[OPENS, c] = touching[0, begin + c], touching[1, begin + c]
-                work[HELD, c] = shear[q, begin + c]
+                work[SHEAR0, c] = shear[q, begin + c]
             _overlaps(count, work)
-            fill(own[0, chunk], radii[chunk], overlap, before, held, work[:OUT])
+            fill(own[0, chunk], radii[chunk], overlap, before, shear0, work[:OUT])
             for g in range(nodes):
                 _overlaps_on_the_way(g, count, work)
                 given = own[min(g + 1, last_g), chunk]
-                fill(given, radii[chunk], overlap, before, held, laws[g])
+                fill(given, radii[chunk], overlap, before, shear0, laws[g])
             left = _short_ways(nodes, by_radii, count, work)
             for c in range(count if left > 0 else 0):
                 if work[TAKEN, c] > 0.0:

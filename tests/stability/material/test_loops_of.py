@@ -65,6 +65,15 @@ def test_a_loop_out_of_its_packing_stays_at_rest_under_its_dead_load(packing):
     assert np.allclose(both, sum(apart) / loops.weights.sum(), rtol=1e-12)
 
 
+def test_loops_come_apart_unless_their_packing_loads_them(packing):
+    free = LoopMaterial(hexagon(np.radians(60)), None, LinearFrictional(1.0, 0.5, MU))
+    apart = free.update(1.02 * ONE, free.start(1))
+    assert not apart.stress.any() and not apart.failed.any() and apart.regimes[0, 2] == 1.0
+    loaded = LoopMaterial(loops_of(packing, orders=[4, 5, 6], count=50))
+    with pytest.raises(InputError, match="100% of the loops of point 0 without a solution"):
+        loaded.update(1.02 * ONE, loaded.start(1))
+
+
 def test_what_loops_of_refuses(packing):
     for options, words in (
         ({"orders": [2]}, "orders"),
