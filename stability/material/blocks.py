@@ -98,9 +98,14 @@ class LoopBlock:
     steps: ContactSteps
     cells: Cells | None
 
+    @cached_property
+    def count(self) -> Integers:
+        """Return the number of contacts (L,) of each loop."""
+        return np.diff(self.offsets)
+
     def spread(self, numbers: Floats | Flags, axis: int = 0) -> Any:
         """Return numbers of the loops for each of their contacts."""
-        return np.repeat(numbers, np.diff(self.offsets), axis=axis)
+        return np.repeat(numbers, self.count, axis=axis)
 
     @cached_property
     def columns(self) -> tuple[Floats, Floats]:
@@ -119,7 +124,7 @@ class LoopBlock:
         begins, force, d = self.offsets[:-1], self.answer[FX:KXX].T, self.branches
 
         def centred(rows: Floats) -> Floats:
-            mean = np.add.reduceat(rows, begins) / np.diff(self.offsets)[:, None]
+            mean = np.add.reduceat(rows, begins) / self.count[:, None]
             return np.asarray(rows - self.spread(mean))
 
         outer = (force[:, :, None] * d[:, None, :]).reshape(-1, 4)
