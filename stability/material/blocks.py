@@ -118,8 +118,9 @@ class LoopBlock:
     def balance(self) -> tuple[Floats, Floats, Floats]:
         """Return stress (L, 4), levers (m, 2) and loads (m, 2) of loops at the start.
 
-        The stress is Love and Weber's, `(1/V0) sum f (x) d`; whole contacts. The levers m are those
-        of `f + load = f^ - P m`, over the size.
+        The stress is Love and Weber's, `(1/V0) sum f (x) d`; whole contacts. Cells, of which two
+        contacts are known, start at zero. The levers m are those of `f + load = f^ - P m`, over
+        the size.
         """
         begins, force, d = self.offsets[:-1], self.answer[FX:KXX].T, self.branches
 
@@ -128,7 +129,8 @@ class LoopBlock:
             return np.asarray(rows - self.spread(mean))
 
         outer = (force[:, :, None] * d[:, None, :]).reshape(-1, 4)
-        stress = np.add.reduceat(outer, begins) / self.size[:, None] ** 2
+        whole = 1.0 if self.cells is None else 0.0
+        stress = whole * np.add.reduceat(outer, begins) / self.size[:, None] ** 2
         # The middle of a branch, turned by a quarter, from the first grain of all.
         middle = np.cumsum(d, axis=0) - 0.5 * d
         size = self.spread(self.size)[:, None]

@@ -76,8 +76,7 @@ class ContactSteps:
         if isinstance(filling, str):
             return laws.Pointer(laws.given), np.zeros((0, 0)), radii, len(NODES)
         constants = np.moveaxis(filling.constants[:, self._rows], 0, 1)
-        by_nodes = filling.pointer.function is laws.hertz
-        nodes = len(NODES) if by_nodes else 0
+        nodes = len(NODES) if filling.pointer.function is laws.hertz else 0
         return filling.pointer, np.ascontiguousarray(constants[None, None]), radii, nodes
 
     def __call__(self, start: Floats, end: Floats, shear: Floats) -> Floats:

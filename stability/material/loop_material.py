@@ -141,13 +141,9 @@ class LoopMaterial(Shown):
             If the number of points is no positive whole number.
         """
         whole_number("points", points, 1)
-        branches, stress = np.empty((0, 2)), np.zeros((len(self.weights), 4))
-        if self.closure == "affine":
-            stress = stress[:0]
-        else:
-            branches = np.concatenate([block.branches for block in self._blocks])
-        if self.closure == "traction":
-            stress = np.concatenate([block.balance[0] for block in self._blocks])
+        kept = [] if self.closure == "affine" else self._blocks
+        branches = np.concatenate([np.empty((0, 2)), *(block.branches for block in kept)])
+        stress = np.concatenate([np.empty((0, 4)), *(block.balance[0] for block in kept)])
 
         def each(value: Floats) -> Floats:
             return np.broadcast_to(value, (points, *value.shape)).copy()
