@@ -1,7 +1,8 @@
 """Ways past an instability: what a packing does where no regimes of a contact agree.
 
-Each is a function of what stands there, of the instability and of a control, and answers with how
-it was passed. One of your own can be given to `follow` as `past`.
+All but springs on the ground, which act within an interval, are functions of the point at its end,
+of the instability and of a control, and answer with how it was passed. One of your own can be given
+to `follow` as `past`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from loops.arrays import Floats
 from loops.contacts import Contacts
@@ -19,7 +18,6 @@ from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
 from stability.packing.point import PackingPoint
 from stability.packing.state import RELEASED, jumped
-from stability.packing.strain_increment import Within
 from stability.path import Event, How, Past
 
 
@@ -40,10 +38,6 @@ class Passed(NamedTuple):
         return math.nan if self.work is None else float(self.work[RELEASED])
 
 
-# What is done past an instability; the control is the whole change of stress and strain ahead.
-PassBy = Callable[[Any, Event, MixedControl], Passed]
-
-
 @dataclass(frozen=True)
 class Viscous:
     """Drag the grains of the mode by springs on the ground; hold the contact if none is left.
@@ -53,13 +47,9 @@ class Viscous:
 
     stiffness: float = 1.0
 
-    def __call__(self, here: Within, instability: Event, control: MixedControl) -> Passed:
-        """Add the springs."""
-        if not here.spring:
-            return Passed("held")
-        grains = np.array(instability.grains)
-        here.packing.add_ground_springs(grains, self.stiffness * here.spring)
-        return Passed("dragged")
+
+# What is done past an instability; the control is the whole change of stress and strain ahead.
+PassBy = Viscous | Callable[[PackingPoint, Event, MixedControl], Passed]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from loops.errors import InputError, check_choice, check_type, number, whole_number
 from loops.scene import Scene
-from stability.packing.past import OTHER_WAYS, PassBy, past_of
+from stability.packing.past import OTHER_WAYS, PassBy, Viscous, past_of
 from stability.packing.past import stop as end_there
 from stability.packing.path_solver import PackingPathSolver, Stop
 from stability.path import FINISHED, Past, Path, follow_stages
@@ -42,7 +42,7 @@ class PackingPathOptions:
     def __post_init__(self) -> None:
         number("interval", self.interval, 0.0, open_low=True)
         whole_number("instabilities", self.instabilities, 1)
-        if not callable(self.past):
+        if not (callable(self.past) or isinstance(self.past, Viscous)):
             check_choice("past", self.past, get_args(Past))
         number("load_kept", self.load_kept, 0.0, 1.0)
         if self.progress is not None:

@@ -162,8 +162,8 @@ class PackingPathSolver:
         if speed > MAX_SPEED_RATIO * point.slowest:
             return CONTROL_LIMIT
         relief = min((1.0 - self.load_kept) * size / DECAY, start.load_share - self.load_kept)
-        past = self.past if isinstance(self.past, Viscous) else None
-        increment = StrainIncrement(point, packing, size, duration, relief, past, events)
+        drag = self.past.stiffness if isinstance(self.past, Viscous) else None
+        increment = StrainIncrement(point, packing, size, duration, relief, drag, events)
         lost = increment.run()
         while increment.reached and len(point.targets) > 1:
             # A row within the interval, which goes on as if there were none.
@@ -207,6 +207,7 @@ class PackingPathSolver:
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
         control = point.control(1.0 / span)
+        assert not isinstance(self.past, Viscous)
         passed = self.past(point, lost, control._replace(rate=control.rate * span))
         event = replace(lost, parameter=0.0, passed=passed.how, released=passed.released)
         self.point = point.with_events([event])

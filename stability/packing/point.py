@@ -33,7 +33,7 @@ class Leg(NamedTuple):
     P: Floats
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PackingPoint:
     """A packing on its path, with the rows and events so far.
 

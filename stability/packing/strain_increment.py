@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from loops.arrays import Flags, Floats
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
-from stability.packing.controls import MixedControl
 from stability.packing.pivots import disagreeing, pivot, seek
 from stability.packing.point import PackingPoint
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
@@ -43,19 +41,12 @@ HELD_BACK = 1e-4
 MAX_SPEED_RATIO = 1e3
 
 
-class Within(NamedTuple):
-    """A packing within an interval; `spring` is the next ground spring to try (kn), 0 for none."""
-
-    packing: RegimeFactor
-    spring: float
-
-
 class StrainIncrement:
     """A packing under its stage for a `duration` of the loading parameter, to its goal or a strain.
 
     Its load decreases by a share `relief` of the resultants of the start, and takes up what is out
-    of balance. Instabilities are passed by a function as `stability.packing.past.viscous`; without
-    one they end the increment. What happens is added to the `events`.
+    of balance. Grains of an instability are dragged by springs on the ground, `drag` times those of
+    `GROUND_SPRINGS`; where it is None it ends the increment. What happens is added to the `events`.
     """
 
     def __init__(
@@ -65,11 +56,11 @@ class StrainIncrement:
         size: float,
         duration: float,
         relief: float,
-        past: Callable[[Any, Event, MixedControl], Any] | None,
+        drag: float | None,
         events: list[Event],
     ) -> None:
         self.point, self.packing, self.state = point, packing, point.state
-        self.control, self.duration, self.past = point.control(1.0 / duration), duration, past
+        self.control, self.duration, self.drag = point.control(1.0 / duration), duration, drag
         self.left = point.targets[0] - point.quantity
         # Under given strain rates its time ends it, to rounding.
         self.left_to_strain = (1.0 + 1e-9) * size
@@ -216,7 +207,7 @@ class StrainIncrement:
         if self.packing.frame["at_touch"][c] < 0:
             ends = tuple(self.packing.frame["grains"][c].tolist())
             event = replace(event, cause="pulls_off", grains=ends)
-            if self.past is None:
+            if self.drag is None:
                 return event
             event = replace(event, passed="dragged")
         self.events.append(event)
@@ -384,12 +375,13 @@ class StrainIncrement:
         return None
 
     def _pass(self, c: int, spring: float, **facts: Any) -> Event | None:
-        """Pass an instability within the interval; or return it, as the loss that it is."""
+        """Drag the grains of an instability, without a spring none; or return it, as a loss."""
         event = self._event("instability", c, **facts)
-        if self.past is None:
+        if self.drag is None:
             return event
-        passed = self.past(Within(self.packing, spring), event, self.control)
-        self.events.append(replace(event, passed=passed.how))
+        if spring:
+            self.packing.add_ground_springs(np.array(event.grains), self.drag * spring)
+        self.events.append(replace(event, passed="dragged" if spring else "held"))
         return None
 
     def _tell(self, kind: EventKind, c: int, **facts: Any) -> None:

@@ -422,6 +422,31 @@ def test_the_stress_along_a_direction():
     assert _along(solver.point) == pytest.approx(-rise[0], rel=1e-12) != 0.0
 
 
+def test_an_interval_leaves_the_point_that_it_replaces():
+    """From one point two intervals are the same to the last bit; openings and yields on the way."""
+    graph, stage = jammed(24, 3, LAW), strained(-1e-2 * np.eye(2))
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], 5e-4, "viscous")
+    solver.start_stage(0, stage, 40)
+    for _ in range(20):
+        before = solver.point
+        every = [*vars(before).values(), *vars(before.state).values()]
+        arrays = [part for part in every if isinstance(part, np.ndarray)]
+        copies = [part.copy() for part in arrays]
+        ends = []
+        for _ in range(2):
+            solver.point = before
+            assert solver.step(5e-4, 99) is None
+            ends.append(solver.point)
+        one, two = ends
+        assert one.events == two.events and len(one.rows) == len(two.rows)
+        for name in ("x", "normal_force", "shear_force", "contacts", "cell"):
+            np.testing.assert_array_equal(getattr(one.state, name), getattr(two.state, name))
+        np.testing.assert_array_equal(one.work, two.work)
+        for part, copy in zip(arrays, copies, strict=True):
+            np.testing.assert_array_equal(part, copy)
+    assert {"opening", "yield"} <= {event.kind for event in one.events} and len(one.rows) > 10
+
+
 class Edges:
     """Contacts at yield: rates of the yield function, and their change per unit of slip of one."""
 
