@@ -13,8 +13,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import ContactState, GrainGraph, branches_between, require_one_state
-from loops.laws.movable import require_movable
-from loops.laws.of_pairs import MovableLaw, PairLaw
+from loops.laws.of_pairs import MovableLaw, PairLaw, require_movable
 from loops.neighbours import new_pairs
 from loops.scene import Scene
 from loops.shown import Shown

@@ -14,8 +14,7 @@ from loops.errors import InputError
 from loops.graph import ContactState
 from loops.laws import ContactLaw, Regime
 from loops.laws.frictional import TOUCHING_RTOL
-from loops.laws.movable import require_movable
-from loops.laws.of_pairs import KERNELS, PairLaw
+from loops.laws.of_pairs import KERNELS, PairLaw, require_movable
 from stability.material.kernels import ANSWER, CHUNK, NODES, contact_steps
 
 # Differences of the fourth order that give the slopes of a law of one's own: reaches over this

@@ -16,7 +16,7 @@ from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import ContactState
-from loops.laws.movable import require_linear_forces
+from loops.laws.of_pairs import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
 
 # Rounding of coordinates, in units of r_i + r_j: gaps within it are none.

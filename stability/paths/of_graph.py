@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from loops import Scene
 from loops.closures import Closure, Spins
-from loops.laws.movable import require_unlimited_rolling
+from loops.laws.of_pairs import require_unlimited_rolling
 from stability.path import Path, follow_stages
 from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model

@@ -25,7 +25,7 @@ from loops import (
 from loops.arrays import Floats
 from loops.closures import Closure, Spins
 from loops.errors import check_choice
-from loops.laws.movable import require_linear_springs
+from loops.laws.of_pairs import require_linear_springs
 from patterns.diamond import TABLE_1, TABLE_2, DiamondParameters, diamond
 from patterns.polygons import (
     Orientation,

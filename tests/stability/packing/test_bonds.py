@@ -14,7 +14,7 @@ from loops import (
     contact_state,
 )
 from loops.contacts import contacts_of, start_state
-from loops.laws.movable import require_movable
+from loops.laws.of_pairs import require_movable
 from patterns import Snapshot
 from stability import Stage, follow, programmes
 from stability.packing import hold, loop_changes, replay, sustain

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene, contact_state
-from loops.laws.movable import require_movable
+from loops.laws.of_pairs import require_movable
 from stability import Stage, follow, programmes
 from stability.packing import hold, replay
 from tests.packings import LAW, jammed, strained

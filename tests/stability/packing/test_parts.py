@@ -8,8 +8,7 @@ import pytest
 
 from loops import GrainGraph, InputError
 from loops.graph import contact_state
-from loops.laws.movable import require_movable
-from loops.laws.of_pairs import as_known
+from loops.laws.of_pairs import as_known, require_movable
 from loops.scene import Scene
 from stability.complementarity import principal_transform, scaled_definite
 from stability.packing import regime_regions
