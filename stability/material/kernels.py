@@ -19,10 +19,10 @@ FX, FY, KXX, KXY, KYX, KYY, SHEAR, REGIME = range(8)
 ANSWER = 8
 # Rows of a law: normal force, kt, strength, shear force that is kept; their slopes.
 N, KT, MOST, KEPT, N_SLOPE, KT_SLOPE, MOST_SLOPE, KEPT_SLOPE = range(8)
-# Rows of a chunk of contacts at work: law, answer, branches at the start and the end, lengths at
-# touch and at opening, overlaps at the start and the end, shear force, and whether
-# `_contact` takes it.
-OUT, START, END, TOUCHING, OPENS, BEFORE, OVERLAP, SHEAR0, TAKEN, ROWS = 8, 16, 18, *range(20, 27)
+# Rows of a chunk of contacts at work, behind those of the law and of the answer: branches at the
+# start and the end, lengths at touch and at opening, overlaps at the start and the end, shear
+# force at the start, and whether `_contact` takes it.
+PX, PY, DX, DY, TOUCHING, OPENS, BEFORE, OVERLAP, SHEAR0, TAKEN, ROWS = range(16, 27)
 # Contacts taken together: their rows stay in the nearest cache.
 CHUNK = 256
 OPEN, ELASTIC, SLIDING = 0.0, 1.0, 2.0
@@ -183,9 +183,9 @@ def _short_ways(nodes: int, by_radii: bool, count: int, work: Floats) -> int:
     Returns the number of others, which are `TAKEN` one by one. Without branches, so that it is
     vectorised.
     """
-    left, law, answer = 0, work[:OUT], work[OUT:START]
+    left, law, answer = 0, work[:ANSWER], work[ANSWER:PX]
     for c in range(count):
-        px, py, dx, dy = work[START, c], work[START + 1, c], work[END, c], work[END + 1, c]
+        px, py, dx, dy = work[PX, c], work[PY, c], work[DX, c], work[DY, c]
         touching, opens = work[TOUCHING, c], work[OPENS, c]
         p2, length = px * px + py * py, math.sqrt(dx * dx + dy * dy)
         over = 1.0 / length
@@ -206,7 +206,7 @@ def _short_ways(nodes: int, by_radii: bool, count: int, work: Floats) -> int:
 @kernel
 def _contact(by_radii: bool, nodes: int, c: int, work: Floats, laws: Floats) -> None:
     """Write the answer of a closed contact, whatever its way; `laws` at the nodes (5, 8, C)."""
-    px, py, dx, dy = work[START, c], work[START + 1, c], work[END, c], work[END + 1, c]
+    px, py, dx, dy = work[PX, c], work[PY, c], work[DX, c], work[DY, c]
     length, touching, opens = math.sqrt(dx * dx + dy * dy), work[TOUCHING, c], work[OPENS, c]
     # A contact that was open shears from its touch on, a point that moves with d.
     opened, xx, xy, yx, yy = _was_open(px * px + py * py, opens), 0.0, 0.0, 0.0, 0.0
@@ -226,7 +226,7 @@ def _contact(by_radii: bool, nodes: int, c: int, work: Floats, laws: Floats) -> 
     if opened:
         lost_x -= back_x * xx + back_y * yx
         lost_y -= back_x * xy + back_y * yy
-    law, answer = work[:OUT], work[OUT:START]
+    law, answer = work[:ANSWER], work[ANSWER:PX]
     _answer(c, True, dx, dy, 1.0 / length, lost, lost_x, lost_y, work[SHEAR0, c], law, answer)
 
 
@@ -234,7 +234,7 @@ def _contact(by_radii: bool, nodes: int, c: int, work: Floats, laws: Floats) -> 
 def _overlaps(count: int, work: Floats) -> None:
     """Write overlaps at the start and the end."""
     for c in range(count):
-        px, py, dx, dy = work[START, c], work[START + 1, c], work[END, c], work[END + 1, c]
+        px, py, dx, dy = work[PX, c], work[PY, c], work[DX, c], work[DY, c]
         work[BEFORE, c] = work[TOUCHING, c] - min(math.sqrt(px * px + py * py), work[OPENS, c])
         work[OVERLAP, c] = work[TOUCHING, c] - min(math.sqrt(dx * dx + dy * dy), work[OPENS, c])
 
@@ -243,7 +243,7 @@ def _overlaps(count: int, work: Floats) -> None:
 def _overlaps_on_the_way(g: int, count: int, work: Floats) -> None:
     """Write the overlaps at a node of the ways that contacts go while they are closed."""
     for c in range(count):
-        px, py, dx, dy = work[START, c], work[START + 1, c], work[END, c], work[END + 1, c]
+        px, py, dx, dy = work[PX, c], work[PY, c], work[DX, c], work[DY, c]
         opens = work[OPENS, c]
         if _was_open(px * px + py * py, opens):
             px, py = _since_touch(opens, px, py, dx, dy)[:2]
@@ -270,12 +270,12 @@ def contact_steps(
         for q in range(len(end)):
             own = constants[min(q, last_q)]
             for c in range(count):
-                work[START, c], work[START + 1, c] = start[q, begin + c, 0], start[q, begin + c, 1]
-                work[END, c], work[END + 1, c] = end[q, begin + c, 0], end[q, begin + c, 1]
+                work[PX, c], work[PY, c] = start[q, begin + c, 0], start[q, begin + c, 1]
+                work[DX, c], work[DY, c] = end[q, begin + c, 0], end[q, begin + c, 1]
                 work[TOUCHING, c], work[OPENS, c] = touching[0, begin + c], touching[1, begin + c]
                 work[SHEAR0, c] = shear[q, begin + c]
             _overlaps(count, work)
-            fill(own[0, chunk], radii[chunk], overlap, before, shear0, work[:OUT])
+            fill(own[0, chunk], radii[chunk], overlap, before, shear0, work[:ANSWER])
             for g in range(nodes):
                 _overlaps_on_the_way(g, count, work)
                 given = own[min(g + 1, last_g), chunk]
@@ -286,7 +286,7 @@ def contact_steps(
                     _contact(by_radii, nodes, c, work, laws)
             for k in range(ANSWER):
                 for c in range(count):
-                    answer[q, k, begin + c] = work[OUT + k, c]
+                    answer[q, k, begin + c] = work[ANSWER + k, c]
 
 
 @kernel
