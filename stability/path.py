@@ -112,11 +112,12 @@ class ModelChoice(Shown):
     `choice`: 'auto' for the smallest model, 'full' for all of it; `symmetry`: Point group that
     the path keeps, 'D2 (order 4)' for example, or 'none'; `freedoms`: Independent displacements of
     the centres; `spins`: Independent spins, or why there are none; `unknowns`: Size of the linear
-    system of the rates, control included; `contact_orbits`: Contacts that differ; `branch_search`:
-    Combinations of regimes that were solved for. Under a symmetry, of those motions alone that keep
-    it: `rates_at` counts all; `branch_solves`: How many these were, those of rate problems without
-    a choice included; `kernels`: 'plain': nothing is compiled for one loop; `kept`: Whether the
-    symmetry served to the end of the path.
+    system of the balance, control included; `contact_orbits`: Contacts that differ;
+    `branch_search`: Combinations of regimes that were solved for. Under a symmetry, of those
+    motions alone that keep it: `rates_at` counts all; `branch_solves`: How many these were, those
+    of rate problems without a choice included; `kernels`: 'compiled' where kernels integrate the
+    path, 'plain' where numpy computes its rates; `kept`: Whether the symmetry served to the end of
+    the path.
     """
 
     choice: ModelOption

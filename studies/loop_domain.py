@@ -15,12 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from loops import GrainGraph, InputError, Regime
+from loops import GrainGraph, InputError, Regime, Scene
 from loops.arrays import Floats
 from loops.errors import check_choice
 from patterns.polygons import opposite_gap
-from stability.paths.fan import Control, Fan
-from stability.paths.fan_limits import LIMITS, FanLimits
+from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.domain import OVERLAP_ATOL, require_odd
 from studies.output import UNITS, Summary, definitions
 from studies.paths.options import LoopOptions, PolygonOptions, file_notes, inside
@@ -30,7 +29,6 @@ from studies.present_domain import (
     in_planes,
     limits_along,
     loop_domain_figure,
-    model_along_axes,
     present_fan,
     strain_to,
     virgin_domain,
@@ -106,15 +104,16 @@ def loop_fan(d0: Floats, directions: int) -> Floats:
 def loop_limits(
     loop: PolygonOptions, control: Control, directions: int, *, friction: bool
 ) -> tuple[Fan, FanLimits]:
-    """First limits of one loop along its fan; `follow` takes what the fan cannot settle."""
+    """First limits of one loop along its fan."""
     graph, law = loop.graph(), loop.law()
     if isinstance(loop, LoopOptions):
         return present_fan(graph, law, loop.closure, loop.spins, control, directions)
     if not friction:
         law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
-    model = model_along_axes(graph, law, loop.closure, loop.spins)
-    fan = Fan(model, control, loop_fan(model.d0, directions), FAN_REACH)
-    return fan, limits_along(fan, graph, loop.spins)
+    around = loop_fan(graph.reference_branches, directions)
+    whole = Scene(graph, law)
+    fan = Fan(whole, loop.closure, loop.spins, control, around, FAN_REACH)
+    return fan, limits_along(fan)
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
@@ -125,9 +124,10 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
     beyond the loss. Areas `int rho^2/2 db` by the trapezoidal rule over the programmes.
     """
     direction = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
-    rate = direction[:, None, :] * fan.model.d0
+    d0 = fan.loop.graph.reference_branches
+    rate = direction[:, None, :] * d0
     # |d0 - rho rate| = |d0|.
-    opening = 2.0 * (rate * fan.model.d0).sum(axis=-1) / (rate**2).sum(axis=-1)
+    opening = 2.0 * (rate * d0).sum(axis=-1) / (rate**2).sum(axis=-1)
     end = np.minimum(opening.min(axis=1), fan.reach)
     end = np.minimum(end, strain_to(limits, "opening"))
     stable = np.minimum(end, np.minimum(*(strain_to(limits, kind) for kind in STABILITY_LIMITS)))
@@ -158,7 +158,7 @@ def loop_domains(
             if parameters.control == "strain" and not own:
                 loops[-1]["unstable_share"] = unstable_share(fan, limits)
             if own:
-                present = domain_of(loop.graph(), fan, limits, loop.spins, "over $k_n$")
+                present = domain_of(fan, limits, "over $k_n$")
                 loops[-1]["present_state"] = present.status
                 loops[-1]["negative_share"] = float((present.rows["start_w2"] < 0.0).mean())
                 counts = present.rows["kind"].value_counts().to_dict()
@@ -172,18 +172,17 @@ def loop_domains(
 
 def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
     """One row for each programme with a limit of this kind: its state and stress."""
-    found, model = np.flatnonzero(limits.found[kind]), fan.model
-    states = limits.states[kind].take(found)
-    sliding = (states.regime == Regime.SLIDING).any(axis=1)
-    x = np.cumsum(model.d0 + states.moved, axis=1)
-    ring = GrainGraph(x=x, radii=np.roll(model.radii, -1), contacts=model.contacts)
+    found, graph = limits.found[kind], fan.loop.graph
+    _, _, x, regime = (values[found] for values in limits.states[kind])
+    sliding = (regime == Regime.SLIDING).any(axis=1)
+    ring = GrainGraph(x=x, radii=graph.radii, contacts=graph.contacts)
     return pd.DataFrame(
         {
             **named,
             "kind": kind,
             "programme_deg": np.degrees(fan.programme[found]),
             "regime": np.where(sliding, "sliding", "elastic"),
-            **in_planes(fan, states),
+            **in_planes(limits, kind, found),
             "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
         }
     )

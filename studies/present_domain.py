@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import track
 
-from loops import ContactLaw, GrainGraph, InputError, contact_state, macroscopic_tangent
-from loops.arrays import Floats, one_blas_thread, true_runs
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    InputError,
+    contact_state,
+    macroscopic_tangent,
+    nominal_stress,
+)
+from loops.arrays import Flags, Floats, one_blas_thread, true_runs
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
 from loops.laws.frictional import linear_springs
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
-from loops.symmetry import loop_symmetry
 from stability import judge, restrict
-from stability.paths.fan import Control, Fan, LoopStates
-from stability.paths.fan_limits import LIMITS, FanLimits, first_limits, followed_limits
-from stability.paths.model import PathModel, path_model
+from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.style import (
     BLACK,
     BLUE,
@@ -124,40 +130,29 @@ def present_fan(
     graph = graph.replace(x0=graph.x)
     contacts = contact_state(graph)
     overlap = float(np.mean(contacts.overlap / contacts.touching_length))
-    model = model_along_axes(graph, law, closure, spins)
     # All directions, 45 degrees among them: the isotropic one for equal sides.
     around = 0.25 * np.pi + np.linspace(-np.pi, np.pi, directions, endpoint=False)
-    fan = Fan(model, control, around, REACH_OVERLAPS * overlap)
-    if present_tangent(graph, fan, spins)[1] == "unstable":
-        return fan, FanLimits.none(directions, model.contact_count)
-    return fan, limits_along(fan, graph, spins)
-
-
-def model_along_axes(
-    graph: GrainGraph, law: ContactLaw, closure: Closure, spins: Spins
-) -> PathModel:
-    """Return the model of a loop with the symmetry that programmes along the axes keep."""
-    model = path_model(graph, contact_state(graph), law, closure, spins, None)
-    return replace(model, symmetry=loop_symmetry(graph).along_axes())
+    loop = Scene(graph, law)
+    fan = Fan(loop, closure, spins, control, around, REACH_OVERLAPS * overlap)
+    if present_tangent(fan)[1] == "unstable":
+        return fan, FanLimits.none(fan)
+    return fan, limits_along(fan)
 
 
 @one_blas_thread()
-def limits_along(fan: Fan, graph: GrainGraph, spins: Spins) -> FanLimits:
-    """Return first limits along the programmes; `follow` takes what the fan cannot settle."""
-    contacts = fan.model.contact_count
-    if spins == "blocked" and linear_springs(fan.model.law):
-        limits = first_limits(fan, LoopStates.at_rest(1, contacts, graph.shear_force))
-    else:
-        limits = FanLimits.none(len(fan.programme), contacts)
-        limits.open_question[:] = True
-    for programme in np.flatnonzero(limits.open_question):
-        followed_limits(fan, int(programme), limits, spins, graph)
+def limits_along(fan: Fan) -> FanLimits:
+    """Return first limits along the programmes, with a progress bar."""
+    console, limits = Console(stderr=True), FanLimits.none(fan)
+    rows, hidden = range(len(fan.programme)), not console.is_terminal
+    for row in track(rows, "programmes", console=console, transient=True, disable=hidden):
+        limits.follow(fan, row)
     return limits
 
 
-def present_tangent(graph: GrainGraph, fan: Fan, spins: Spins) -> tuple[Floats, str]:
+def present_tangent(fan: Fan) -> tuple[Floats, str]:
     """Tangent of the present state in (11, 22), and the verdict on it."""
-    tangent = macroscopic_tangent(graph, fan.model.law, fan.model.closure, spins=spins)
+    loop = fan.loop
+    tangent = macroscopic_tangent(loop.graph, loop.law, fan.closure, spins=fan.spins)
     return restrict(tangent, "diagonal"), judge(tangent, "diagonal").status
 
 
@@ -170,18 +165,10 @@ def start_work(tangent: Floats, fan: Fan) -> Floats:
     return np.asarray((strain * stress).sum(axis=1) / size)
 
 
-def stresses_of(fan: Fan, states: LoopStates) -> Floats:
-    """(B, 2, 2) nominal stresses of states."""
-    contacts, model = fan.contacts(states), fan.model
-    N, T = contacts.normal_force[..., None], contacts.shear_force[..., None]
-    force = N * contacts.n + T * contacts.t
-    return np.asarray(np.einsum("bci,cj->bij", force, model.d0) / model.volume)
-
-
-def in_planes(fan: Fan, states: LoopStates) -> dict[str, Floats]:
-    """Columns of strains and stresses along both axes."""
-    H, P = states.H, stresses_of(fan, states)
-    return {"E1": H[:, 0], "E2": H[:, 3], "s1": P[:, 0, 0], "s2": P[:, 1, 1]}
+def in_planes(limits: FanLimits, kind: str, rows: Flags) -> dict[str, Floats]:
+    """Columns of strains and stresses along both axes, in the states of a kind."""
+    H, P, *_ = (values[rows] for values in limits.states[kind])
+    return {"E1": H[:, 0], "E2": H[:, 3], "s1": P[:, 0], "s2": P[:, 3]}
 
 
 def strain_to(limits: FanLimits, kind: str) -> Floats:
@@ -191,26 +178,24 @@ def strain_to(limits: FanLimits, kind: str) -> Floats:
 
 def ends_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
     """Return the first limit of each programme, or its end, with strains and stresses there."""
-    kinds = [kind for kind in ENDS if kind in LIMITS]
+    kinds = [*(kind for kind in ENDS if kind in LIMITS), "end"]
     distance = np.stack([strain_to(limits, kind) for kind in kinds])
-    first, ended = distance.argmin(axis=0), np.isfinite(distance.min(axis=0))
-    kind = np.where(ended, np.array(kinds)[first], "end")
+    kind = np.where(np.isinf(distance).all(axis=0), "end", np.array(kinds)[distance.argmin(axis=0)])
     table = pd.DataFrame({"programme_deg": np.degrees(fan.programme), "kind": kind})
     table[["E1", "E2", "s1", "s2"]] = np.nan
-    known = {name: limits.states[name] for name in kinds} | {"end": limits.end}
-    for name, states in known.items():
-        at = np.flatnonzero(kind == name)
-        if states is not None and len(at):
-            own = in_planes(fan, states.take(at))
-            table.loc[at, [*own]] = np.column_stack([*own.values()])
+    for name in kinds:
+        at = (kind == name) & limits.found[name]
+        own = in_planes(limits, name, at)
+        table.loc[at, [*own]] = np.column_stack([*own.values()])
     return table
 
 
 def yields_of(fan: Fan, limits: FanLimits) -> pd.DataFrame:
     """State of the first yield on each programme that has one."""
-    at = np.flatnonzero(limits.found["yield"])
-    own = in_planes(fan, limits.states["yield"].take(at))
-    return pd.DataFrame({"programme_deg": np.degrees(fan.programme[at]), **own})
+    at = limits.found["yield"]
+    return pd.DataFrame(
+        {"programme_deg": np.degrees(fan.programme[at]), **in_planes(limits, "yield", at)}
+    )
 
 
 def loop_domain(
@@ -269,16 +254,13 @@ def loop_domain(
         received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
         raise InputError("first argument", received, "one loop", remedy)
     fan, limits = present_fan(scene.graph, scene.law, closure, spins, control, directions)
-    return domain_of(scene.graph, fan, limits, spins, "force/length")
+    return domain_of(fan, limits, "force/length")
 
 
-def domain_of(
-    graph: GrainGraph, fan: Fan, limits: FanLimits, spins: Spins, stress_unit: str
-) -> LoopDomain:
+def domain_of(fan: Fan, limits: FanLimits, stress_unit: str) -> LoopDomain:
     """Domain of a loop from its fan and the limits along it."""
-    here = LoopStates.at_rest(1, fan.model.contact_count, graph.shear_force)
-    start = np.diagonal(stresses_of(fan, here)[0])
-    tangent, status = present_tangent(graph, fan, spins)
+    start = np.diagonal(nominal_stress(fan.loop.graph))
+    tangent, status = present_tangent(fan)
     rows = ends_of(fan, limits)
     if status == "unstable":
         rows[["kind", "E1", "E2", "s1", "s2"]] = "start", 0.0, 0.0, *start

@@ -128,7 +128,7 @@ def turning(graph: GrainGraph) -> Floats:
 @cache
 def kernels() -> Any:
     """Return the functions of `ring`, compiled."""
-    return compiled(equations, called=("tangents", "relax"))
+    return compiled(equations, entry=("tangents", "relax"))
 
 
 def solve_compiled(

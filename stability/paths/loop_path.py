@@ -39,7 +39,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.regimes import Choice, RateStatus, Regimes
+from stability.regimes import ENUMERATION_LIMIT, Choice, RateStatus, Regimes
 from stability.spectra import subspace_basis
 
 # Statuses of a rate problem without regimes to go on with.
@@ -58,6 +58,7 @@ UNMOVED = 1e-13
 RELEASE = 1e-9
 # Status of a path that kept its symmetry to the end.
 SYMMETRY_KEPT = "to the end"
+STOPPED: tuple[PathStatus, str] = ("unfinished", "an event ends the path")
 OnTouch = Literal["ignore", "stop", "add"]
 
 
@@ -97,7 +98,8 @@ class LoopPathSolver:
 
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
-    `symmetry_kept`: How far the symmetry served.
+    `symmetry_kept`: How far the symmetry served; `stop`: Kinds of events at the first of which, in
+    the first subspace, the path ends.
     """
 
     model: PathModel
@@ -113,6 +115,8 @@ class LoopPathSolver:
     searches: Searches = field(default_factory=Searches)
     common: PointGroup | None = None
     symmetry_kept: str = SYMMETRY_KEPT
+    stop: tuple[str, ...] = ()
+    in_full: int = ENUMERATION_LIMIT
 
     @property
     def parameter(self) -> float:
@@ -174,6 +178,8 @@ class LoopPathSolver:
             here = self._take_regimes(stage, problem, before)
             if sense == 0.0:
                 return FINISHED
+            if self._stops():
+                return STOPPED
             if before is None:
                 if away := stage.away(sense):
                     return "lost", away
@@ -189,7 +195,7 @@ class LoopPathSolver:
                 return "lost", f"{name} to {stage.quantity}: {end.message}"
             self.record.row(self.model, end.here)
             record_fired(self.record, end, self.options.subspaces)
-            outcome = self._outcome(stage, end)
+            outcome = STOPPED if self._stops() else self._outcome(stage, end)
             if outcome is not None:
                 return outcome
             expected, before = expected_choices(end), end.here
@@ -230,8 +236,9 @@ class LoopPathSolver:
     ) -> Regimes[EdgeTrial]:
         state = unpack(model, self.y)
         problem = edge_problem(
-            model, state, self.mode, stage.programme, preferred=expected, direction=direction
-        )
+            model, state, self.mode, stage.programme, preferred=expected, direction=direction,
+            in_full=self.in_full,
+        )  # fmt: skip
         self.searches.add(problem)
         return problem
 
@@ -361,6 +368,12 @@ class LoopPathSolver:
             message = f"contacts {torn} part while they carry a force: the loop is out of balance"
             return "lost", message
         return None
+
+    def _stops(self) -> bool:
+        """Whether an event at which the path ends has happened."""
+        own = ("", self.options.subspaces[0])
+        events = self.record.events
+        return bool(self.stop) and any(e.kind in self.stop and e.subspace in own for e in events)
 
     def _carries_nothing(self) -> bool:
         """Whether every contact force is below `RELEASE`."""

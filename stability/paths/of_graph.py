@@ -15,7 +15,7 @@ from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, Held, edge_problem
 from stability.paths.state import first_state, initial_state, start_mode, unpack
 from stability.programmes import Programme, Stage
-from stability.regimes import Regimes
+from stability.regimes import ENUMERATION_LIMIT, Regimes
 
 
 def follow_loop(
@@ -26,8 +26,9 @@ def follow_loop(
     *,
     rows: int = 0,
     max_steps: int = 20_000,
+    stop: tuple[str, ...] = (),
 ) -> Path:
-    """Follow a loop through its stages, see `stability.follow`."""
+    """Follow a loop through its stages, see `stability.follow`; to the first event to `stop` at."""
     graph, law = scene.graph, scene.law
     require_unlimited_rolling(law)
     contacts = scene.contact_state
@@ -44,6 +45,8 @@ def follow_loop(
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
         periodic=graph.cell is not None,
+        stop=stop,
+        in_full=1 if stop else ENUMERATION_LIMIT,
     )
     solver.find_symmetry()
     start = solver.model

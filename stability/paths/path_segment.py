@@ -7,97 +7,74 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
-from scipy.integrate import DOP853, DenseOutput
-from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from loops.arrays import Flags, Floats, Integers
+from loops.arrays import Floats, Integers
 from loops.laws.frictional import Regime
+from stability.paths.kernels import QUANTITIES, Watch, answer, arrays_of, follow, ring_under
 from stability.paths.model import PathModel, pair_keys
+from stability.paths.ring_rates import RATES, VALUES, WATCHED_GAP
+from stability.paths.segment import (
+    EVENT,
+    ROW,
+    SIMULTANEOUS,
+    SINGULAR,
+    STUCK,
+    TOO_LONG,
+    Steps,
+    System,
+)
 from stability.paths.state import Mode, unpack
 from stability.paths.state_rates import StateRates
 from stability.programmes import NOTHING, Stage, area_ratio
 from stability.spectra import subspace_basis
 
-Anything = TypeVar("Anything")
-# Points at which the polynomial through the samples looks for an excursion between them.
-EXCURSION_POINTS = np.linspace(0.0, 1.0, 41)
 # An event function has changed its sign once it is beyond zero by more than its rounding.
 CROSSING_TOLERANCE = {
     "yield": 1e-13,
     "unloading": 1e-12,
     "opening": 1e-14,
     "closing": 1e-14,
-    "opposite_contact": 1e-14,
     "det_Ks_zero": 1e-12,
     "det_K_zero": 1e-12,
-    "flutter": 1e-12,
     "collapse": 0.0,
     "control_limit": 1e-12,
     "stage_end": 0.0,
+    "opposite_contact": 1e-14,
 }
+# Kinds as the kernels number them.
+KINDS = list(CROSSING_TOLERANCE)
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
-# Pairs of grains are watched whose gap is below this fraction of r_i + r_j.
-WATCHED_GAP = 0.1
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
 REAL_RTOL = 1e-7
-# Rows closer to an event than this share of their spacing are left out: the event has its own.
-ROW_OF_EVENT = 1e-6
-# Gauss points of a step, where rates are taken for the rows within it.
-NODES, _ = legendre.leggauss(8)
-# Shares of a step at which the event functions are compared.
-SAMPLES = np.linspace(0.0, 1.0, 5)
-# Condition number beyond which an integrator that stalls has met a singular point.
-ILL_CONDITIONED = 1e6
-# Steps after which the integrator has found its step size.
-SETTLED = 4
-# Longest step, over the size of the strains, at which the integrator stalls.
-STALLED = 1e-7
-# Evaluations after which a step is given up: forty sizes, each at most a fifth of the one before.
-EVALUATIONS = 480
-# Integrating a part of a step again takes a few steps; one below this share of the way is due
-# to a singular point.
-CREEPS = 1e-2
-# Event functions this close to zero where another event is located have their event there too.
-SIMULTANEOUS = 1e-11
 NO_PAIRS: Integers = np.zeros((0, 2), dtype=np.int64)
+MESSAGES = {
+    SINGULAR: "no step size keeps the error within its tolerance",
+    STUCK: "no step size keeps the error within its tolerance",
+    TOO_LONG: "the limit on the number of steps was reached",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class EventFunctions:
     """Event functions of a segment, each giving the values of a state.
 
-    `kinds`: Kind of event, one per value; `items` (M,): Contact, pair or eigenvalue that it belongs
-    to, four eigenvalues a subspace; -1 for none.
+    `kinds`: Kind of event, one per value; `items` (M,): Contact or eigenvalue that it belongs to,
+    four eigenvalues a subspace; -1 for none; `watch`: the same for kernels.
     """
 
     kinds: list[str]
     items: Integers
     functions: Sequence[Callable[[StateRates], Sequence[float] | Floats]]
-
-    @cached_property
-    def two_sided(self) -> Flags:
-        """(M,) whether a change of sign either way is the event; the others are negative before."""
-        return np.isin(self.kinds, SPECTRAL)
-
-    @cached_property
-    def tolerance(self) -> Floats:
-        """(M,) largest value beyond zero that may be rounding."""
-        return np.array([CROSSING_TOLERANCE[kind] for kind in self.kinds])
+    watch: Watch
 
     def values(self, here: StateRates) -> Floats:
-        """(M,) dimensionless values in a state, the pairs' left out."""
+        """(M,) dimensionless values in a state."""
         return np.concatenate([function(here) for function in self.functions])
-
-    def with_pairs(self, count: int) -> EventFunctions:
-        """These functions, then the overlaps of `count` pairs of grains."""
-        kinds = [*self.kinds, *["opposite_contact"] * count]
-        return EventFunctions(kinds, np.concatenate([self.items, np.arange(count)]), self.functions)
 
 
 def event_functions(
@@ -129,6 +106,10 @@ def event_functions(
         value = stage.value(here.H, here.P, here.state.parameter - start)
         return [sense * (value - stage.target)]
 
+    def closest_pair(here: StateRates) -> list[float]:
+        pairs = pairs_in_reach(model, here.x)
+        return [float(pair_overlaps(model, pairs, here.x).max(initial=-WATCHED_GAP))]
+
     watched: list[tuple[Sequence[str], Any, Callable[[StateRates], Any]]] = [
         (["yield"], elastic, beyond_strength),
         (["unloading"], sliding, lambda here: -here.slip[sliding] / force),
@@ -141,12 +122,22 @@ def event_functions(
         (["collapse"], none, lambda here: [-area_ratio(here.H)]),
         (["control_limit"], none, lambda here: [-here.rates.parameter / parameter_unit]),
         (["stage_end"], none, beyond_target),
+        (["opposite_contact"], none, closest_pair),
     ]
-    return EventFunctions(
-        kinds=[kind for kinds, items, _ in watched for kind in kinds for _ in items],
-        items=np.concatenate([items for kinds, items, _ in watched for _ in kinds]).astype(int),
-        functions=[function for *_, function in watched],
-    )
+    kinds = [kind for kinds, items, _ in watched for kind in kinds for _ in items]
+    items = np.concatenate([items for kinds, items, _ in watched for _ in kinds]).astype(np.int64)
+    spaces = [subspace_basis(one) for one in subspaces]
+    bases = np.zeros((len(spaces), 4, 4))
+    for basis, one in zip(bases, spaces, strict=True):
+        basis[: len(one)] = one
+    tolerance = np.array([[CROSSING_TOLERANCE[kind] for kind in kinds], np.isin(kinds, SPECTRAL)])
+    codes = [KINDS.index(kind) for kind in kinds]
+    watch = Watch(
+        np.column_stack([codes, items]).astype(np.int64), tolerance * 1.0, bases,
+        np.array([len(one) for one in spaces], dtype=np.int64), QUANTITIES[stage.quantity],
+        (stage.target, sense, start, size, parameter_unit),
+    )  # fmt: skip
+    return EventFunctions(kinds, items, [function for *_, function in watched], watch)
 
 
 def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
@@ -161,17 +152,17 @@ def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
     return "det_K_zero" if real else "flutter"
 
 
-def pairs_in_reach(model: PathModel, places: list[Floats]) -> Integers:
-    """(Q, 2) pairs of grains without a contact that are near in one of the places (G, 2)."""
+def pairs_in_reach(model: PathModel, x: Floats) -> Integers:
+    """(Q, 2) pairs of grains without a contact that are near where the grains are at x (G, 2)."""
     # Beside a singular state the interpolant may have left the numbers.
-    if not model.watches_pairs or not np.isfinite(places).all():
-        return np.zeros((0, 2), dtype=np.int64)
+    if not model.watches_pairs or not np.isfinite(x).all():
+        return NO_PAIRS
     reach = (1.0 + WATCHED_GAP) * 2.0 * float(model.radii.max())
-    found = [cKDTree(x).query_pairs(reach, output_type="ndarray") for x in places]
-    pairs = np.unique(np.concatenate(found), axis=0)
-    gaps = np.max([pair_overlaps(model, pairs, x) for x in places], axis=0, initial=-np.inf)
+    pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[np.lexsort(pairs.T[::-1])]
     met = np.isin(pair_keys(model, pairs), model.met)
-    return np.asarray(pairs[(gaps > -WATCHED_GAP) & ~met], dtype=np.int64)
+    near = pair_overlaps(model, pairs, x) > -WATCHED_GAP
+    return np.asarray(pairs[near & ~met], dtype=np.int64)
 
 
 def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
@@ -191,92 +182,6 @@ def _spectra(here: StateRates, subspace: str) -> Floats:
         return np.full(2 * len(basis), np.nan)
     symmetric = np.linalg.eigvalsh(0.5 * (K + K.T))
     return np.asarray(np.concatenate([symmetric, np.sort(np.linalg.eigvals(K).real)]) / norm)
-
-
-def first_crossing(
-    table: Floats, thetas: Floats, tolerance: Floats, values: Callable[[float], Floats]
-) -> tuple[float, int] | None:
-    """First place within a step where a function rises through zero, and which one.
-
-    Excursions between the samples are looked for along the polynomial through them.
-    """
-    places, rows = _with_excursions(table, thetas, tolerance, values)
-    beyond = np.flatnonzero((rows[1:] > tolerance).any(axis=1))
-    if len(beyond) == 0:
-        return None
-    k = int(beyond[0])
-    a, b = float(places[k]), float(places[k + 1])
-    crossed = np.flatnonzero(rows[k + 1] > tolerance)
-    low, high = np.minimum(rows[k, crossed], 0.0), rows[k + 1, crossed]
-    while True:
-        # A function that starts above zero, by rounding, has its root at the start.
-        first = int(np.argmin(-low / (high - low)))
-        which = int(crossed[first])
-        if not low[first] < 0:
-            return a, which
-        # The root of the likeliest function bounds the interval for those that cross before it.
-        b = _root(values, which, a, b)
-        here = values(b)
-        earlier = np.flatnonzero((here[crossed] > tolerance[crossed]) & (crossed != which))
-        if len(earlier) == 0:
-            return b, which
-        crossed, low, high = crossed[earlier], low[earlier], here[crossed[earlier]]
-
-
-def polish(
-    at: Callable[[float], tuple[Floats, Anything, Floats]],
-    which: int,
-    theta: float,
-    interpolated: Callable[[float], float],
-) -> tuple[Floats, Anything, Floats]:
-    """Correct a root of the interpolant by integrating to it: Newton with a fixed slope."""
-    low, high = max(theta - 1e-4, 0.0), min(theta + 1e-4, 1.0)
-    slope = (interpolated(high) - interpolated(low)) / (high - low)
-    best = at(theta)
-    for _ in range(3):
-        error = float(best[2][which])
-        if not slope > 0 or not abs(error) > 1e-16:
-            break
-        moved = min(max(theta - error / slope, 0.0), 1.0)
-        trial = at(moved)
-        if not abs(trial[2][which]) < abs(error):
-            break
-        theta, best = moved, trial
-    return best
-
-
-def _root(values: Callable[[float], Floats], which: int, a: float, b: float) -> float:
-    """Root of one function within an interval at whose start it is negative."""
-    try:
-        return float(brentq(lambda theta: values(theta)[which], a, b, xtol=1e-15, rtol=1e-14))
-    except ValueError:
-        # Next to a singular state the interpolant is rough: not a number somewhere, or not of the
-        # signs that its samples have. Halve the interval towards where it stops being negative.
-        while b - a > np.finfo(float).eps:
-            middle = 0.5 * (a + b)
-            a, b = (middle, b) if values(middle)[which] < 0 else (a, middle)
-        return b
-
-
-def _with_excursions(
-    table: Floats, thetas: Floats, tolerance: Floats, values: Callable[[float], Floats]
-) -> tuple[Floats, Floats]:
-    """Samples, and places between them where a function is above zero."""
-    quiet = np.flatnonzero((table <= tolerance).all(axis=0))
-    if len(quiet) == 0:
-        return thetas, table
-    powers = np.linalg.solve(np.vander(thetas), table[:, quiet])
-    peaks = np.vander(EXCURSION_POINTS, len(thetas)) @ powers
-    above = np.flatnonzero((peaks > tolerance[quiet]).any(axis=0))
-    places, rows = list(thetas), list(table)
-    for column in above:
-        theta = float(EXCURSION_POINTS[np.argmax(peaks[:, column])])
-        row = values(theta)
-        if row[quiet[column]] > tolerance[quiet[column]]:
-            places.append(theta)
-            rows.append(row)
-    order = np.argsort(places, kind="stable")
-    return np.asarray(places)[order], np.asarray(rows)[order]
 
 
 # ---- integration from event to event
@@ -313,8 +218,8 @@ class SegmentEnd:
 
     `y` (Y,): Integrated variables; `here`: The state in the regimes of the segment; `fired`: Kinds
     and items of the events, empty if the integrator gave up; `steps`: Accepted steps; `message`:
-    Why the integrator gave up; `pairs` (Q, 2): Pairs of grains that the items of 'opposite_contact'
-    count.
+    Why the integrator gave up; `pairs` (Q, 2): Pairs of grains that touch, which the items of
+    'opposite_contact' count.
     """
 
     y: Floats
@@ -334,210 +239,68 @@ def follow_segment(
     steps_left: int,
 ) -> SegmentEnd:
     """Integrate from `y` to the first event."""
-    functions, here = segment.functions, segment.at(y, gauge)
-    values = functions.values(here)
-    # Signs that make every function negative until its event; 0 where that is not yet known.
-    known = np.abs(values) > np.maximum(functions.tolerance, SIMULTANEOUS)
-    sign = np.where(functions.two_sided, np.where(known, -np.sign(values), 0.0), 1.0)
-    solver = _solver(segment, y, gauge, np.inf, None)
-    for steps in range(1, steps_left + 1):
-        begin, y_begin = float(solver.t), solver.y
-        message = _advance(solver)
-        ill_conditioned = here.rates.condition > ILL_CONDITIONED
-        # The integrator creeps up to a singular point of the controlled system.
-        stalled = float(solver.t) - begin < STALLED * segment.size
-        if message or (steps > SETTLED and stalled and ill_conditioned):
-            fired = [("singular", -1)] if ill_conditioned else []
-            return SegmentEnd(y_begin, here, fired, steps, message)
-        end, dense = float(solver.t), solver.dense_output()
-        step = _Step(segment, begin, y_begin, end, solver.y, dense, gauge)
-        samples = [here, *(step.at(theta) for theta in SAMPLES[1:])]
-        table = np.vstack([values, *(functions.values(each) for each in samples[1:])])
-        # A function that starts at its zero takes the side to which it goes.
-        for k in np.flatnonzero(sign == 0.0):
-            beyond = table[np.abs(table[:, k]) > functions.tolerance[k], k]
-            if len(beyond):
-                sign[k] = -np.sign(beyond[0])
-        pairs = pairs_in_reach(segment.model, [each.x for each in samples])
-        overlaps = np.array([pair_overlaps(segment.model, pairs, each.x) for each in samples])
-        signs = np.concatenate([sign, np.ones(len(pairs))])
-        watched = functions.with_pairs(len(pairs))
-        crossing = first_crossing(
-            np.hstack([table, overlaps]) * signs,
-            SAMPLES,
-            watched.tolerance,
-            partial(step.signed_values, pairs, signs),
-        )
-        until = 1.0 if crossing is None else crossing[0]
-        for place in _branchings(step, samples, until):
-            record_branching(place)
-        for row in _rows(step, until):
-            record_row(row)
-        if crossing is not None:
-            return _end_at_event(step, watched, signs, pairs, crossing, steps)
-        here, values = samples[-1], table[-1]
-        if not np.isfinite(segment.row_step):
-            record_row(here)
-        # The next step's direction is measured against the current one.
-        gauge = here.rates.gauge
-        solver.fun = partial(_right_hand_side, segment, gauge)
-    message = "the limit on the number of steps was reached"
-    return SegmentEnd(solver.y, here, [], steps_left, message)
+    functions = segment.functions
+    how = Steps(
+        float(segment.rtol), np.array(segment.atol), float(segment.max_step),
+        float(segment.row_step), float(segment.size), steps_left,
+    )  # fmt: skip
+    mode, programme = segment.mode, segment.stage.programme
+    ring = ring_under(segment.model, mode.regime, programme)
+    width = max(len(y), len(functions.kinds) + 1, 7) + 1
+    numbers, whole = np.zeros(3 * width), np.array([width])
+    if ring is not None:
+        numbers, whole, _ = arrays_of(ring, mode.regime, mode.side, programme, functions.watch)
+    plain = called_back(segment, len(y), numbers[: 3 * whole[0]].reshape(3, -1))
+    call = plain if ring is None else answer()
+    system = System(call, plain, numbers, whole, functions.watch.tolerance)
+    code, steps, end, last, fired, record = follow()(system, np.array(y), np.array(gauge), how)
+    if plain.raised is not None:
+        raise plain.raised
+    for row in record:
+        kept = record_row if row[0] == ROW else record_branching
+        kept(segment.at(row[1 : len(y) + 1], row[len(y) + 1 :]))
+    here = segment.at(end, last)
+    if code != EVENT:
+        singular = [("singular", -1)] if code == SINGULAR else []
+        return SegmentEnd(end, here, singular, steps, MESSAGES[code])
+    if here.by_kernel is not None and not np.isfinite(here.by_kernel[1]).all():
+        # A singular balance, of which the kernel has no tangent.
+        spectral = np.isin(functions.kinds, SPECTRAL)
+        fired |= spectral & (np.abs(functions.values(here)) <= SIMULTANEOUS)
+    kinds = np.flatnonzero(fired)
+    events = [(functions.kinds[k], int(functions.items[k])) for k in kinds]
+    pairs = NO_PAIRS
+    if ("opposite_contact", -1) in events:
+        events.remove(("opposite_contact", -1))
+        pairs = pairs_in_reach(segment.model, here.x)
+        overlaps = pair_overlaps(segment.model, pairs, here.x)
+        least = min(-SIMULTANEOUS, float(overlaps.max(initial=-np.inf)))
+        pairs = pairs[overlaps >= least]
+        events += [("opposite_contact", k) for k in range(len(pairs))]
+    return SegmentEnd(end, here, events, steps, pairs=pairs)
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """One accepted step with its interpolant, `theta` from 0 to 1."""
+def called_back(segment: Segment, size: int, shared: Floats) -> Any:
+    """Return rates and event functions by numpy, called back, see `System`."""
+    from stability.paths.calls import Callback
 
-    segment: Segment
-    begin: float
-    y_begin: Floats
-    end: float
-    y_end: Floats
-    dense: DenseOutput
-    gauge: Floats
+    functions, count = segment.functions, len(segment.functions.kinds)
+    y, gauge, out = shared[0, :size], shared[1, :5], shared[2]
+    last: tuple[bytes, StateRates] | None = None
 
-    def at(self, theta: float) -> StateRates:
-        y = self.y_end
-        if theta < 1.0:
-            y = self.dense(self.begin + theta * (self.end - self.begin))
-        return self.segment.at(y, self.gauge)
-
-    def signed_values(self, pairs: Integers, signs: Floats, theta: float) -> Floats:
-        """Event functions, then overlaps of the pairs of grains: negative until the event."""
-        return self.values_of(self.at(theta), pairs) * signs
-
-    def values_of(self, here: StateRates, pairs: Integers) -> Floats:
-        overlaps = pair_overlaps(self.segment.model, pairs, here.x)
-        return np.concatenate([self.segment.functions.values(here), overlaps])
-
-    def integrate(self, theta: float) -> Floats:
-        """Variables integrated again from the start of the step: no interpolation error."""
-        length = theta * (self.end - self.begin)
-        if length == 0.0:
-            return self.y_begin
-        solver = _solver(self.segment, self.y_begin, self.gauge, length, length)
-        _advance(solver)
-        while solver.status == "running" and solver.step_size >= CREEPS * length:
-            _advance(solver)
-        if solver.status == "finished":
-            return np.asarray(solver.y)
-        # Next to a singular point the interpolant is all there is.
-        return np.asarray(self.dense(self.begin + length))
-
-
-def _rows(step: _Step, until: float) -> list[StateRates]:
-    """Rows within a step: its rates integrated along its interpolant.
-
-    The interpolant is an order below the step. What it misses, `y' - f(y)`, oscillates: its
-    integral is smaller by what the rates change over a part of the step, and is left out.
-    """
-    length, spacing = until * (step.end - step.begin), step.segment.row_step
-    if not np.isfinite(spacing):
-        return []
-    last = step.begin + length - (ROW_OF_EVENT * spacing if until < 1.0 else 0.0)
-    marks = np.arange(np.floor(step.begin / spacing) + 1.0, np.floor(last / spacing) + 1.0)
-    if len(marks) == 0:
-        return []
-    thetas = (marks * spacing - step.begin) / length
-    points = step.dense(step.begin + 0.5 * length * (1.0 + NODES)).T
-    rates = [step.segment.at(y, step.gauge).y_rates for y in points]
-    integral = legendre.legint(legendre.legfit(NODES, rates, len(NODES) - 1), lbnd=-1.0)
-    places = step.y_begin + 0.5 * length * legendre.legval(2.0 * thetas - 1.0, integral).T
-    if not np.isfinite(places).all():
-        # Next to a singular point the interpolant is all there is.
-        return [step.at(until * theta) for theta in thetas]
-    return [step.segment.at(y, step.gauge) for y in places]
-
-
-def _branchings(step: _Step, samples: list[StateRates], until: float) -> list[StateRates]:
-    """Places within a step where other paths branch off.
-
-    On the interpolant, and without a restart: the rates are not determined there.
-    """
-    determinants = [each.balance_determinant for each in samples]
-    places = []
-    for k in range(1, len(samples)):
-        if determinants[k - 1] * determinants[k] < 0:
-            a, b = float(SAMPLES[k - 1]), float(SAMPLES[k])
-            try:
-                theta = brentq(lambda theta: step.at(theta).balance_determinant, a, b, xtol=1e-14)
-            except ValueError:
-                # No number somewhere between: the balance itself is singular there.
-                continue
-            if theta < until:
-                places.append(step.at(theta))
-    return places
-
-
-def _end_at_event(
-    step: _Step,
-    watched: EventFunctions,
-    signs: Floats,
-    pairs: Integers,
-    crossing: tuple[float, int],
-    steps: int,
-) -> SegmentEnd:
-    """Put the path on the event, and find what else happens there."""
-    theta, which = crossing
-
-    def integrated(theta: float) -> tuple[Floats, StateRates, Floats]:
-        y = step.integrate(theta)
-        here = step.segment.at(y, step.gauge)
-        return y, here, step.values_of(here, pairs) * signs
-
-    def interpolated(theta: float) -> float:
-        return float(step.signed_values(pairs, signs, theta)[which])
-
-    y, here, values = polish(integrated, which, theta, interpolated)
-    before = step.signed_values(pairs, signs, 0.0)
-    at_event = (np.abs(values) <= SIMULTANEOUS) & ((before < 0) | ~watched.two_sided)
-    at_event[which] = True
-    fired = [(watched.kinds[k], int(watched.items[k])) for k in np.flatnonzero(at_event)]
-    return SegmentEnd(y, here, fired, steps, pairs=pairs)
-
-
-def _solver(
-    segment: Segment, y: Floats, gauge: Floats, bound: float, first_step: float | None
-) -> DOP853:
-    return DOP853(
-        partial(_right_hand_side, segment, gauge),
-        0.0,
-        y,
-        bound,
-        max_step=segment.max_step,
-        rtol=segment.rtol,
-        atol=segment.atol,
-        first_step=first_step,
-    )
-
-
-def _right_hand_side(segment: Segment, gauge: Floats, _: float, y: Floats) -> Floats:
-    return segment.at(y, gauge).y_rates
-
-
-class _RejectedError(Exception):
-    """The integrator has tried too many step sizes."""
-
-
-def _advance(solver: DOP853) -> str:
-    """Take one accepted step; the reason if there is none."""
-    rates, left = solver.fun, EVALUATIONS
-
-    def counted(t: float, y: Floats) -> Floats:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            raise _RejectedError
-        return rates(t, y)
-
-    solver.fun = counted
-    try:
+    def reply(wanted: int) -> None:
+        nonlocal last
+        key = y.tobytes() + gauge.tobytes()
+        if last is None or last[0] != key:
+            last = key, segment.at(y.copy(), gauge.copy())
+        here = last[1]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            message = solver.step()
-    except _RejectedError:
-        solver.status = "failed"
-        message = "no step size keeps the error within its tolerance"
-    finally:
-        solver.fun = rates
-    return message or ""
+            if wanted == RATES:
+                out[:size] = here.y_rates
+            elif wanted == VALUES:
+                out[:count], out[count] = functions.values(here), here.balance_determinant
+            else:
+                out[:5], out[5] = here.rates.gauge, here.rates.condition
+        out[-1] = 1.0
+
+    return Callback(reply, out)

@@ -11,6 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
 from stability.path import CHANGES, Event, EventKind, ModelChoice, ModelOption, Path, PathStatus
+from stability.paths.kernels import ring_of
 from stability.paths.model import PathModel
 from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
@@ -151,7 +152,7 @@ def model_choice(
         contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
         branch_search=str(searches),
         branch_solves=searches.without_choice + searches.tried,
-        kernels="plain",
+        kernels="plain" if ring_of(model) is None else "compiled",
         kept=kept,
     )
 

@@ -19,6 +19,7 @@ from stability.paths.state import Mode, PathState, Rates, centres, contacts_at, 
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import NOTHING, Programme
 from stability.regimes import (
+    ENUMERATION_LIMIT,
     INSIDE,
     Choice,
     EdgeRates,
@@ -107,6 +108,7 @@ def edge_problem(
     direction: Floats | None,
     gauge: Floats = UNIT_PARAMETER,
     held: Held | None = None,
+    in_full: int = ENUMERATION_LIMIT,
 ) -> Regimes[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
@@ -144,7 +146,7 @@ def edge_problem(
         present = Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
         choice = wanted.get(c, present)
         first.append(choice if choice in can else can[0])
-    problem = FullProblem(orbits.options, rates_for)
+    problem = FullProblem(orbits.options, rates_for, in_full)
     if held is None:
         found = agreeing(problem, preferred=first, direction=direction)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,13 @@ from loops.closures.null_space import (
     LeastSquares,
     solve_through_null_space,
 )
+from loops.closures.ring import NX, NY, G
 from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_rates
+from stability.paths import ring_rates
+from stability.paths.kernels import NO_FUNCTIONS, answer, arrays_of, ring_under
 from stability.paths.model import PathModel, Unknowns
 from stability.paths.state import (
     Mode,
@@ -36,8 +40,6 @@ from stability.paths.state import (
 )
 from stability.programmes import Programme
 
-# Loops longer than this are not searched for branching points.
-MOST_GRAINS = 60
 # Slip of a gear mode over the largest depth over the radius that may be rounding.
 GEAR_RTOL = 64 * float(np.finfo(float).eps)
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
@@ -88,12 +90,24 @@ class StateRates:
         return closure_equations(self.model, self.H, self.sided, self.mode.regime)
 
     @cached_property
+    def by_kernel(self) -> tuple[Rates, Floats] | None:
+        """Rates in the unit of time of the gauge and tangent, if kernels know them."""
+        mode, state = self.mode, self.state
+        ring = ring_under(self.model, mode.regime, self.programme)
+        if ring is None:
+            return None
+        y = pack(state.place, state.shear_force, state.parameter, state.work)
+        return look_at(ring, mode.regime, mode.side, self.programme, y, self.gauge)
+
+    @cached_property
     def raw_rates(self) -> Rates:
         """Rates in the unit of time of the gauge.
 
         The loading parameter is an unknown like the others, so a limit of the control
         (`parameter' = 0`) is an ordinary point unless the gauge is that parameter.
         """
+        if self.by_kernel is not None:
+            return self.by_kernel[0]
         model, law, equations = self.model, self.model.law, self.equations
         unknowns, control = (
             model.unknowns.rates,
@@ -139,6 +153,8 @@ class StateRates:
     @cached_property
     def A(self) -> Floats:
         """(4, 4) macroscopic tangent, `P' = A H'`, in these regimes; nan if not trusted."""
+        if self.by_kernel is not None:
+            return self.by_kernel[1]
         blocks = self.model.unknowns.tangent
         parts = [stress_of_strain(self.equations.matrix, unknowns) for unknowns in blocks]
         return np.asarray(sum(parts[1:], parts[0]) * self.model.stiffness)
@@ -163,7 +179,9 @@ class StateRates:
         their number. At a limit of the control it does not vanish.
         """
         model = self.model
-        small = model.grain_count <= MOST_GRAINS and (self.mode.regime != Regime.OPEN).all()
+        small = (
+            model.grain_count <= ring_rates.MOST_GRAINS and (self.mode.regime != Regime.OPEN).all()
+        )
         if model.closure == "affine" or model.spins == "free" or not small:
             return np.nan
         matrix, everything = self.equations.matrix, model.unknowns.everything
@@ -187,6 +205,27 @@ class StateRates:
         np.add.at(unbalanced, i, -f)
         np.add.at(unbalanced, j, f)
         return float(np.abs(unbalanced).max() / (model.stiffness * model.length))
+
+
+def look_at(
+    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, y: Floats, gauge: Floats
+) -> tuple[Rates, Floats] | None:
+    """Rates of a state in the unit of time of the gauge, and tangent; None if they aren't known."""
+    numbers, whole, p = arrays_of(ring, regime, side, programme, NO_FUNCTIONS)
+    p.shared[0, : len(y)], p.shared[1, :5] = y, gauge
+    answer().call(ring_rates.LOOK, numbers.ctypes.data, whole.ctypes.data)
+    condition, parameter, known = p.shared[2, [5, 6, -1]].tolist()
+    if not known:
+        return None
+    table, small = p.table, p.small
+    en, et, spun, w_i, w_j, normal, shear = table[:, ring_rates.EN : ring_rates.SHEAR_RATE + 1].T
+    nx, ny = table[:, NX], table[:, NY]
+    rates = Rates(
+        small[ring_rates.H_RATE, :4], small[ring_rates.P_RATE, :4], parameter,
+        en, table[:, G] * et - spun, normal, shear,
+        np.column_stack([nx * en - ny * et, ny * en + nx * et, w_i, w_j]), condition, True,
+    )  # fmt: skip
+    return rates, small[ring_rates.TANGENT : ring_rates.CONTROL, :4]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,19 +2,15 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene, contact_state
-from loops.symmetry import loop_symmetry
+from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
-from stability.paths.fan import Fan, LoopStates
-from stability.paths.fan_limits import first_limits
-from stability.paths.model import path_model
+from stability.paths.domain import Fan, FanLimits
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
 from studies.loop_domain import loop_limits, unstable_share
 from studies.paths.options import PolygonOptions
@@ -180,6 +176,13 @@ def test_drawn_losses_are_those_of_the_fan():
         np.testing.assert_allclose([row.E1, row.E2], H, rtol=0, atol=1e-8)
 
 
+def limits_at_40(loop, law, closure):
+    fan = Fan(Scene(loop, law), closure, "blocked", "strain", np.radians([40.0]), 0.95)
+    limits = FanLimits.none(fan)
+    limits.follow(fan, 0)
+    return limits
+
+
 @pytest.mark.slow
 def test_losses_at_large_n():
     """Affine closure, strain at 40 degrees: the limits and the distance from them."""
@@ -188,9 +191,7 @@ def test_losses_at_large_n():
     for row in rows:
         loop = regular_polygon(int(row["n"]))
         law = LinearFrictional(1.0, KAPPA)
-        model = path_model(loop, contact_state(loop), law, "affine", "blocked", None)
-        fan = Fan(model, "strain", np.radians([40.0]), 0.95)
-        limits = first_limits(fan, LoopStates.at_rest(1, int(row["n"])))
+        limits = limits_at_40(loop, law, "affine")
         for name in ("det_Ks", "det_K"):
             H = limits.states[f"{name}_zero"].H[0]
             found[name, row["n"]] = np.hypot(H[0], H[3])
@@ -209,10 +210,7 @@ def test_losses_at_large_n_under_the_traction_closure():
         assert says(row["off the limit"], told[int(row["n"])] - 0.327366)
         if int(row["n"]) <= 65:
             loop, law = regular_polygon(int(row["n"])), LinearFrictional(1.0, KAPPA)
-            model = path_model(loop, contact_state(loop), law, "traction", "blocked", None)
-            model = replace(model, symmetry=loop_symmetry(loop).along_axes())
-            fan = Fan(model, "strain", np.radians([40.0]), 0.95)
-            limits = first_limits(fan, LoopStates.at_rest(1, int(row["n"])))
+            limits = limits_at_40(loop, law, "traction")
             for name in ("det_Ks", "det_K"):
                 H = limits.states[f"{name}_zero"].H[0]
                 assert says(row[f"{name.replace('_', ' ')} = 0"], np.hypot(H[0], H[3]))

@@ -74,7 +74,8 @@ def test_point_b_equals_twenty_digits(table, closure):
     assert path.status == "finished"
     (event,) = path.of_kind("yield")
     assert event.contacts == (0, 1, 2, 3)
-    atol = 2e-15
+    # Contacts soft in shear, kt/kn - N/(kn l) from .05 on, have compliances that amplify rounding.
+    atol = 2e-15 if closure == "affine" else 2e-14
     assert path.H[event.index] == pytest.approx([E1, 0, 0, E2], abs=atol)
     assert path.P[event.index, [0, 3]] == pytest.approx([s1, path.P[-1, 3]], abs=atol)
 

@@ -12,7 +12,6 @@ from stability.path import Event, describe
 from stability.paths.model import path_model
 from stability.paths.path_segment import (
     _spectra,
-    _with_excursions,
     area_ratio,
     pair_overlaps,
 )
@@ -228,18 +227,3 @@ def test_overlaps_are_in_the_unit_of_the_touching_distance(length):
     x = length * np.array([[0.0, 0.0], [0.24, 0.32], [0.24, 0.92]])
     found = pair_overlaps(model, np.array([[0, 1], [1, 2]]), x)
     np.testing.assert_allclose(found, [0.2, -0.2], rtol=0, atol=1e-14)
-
-
-def test_a_function_positive_between_its_samples_is_found():
-    """Of three functions below zero at the samples the second rises above it, at .3."""
-    thetas = np.array([0.0, 0.5, 1.0])
-
-    def values(theta):
-        return np.array([-1.0, 0.01 - (theta - 0.3) ** 2, -0.01 - (theta - 0.3) ** 2])
-
-    table = np.array([values(theta) for theta in thetas])
-    places, rows = _with_excursions(table, thetas, np.full(3, 1e-9), values)
-    np.testing.assert_allclose(places, [0.0, 0.3, 0.5, 1.0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(rows, [values(theta) for theta in places], rtol=0, atol=1e-12)
-    places, _ = _with_excursions(table[:, [0, 2]], thetas, np.full(2, 1e-9), values)
-    np.testing.assert_array_equal(places, thetas)

@@ -11,7 +11,6 @@ from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.path_segment import first_crossing, polish
 from tests.oracles.diamond_general import drained_states
 from tests.oracles.drained import drained_path as exact_drained_path
 
@@ -154,7 +153,7 @@ def test_added_contact_carries_its_overlap(closure):
     before, after = path.regime[0, 4], path.regime[-1, 4]
     assert (before, after) == (Regime.OPEN, Regime.ELASTIC)
     chord = 1 - 2 * np.sin(angle) * (1 - end)
-    assert path.normal_force[-1] == pytest.approx([end] * 4 + [chord], abs=1e-14)
+    assert path.normal_force[-1] == pytest.approx([end] * 4 + [chord], abs=2e-14)
     # It stands along axis 2: P22 gains its force times its reference length.
     gained = path.P[-1, 3] - 4 * end * np.sin(angle) ** 2
     assert gained == pytest.approx(chord * 2 * np.sin(angle), abs=1e-13)
@@ -331,29 +330,6 @@ def test_open_ring_contacts_leave_the_affine_path_to_the_others():
     assert event.contacts == (1, 4)
     assert path.H[event.index, 0] == pytest.approx(0.0, abs=1e-14)
     assert path.P[-1, 3] == pytest.approx(path.P[event.index, 3], abs=1e-14)
-
-
-def test_event_functions_that_graze_zero_between_samples_are_found():
-    thetas = np.linspace(0, 1, 5)
-
-    def f(theta):
-        return np.array([1e-4 - (theta - 0.37) ** 2, -1.0])
-
-    table = np.array([f(theta) for theta in thetas])
-    assert (table < 0).all()
-    theta, which = first_crossing(table, thetas, np.zeros(2), f)
-    assert which == 0
-    assert theta == pytest.approx(0.36, abs=1e-12)
-
-
-def test_roots_of_the_interpolant_are_corrected_by_the_integrator():
-    # The interpolant is off by 1e-7; the integrator knows that the root is at 0.3.
-    def at(theta):
-        return np.array([theta]), None, np.array([np.sin(theta - 0.3)])
-
-    (theta,), _, values = polish(at, 0, 0.3 + 1e-7, lambda theta: np.sin(theta - 0.3 - 1e-7))
-    assert theta == pytest.approx(0.3, abs=1e-15)
-    assert abs(values[0]) < 1e-15
 
 
 class Parabola(programmes.Programme):

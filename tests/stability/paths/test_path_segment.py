@@ -1,7 +1,5 @@
 """Parts of a path's segment: event functions in any units, first crossings, roots, branchings."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,20 +8,11 @@ from loops import GrainGraph, LinearFrictional, Regime, contact_state
 from patterns import random_loop
 from stability import Stage, programmes
 from stability.paths.model import path_model
-from stability.paths.path_segment import (
-    SAMPLES,
-    Segment,
-    _branchings,
-    _right_hand_side,
-    _root,
-    _Step,
-    eigenvalue_kind,
-    event_functions,
-    first_crossing,
-    pair_overlaps,
-)
-from stability.paths.state import Mode, initial_state, scales, unpack
+from stability.paths.path_segment import eigenvalue_kind, event_functions
+from stability.paths.segment import SINGULAR, TOO_LONG
+from stability.paths.state import Mode, initial_state, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
+from tests.stability.paths.driven import drive
 
 
 def start_of(programme, length=1.0, kn=1.0, closure="traction", regimes=()):
@@ -61,7 +50,7 @@ def test_event_functions_are_numbers_without_units(load):
     model, functions, plain = values(stage, 1.0)
     kinds = np.array(functions.kinds)
     assert set(kinds) >= {"yield", "unloading", "opening", "closing", "control_limit"}
-    assert (functions.items[-3:] == -1).all() and (np.abs(plain[:-1]) > 1e-6).all()
+    assert (functions.items[-4:] == -1).all() and (np.abs(plain[:-2]) > 1e-6).all()
     overlap = model.overlap0 / model.touching
     np.testing.assert_allclose(plain[kinds == "opening"], -overlap[[0, 2, 3, 4]], rtol=1e-9)
     np.testing.assert_allclose(plain[kinds == "closing"], overlap[1], rtol=1e-9)
@@ -86,84 +75,100 @@ def test_a_pair_of_eigenvalues_is_real_within_a_share_of_the_operator(size):
     assert eigenvalue_kind(np.nan * A, "diagonal", 0) == "det_K_zero"
 
 
-def at_of(function):
-    return lambda theta: SimpleNamespace(balance_determinant=function(theta), theta=theta)
+def clock(y):
+    return np.ones_like(y)
+
+
+def lines(slopes, roots):
+    """Functions `slope (t - root)` of a clock."""
+    return lambda y: np.array(slopes) * (y[0] - np.array(roots))
 
 
 @pytest.mark.parametrize(("until", "count"), [(1.0, 2), (0.5, 1), (0.05, 0)])
 def test_branchings_are_the_changes_of_sign_before_an_event(until, count):
-    at = at_of(lambda theta: (theta - 0.1) * (theta - 0.6) * (theta + 2.0))
-    samples = [at(theta) for theta in SAMPLES]
-    found = [place.theta for place in _branchings(SimpleNamespace(at=at), samples, until)]
-    np.testing.assert_allclose(found, [0.1, 0.6][:count], rtol=0, atol=1e-12)
-    at = at_of(lambda theta: -1.0 - theta)
-    assert not _branchings(SimpleNamespace(at=at), [at(theta) for theta in SAMPLES], until)
+    found = drive(
+        clock, lines([1.0], [until]), balance=lambda y: (y[0] - 0.1) * (y[0] - 0.6) * (y[0] + 2.0)
+    )
+    np.testing.assert_allclose(found.branchings[:, 0], [0.1, 0.6][:count], rtol=0, atol=1e-12)
+    quiet = drive(clock, lines([1.0], [until]), balance=lambda y: -1.0 - y[0])
+    assert len(quiet.branchings) == 0
 
 
 def test_a_root_that_no_bracket_holds_is_found_by_halving():
     """No number before .3, negative up to .6."""
-    found = _root(lambda theta: np.array([np.nan if theta < 0.3 else theta - 0.6]), 0, 0.0, 1.0)
-    assert found == pytest.approx(0.6, rel=0, abs=1e-15)
+    found = drive(
+        clock, lambda y: [np.nan if 0.0 < y[0] < 0.3 else y[0] - 0.6], max_step=0.65, y=[0.0]
+    )
+    assert found.y[0] == pytest.approx(0.6, rel=0, abs=1e-14)
 
 
-def lines(slopes, roots, calls):
-    """Functions `slope (theta - root)`, their table at the samples, and a record of the calls."""
-
-    def values(theta):
-        calls.append(theta)
-        return slopes * (theta - roots)
-
-    return slopes * (SAMPLES[:, None] - roots), values
-
-
-def test_the_likeliest_function_is_tried_first():
-    """Of straight lines the first root is known at once, whatever their slopes."""
-    for slopes in ([1.0, 1.0, 1.0], [50.0, 1.0, 1e-3], [1e-3, 1.0, 50.0]):
-        calls = []
-        table, values = lines(np.array(slopes), np.array([0.7, 0.4, 0.3]), calls)
-        place, which = first_crossing(table, SAMPLES, np.full(3, 1e-12), values)
-        assert which == 2 and place == pytest.approx(0.3, abs=1e-14)
-        assert len(calls) <= 5
+@pytest.mark.parametrize("slopes", [[1.0, 1.0, 1.0], [50.0, 1.0, 1e-3], [1e-3, 1.0, 50.0]])
+def test_the_first_of_several_functions_is_found_whatever_their_slopes(slopes):
+    found = drive(clock, lines(slopes, [0.7, 0.4, 0.3]))
+    assert (found.fired, found.event) == ([2], True)
+    assert found.y[0] == pytest.approx(0.3, rel=0, abs=1e-14)
 
 
 def test_a_function_that_starts_at_its_event_has_it_there():
-    """By rounding it is above zero at the second sample, and rises."""
-    calls = []
-    table, values = lines(np.array([1.0, 1.0]), np.array([0.25 - 1e-14, 0.9]), calls)
-    assert first_crossing(table, SAMPLES, np.full(2, 1e-12), values) == (0.25, 0)
-    assert calls == []
+    """By rounding it is above zero at the start, and rises."""
+    found = drive(clock, lines([1.0, 1.0], [-1e-14, 0.9]))
+    assert (found.fired, found.y.tolist()) == ([0], [0.0])
 
 
-def step_of(closure="traction"):
-    """A segment's step that is too long for its tolerance."""
-    programme = programmes.proportional_strain(0.8, 0.6)
-    model, mode, y, _ = start_of(programme, closure=closure)
-    stage = Stage(programme, "H11", 0.4)
-    functions = event_functions(model, mode, stage, 0.0, 1.0, 1.0, ("diagonal",))
-    segment = Segment(model, mode, stage, functions, 1e-12, 1e-14 * scales(model), 1.0, np.inf, 1.0)
-    return _Step(segment, 0.0, y, 0.4, y, None, UNIT_PARAMETER)
+def test_functions_that_vanish_together_have_their_events_together():
+    found = drive(clock, lines([1.0, 1.0, 1.0], [0.4, 0.4 + 1e-12, 0.4 + 1e-9]))
+    assert found.fired == [0, 1]
 
 
-def test_a_part_of_a_step_is_integrated_in_as_many_steps_as_it_takes():
-    step = step_of()
-    found = step.integrate(0.5)
-
-    def rates(t, y):
-        return _right_hand_side(step.segment, UNIT_PARAMETER, t, y)
-
-    exact = solve_ivp(rates, (0.0, 0.2), step.y_begin, "RK45", rtol=1e-10, atol=1e-12).y[:, -1]
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8)
-    assert np.abs(found - step.y_begin).max() > 0.01
-    assert step.integrate(0.0) is step.y_begin
+@pytest.mark.parametrize(
+    "function",
+    [lambda t: t - 0.5, lambda t: 0.5 - t, lambda t: t * (t - 0.5), lambda t: t * (0.5 - t)],
+)
+def test_a_two_sided_function_has_its_event_either_way(function):
+    """Also one that starts at a zero: it takes the side to which it goes."""
+    found = drive(clock, lambda y: [function(y[0])], two_sided=True)
+    assert found.fired == [0] and found.y[0] == pytest.approx(0.5, rel=0, abs=1e-14)
 
 
-def test_functions_without_a_side_yet_have_no_event():
-    """Signs are 1, -1 and, of a function that has not left zero, 0."""
-    step, pairs = step_of(), np.array([[0, 2]])
-    functions = step.segment.functions
-    signs = np.resize([1.0, -1.0, 0.0], len(functions.kinds) + 1)
-    here = step.at(1.0)
-    wanted = (
-        np.append(functions.values(here), pair_overlaps(step.segment.model, pairs, here.x)) * signs
+def test_a_function_positive_between_its_samples_is_found():
+    """Below zero at all five samples of a step it rises above it at .36 and .39 of the step."""
+    found = drive(
+        clock, lambda y: [-(y[0] - 0.36) * (y[0] - 0.39), y[0] - 0.99], y=[-2.0], max_step=3.0
     )
-    np.testing.assert_array_equal(step.signed_values(pairs, signs, 1.0), wanted)
+    assert found.fired == [0]
+    assert found.y[0] == pytest.approx(0.36, rel=0, abs=1e-12)
+
+
+def test_an_event_is_where_the_integrator_finds_it_not_the_interpolant():
+    """Of long steps the interpolant is off by far more; the state is that of the solution."""
+
+    def rates(y):
+        return np.array([1.0, -4.0 * y[1]])
+
+    found = drive(rates, lambda y: [0.1 - y[1]], y=[0.0, 1.0], rtol=1e-9)
+    assert found.y[0] == pytest.approx(0.25 * np.log(10.0), rel=0, abs=1e-9)
+    exact = solve_ivp(lambda _, y: rates(y), (0, found.y[0]), [0.0, 1.0], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(found.y, exact.y[:, -1], rtol=0, atol=1e-9)
+    assert abs(found.y[1] - 0.1) < 1e-15
+
+
+def test_what_the_rates_raise_is_raised():
+    def broken(y):
+        raise ZeroDivisionError("no rates")
+
+    with pytest.raises(ZeroDivisionError, match="no rates"):
+        drive(broken, lines([1.0], [0.5]))
+
+
+def test_steps_that_creep_where_the_rates_are_ill_conditioned_end_at_a_singular_point():
+    found = drive(
+        lambda y: np.array([1.0 if y[0] < 0.3 else np.nan]), lines([1.0], [0.5]), condition=1e7
+    )
+    assert (found.code, found.fired) == (SINGULAR, [])
+    assert found.y[0] == pytest.approx(0.3, rel=0, abs=1e-5)
+
+
+def test_the_number_of_steps_is_limited():
+    found = drive(clock, lines([1.0], [0.5]), max_step=0.01, most=20)
+    assert (found.code, found.steps) == (TOO_LONG, 20)
+    assert found.y[0] == pytest.approx(found.rows[-1, 0])

@@ -1,57 +1,44 @@
 """Rows of a path within a step, and rates of its contacts, against closed forms."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from loops import LinearFrictional, contact_state
 from patterns import random_loop
 from stability.paths.model import path_model
-from stability.paths.path_segment import _rows
 from stability.paths.state_rates import relative_motion
+from tests.stability.paths.driven import drive
 
 
 def exact(s):
     """The solution of `y0' = 1`, `y1' = 2 y0`, `y2' = -y2`."""
     s = np.asarray(s, dtype=float)
-    return np.stack([s, s**2, np.exp(-s)])
+    return np.stack([s, s**2, np.exp(-s)], axis=-1)
 
 
-def step(begin, end, spacing):
-    """A step whose interpolant misses the solution by an oscillation that integrates to nothing."""
-
-    def at(y, gauge):
-        rates = np.array([1.0, 2.0 * y[0], -y[2]])
-        return SimpleNamespace(y=y, y_rates=rates)
-
-    segment = SimpleNamespace(row_step=spacing, at=at)
-    return SimpleNamespace(
-        segment=segment, begin=begin, end=end, y_begin=exact(begin), gauge=None,
-        dense=lambda s: exact(s), at=lambda theta: at(exact(begin + theta * (end - begin)), 0),
-    )  # fmt: skip
+def rows_until(end, spacing, max_step=1.0):
+    """Rows of this spacing up to an event at `end`."""
+    return drive(
+        lambda y: np.array([1.0, 2.0 * y[0], -y[2]]), lambda y: [y[0] - end], [0.0, 0.0, 1.0],
+        row_step=spacing, max_step=max_step,
+    ).rows  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("begin", "end", "spacing"), [(0.32, 1.5, 0.1), (0.0, 0.7, 0.25), (1.1, 1.15, 0.1)]
+    ("end", "spacing", "max_step"), [(1.5, 0.1, 1.0), (0.7, 0.25, 0.1), (1.15, 0.1, 0.03)]
 )
-def test_rows_stand_at_the_multiples_of_their_spacing(begin, end, spacing):
-    """After the begin of the step, up to its end."""
-    made = step(begin, end, spacing)
-    marks = [k * spacing for k in range(100) if begin + 1e-12 < k * spacing <= end + 1e-12]
-    found = [row.y for row in _rows(made, 1.0)]
+def test_rows_stand_at_the_multiples_of_their_spacing(end, spacing, max_step):
+    marks = [k * spacing for k in range(1, 100) if k * spacing < end - 1e-9]
+    found = rows_until(end, spacing, max_step)
     assert len(found) == len(marks)
-    for y, mark in zip(found, marks, strict=True):
-        np.testing.assert_allclose(y, exact(mark), rtol=1e-9)
+    np.testing.assert_allclose(found, exact(marks), rtol=1e-11)
 
 
 def test_rows_end_before_an_event():
     """A row within a millionth of the spacing of the event is the event itself."""
-    made = step(0.0, 1.0, 0.1)
-    assert len(_rows(made, 0.55)) == 5
-    assert len(_rows(made, 0.5 + 0.5e-7)) == 4
-    assert len(_rows(made, 0.5 + 2e-7)) == 5
-    assert _rows(step(0.0, 1.0, np.inf), 1.0) == []
+    assert len(rows_until(0.55, 0.1)) == 5
+    assert len(rows_until(0.5 + 0.5e-7, 0.1)) == 4
+    assert len(rows_until(0.5 + 2e-7, 0.1)) == 5
 
 
 def test_relative_displacements_are_those_of_branches_and_spins():

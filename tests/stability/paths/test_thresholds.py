@@ -90,7 +90,7 @@ def test_pairs_of_grains_are_watched_when_they_come_near(gap, watched):
     # Opposite grains of a flat diamond, (1, 3), over r_i + r_j = 1.
     graph = diamond(np.arcsin(0.5 * (1.0 + gap)))
     model = path_model(graph, contact_state(graph), LAW, "affine", "blocked", None)
-    assert len(pairs_in_reach(model, [graph.x])) == watched
+    assert len(pairs_in_reach(model, graph.x)) == watched
 
 
 @pytest.mark.parametrize(("off", "kept"), [(5e-13, 8), (5e-12, 4)])

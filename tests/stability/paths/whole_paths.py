@@ -17,7 +17,6 @@ from loops import (
     GrainGraph,
     HertzMindlin,
     LinearFrictional,
-    Regime,
     RollingResistance,
     Scene,
     boundary_of,
@@ -26,9 +25,7 @@ from loops import (
 from patterns import diamond, regular_polygon, synthetic_network
 from stability import Stage, follow, programmes, rates_at
 from stability.path import describe
-from stability.paths.fan import Fan, LoopStates
-from stability.paths.fan_limits import LIMITS, first_limits, followed_limits
-from stability.paths.model import path_model
+from stability.paths.domain import LIMITS, Fan, FanLimits
 
 WORDS, NUMBERS = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".npz"))
 # Cheap steps: their error is large, and the same on every machine.
@@ -231,30 +228,18 @@ FANS = {
 
 
 def fan(name):
-    """Words and numbers of the first limits of a fan; its first programme by `follow` as well."""
+    """Words and numbers of the first limits of a fan."""
     graph, law, closure, control, angles = FANS[name]
-    model = path_model(graph, contact_state(graph), law, closure, "blocked", None)
-    start = LoopStates(
-        np.zeros((1, 4)), np.zeros((1, model.contact_count, 2)), graph.shear_force[None],
-        np.full((1, model.contact_count), Regime.ELASTIC, dtype=np.int8),
-        np.zeros((1, model.contact_count)), np.zeros((1, 2)),
-    )  # fmt: skip
-    angles = np.radians(angles)
-    found = Fan(model, control, angles, 0.3)
-    limits = first_limits(found, start)
-    followed_limits(found, 0, limits, "blocked", graph)
+    found = Fan(Scene(graph, law), closure, "blocked", control, np.radians(angles), 0.3)
+    limits = FanLimits.none(found)
+    for row in range(len(angles)):
+        limits.follow(found, row)
     words = {kind: limits.found[kind].tolist() for kind in LIMITS}
-    words["open"] = limits.open_question.tolist()
     numbers = {}
     for kind in LIMITS:
-        states = limits.states[kind].take(limits.found[kind])
-        words[f"{kind} regime"] = states.regime.tolist()
-        numbers |= {
-            f"{kind} H": states.H,
-            f"{kind} moved": states.moved,
-            f"{kind} T": states.shear_force,
-            f"{kind} side": states.side,
-        }
+        H, P, x, regime = (each[limits.found[kind]] for each in limits.states[kind])
+        words[f"{kind} regime"] = regime.tolist()
+        numbers |= {f"{kind} H": H, f"{kind} P": P, f"{kind} x": x}
     return words, numbers
 
 

@@ -109,8 +109,7 @@ def test_a_loop_that_is_unstable_at_its_start_is_not_followed(unstable, monkeypa
     def refused(*_, **__):
         raise AssertionError("a programme was followed")
 
-    for name in ("first_limits", "followed_limits"):
-        monkeypatch.setattr(f"studies.present_domain.{name}", refused)
+    monkeypatch.setattr("stability.paths.domain.FanLimits.follow", refused)
     scene, _ = unstable
     found = gl.loop_domain(scene, "affine", control=control, directions=72)
     rows = found.rows

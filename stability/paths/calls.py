@@ -1,0 +1,108 @@
+"""The doors of a segment: the compiled rates of a ring, and Python functions that kernels call."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import carray, types  # type: ignore[attr-defined]
+from numba.experimental.function_type import _get_wrapper_address
+
+from loops.arrays import Floats
+from stability.paths.ring_rates import (
+    LEAST_RATE_PIVOT,
+    RATES,
+    VALUES,
+    balance_of_ring,
+    complete,
+    describe,
+    eliminate,
+    lengths,
+    place_contacts,
+    problem_in,
+    solve_path,
+    system,
+    tangent_of_ring,
+    write_equations,
+    write_rates,
+    write_values,
+)
+
+ANSWER = types.void(types.int64, types.CPointer(types.float64), types.CPointer(types.int64))
+ADDRESS = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+def answer(what: int, numbers: Any, whole_numbers: Any) -> None:
+    """Compute what is asked of the ring whose arrays begin at these pointers, see `RATES`.
+
+    The last place of the answer is 0 where null vectors have to be looked for, and 1 otherwise.
+    """
+    floats, whole = lengths(carray(whole_numbers, (6,)))
+    p = problem_in(carray(numbers, (floats,)), carray(whole_numbers, (whole,)))
+    y, gauge, out = p.shared
+    unit = place_contacts(p, y)
+    N, gear = write_equations(p)
+    known = what < VALUES or tangent_of_ring(p, unit, N) > LEAST_RATE_PIVOT
+    parameter_unit = complete(p, N, unit, gauge)
+    known = eliminate(p, system(p, 2, N + 5, N + 6), N + 5) > LEAST_RATE_PIVOT and known
+    out[len(out) - 1] = 1.0 * known
+    if not known:
+        return
+    parameter = solve_path(p, N, gear, unit, parameter_unit)
+    if what == RATES:
+        write_rates(p, parameter, out)
+    elif what == VALUES:
+        write_values(p, y, parameter, out)
+        out[len(p.watch)] = balance_of_ring(p, N)
+    else:
+        describe(p, N, parameter, out)
+
+
+class Compiled(types.WrapperAddressProtocol):
+    """The compiled `answer`, as kernels and Python call it."""
+
+    raised = None
+
+    def __init__(self, function: Any) -> None:
+        function.compile(ANSWER)
+        self.address = int(_get_wrapper_address(function, ANSWER))
+        self.function, self.call = function, ADDRESS(self.address)
+
+    def __wrapper_address__(self) -> int:
+        """Return the address of the function."""
+        return self.address
+
+    def signature(self) -> Any:
+        """Return the types of the arguments."""
+        return ANSWER
+
+
+class Callback(types.WrapperAddressProtocol):
+    """A Python function of what is asked, as kernels call it, which writes numbers to `out`.
+
+    What it raises is kept for the caller of the kernel, and `out` is not a number from then on.
+    """
+
+    def __init__(self, reply: Callable[[int], None], out: Floats) -> None:
+        self.raised: BaseException | None = None
+
+        def call(wanted: int, *_: int) -> None:
+            try:
+                if self.raised is None:
+                    reply(wanted)
+            except BaseException as error:
+                self.raised = error
+            if self.raised is not None:
+                out[:] = np.nan
+
+        self.pointer = ADDRESS(call)
+
+    def __wrapper_address__(self) -> int:
+        """Return the address of the function."""
+        return int(ctypes.cast(self.pointer, ctypes.c_void_p).value or 0)
+
+    def signature(self) -> Any:
+        """Return the types of the arguments."""
+        return ANSWER

@@ -1,0 +1,170 @@
+"""Rings of a path as kernels take them, and numpy where a loop is no ring of a known law.
+
+Compiled are rings without chords under linear springs, with cohesion or not, and Hertz's law. Under
+a law of one's own, with rolling resistance, with chords or as a packing the segment calls numpy
+back for its rates and event functions.
+"""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loops.arrays import Floats, Integers, Regimes
+from loops.closures import ring as equations
+from loops.closures.rings import CLOSURES, SPINS
+from loops.compiled import compiled
+from loops.laws import CohesiveFrictional, HertzMindlin, LinearFrictional
+from loops.laws.frictional import Regime
+from stability.paths import ring_rates, segment
+from stability.paths.model import PathModel
+from stability.paths.ring_rates import Problem
+from stability.programmes import Programme
+
+# Kernels that are compiled into their callers.
+INLINED = ("turn_block", "kept_motions", "condense", "weigh_moments", "_norm4")
+# Numbers of the quantities that end a stage.
+QUANTITIES = {f"{tensor}{i}{j}": k for k, (tensor, i, j) in enumerate(product("HP", "12", "12"))}
+QUANTITIES["parameter"] = 8
+
+
+class Watch(NamedTuple):
+    """Event functions as kernels take them, see `Problem` and `System`.
+
+    `numbers`: target, sense and start of the stage, sizes of strains and of the parameter per
+    strain.
+    """
+
+    kinds: Integers
+    tolerance: Floats
+    bases: Floats
+    spaces: Integers
+    quantity: int
+    numbers: tuple[float, ...]
+
+
+@cache
+def answer() -> Any:
+    """Return the compiled rates of rings, see `ring_rates.RATES`."""
+    from stability.paths import calls
+
+    modules = equations, ring_rates, calls
+    return calls.Compiled(compiled(*modules, entry=("answer",), inlined=INLINED).answer)
+
+
+@cache
+def follow() -> Any:
+    """Return the compiled integration of a segment."""
+    return compiled(segment, entry=("follow",), inlined=()).follow
+
+
+def law_kind(model: PathModel) -> int | None:
+    """Kind of a law that the kernels know; None of others."""
+    law = model.law
+    if type(law) is LinearFrictional:
+        return ring_rates.LINEAR
+    if type(law) is CohesiveFrictional:
+        return ring_rates.COHESIVE
+    if type(law) is HertzMindlin:
+        by_force = law.shear_history == "force"
+        return ring_rates.HERTZ if by_force else ring_rates.HERTZ_BY_DISPLACEMENT
+    return None
+
+
+@lru_cache(maxsize=16)
+def ring_of(model: PathModel) -> dict[str, Any] | None:
+    """Constant parts of a `Problem` of this model, if the kernels serve it."""
+    kind, n = law_kind(model), model.grain_count
+    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    if kind is None or n < 3 or not np.array_equal(model.contacts, ring):
+        return None
+    law: Any = model.law
+    radii_i, radii_j = model.radii[model.contacts].T
+    pull, cohesion, opens = 0.0, 0.0, 0.0
+    if kind <= ring_rates.COHESIVE:
+        springs, pull, cohesion = (law.kn, law.kt), law.attraction, law.cohesion
+        opens = law.adhesion / law.kn if kind == ring_rates.COHESIVE and law.bonded else 0.0
+    else:
+        springs = law._force_factor(radii_i, radii_j), law.stiffness_ratio
+    traction = model.closure == "traction"
+    table = np.zeros((n, ring_rates.WIDTH))
+    columns = (
+        *model.d0.T, model.length0, model.overlap0, model.touching,
+        *(model.m.T if traction else np.zeros((2, n))), radii_i, radii_j, *springs, model.mu, pull,
+        cohesion, opens,
+    )  # fmt: skip
+    for k, column in enumerate(columns):
+        table[:, ring_rates.D0X + k] = column
+    table[:, ring_rates.X0 : ring_rates.Y0 + 1] = model.x0
+    if traction:
+        table[:, ring_rates.BX : ring_rates.BY + 1] = model.b
+    small, codes = np.zeros((ring_rates.ROWS, 9)), np.zeros(ring_rates.CODES, dtype=np.int64)
+    small[ring_rates.NUMBERS, :3] = model.volume, model.length, model.stiffness
+    # The affine closure without free spins has nothing that relaxes: symmetry leaves nothing out.
+    group = model.symmetry if traction or model.spins == "free" else None
+    images, maps = np.arange(n)[None], np.eye(2)[None]
+    if group is not None:
+        images, maps = group.contacts, group.maps
+        codes[ring_rates.MIRRORS] = (group.along_axes().parity < 0.0).any()
+    codes[ring_rates.LAW], codes[ring_rates.BY_RADII] = kind, law.shear_increment == "radii"
+    codes[ring_rates.CLOSURE], codes[ring_rates.SPINS] = CLOSURES[model.closure], SPINS[model.spins]
+    i, j = np.triu_indices(n, 1)
+    apart = ~np.isin(i * n + j, model.met) & model.watches_pairs
+    return {
+        "table": table, "small": small, "codes": codes,
+        "images": np.ascontiguousarray(images, dtype=np.int64), "maps": np.array(maps, order="C"),
+        "pairs": np.column_stack([i, j])[apart].astype(np.int64),
+    }  # fmt: skip
+
+
+def ring_under(model: PathModel, regime: Regimes, programme: Programme) -> dict[str, Any] | None:
+    """Constant parts of a `Problem` with these regimes, if the kernels serve it."""
+    if type(programme) is not Programme:
+        return None
+    if model.spins == "free" and (regime != Regime.ELASTIC).any():
+        # Moments on grains that roll along with each other may be left that nothing balances.
+        return None
+    return ring_of(model)
+
+
+class Arrays(NamedTuple):
+    """The arrays of a ring with its regimes and programme, see `Problem`."""
+
+    numbers: Floats
+    whole: Integers
+    problem: Problem
+
+
+def arrays_of(
+    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, watch: Watch
+) -> Arrays:
+    """Return a ring with its regimes, programme and events."""
+    n, functions = len(ring["table"]), len(watch.kinds)
+    L = max(3 * n + 5, functions + 1, 7) + 1
+    header = np.array([L, n, len(ring["maps"]), functions, len(watch.spaces), len(ring["pairs"])])
+    floats, whole = ring_rates.lengths(header)
+    arrays = np.zeros(floats), np.zeros(whole, dtype=np.int64)
+    arrays[1][:6] = header
+    p = ring_rates.problem_in(*arrays)
+    for name in ("table", "small", "codes", "images", "maps", "pairs"):
+        getattr(p, name)[:] = ring[name]
+    p.watch[:], p.bases[:], p.spaces[:] = watch.kinds, watch.bases, watch.spaces
+    p.table[:, ring_rates.REGIME], p.table[:, ring_rates.SIDE] = regime, side
+    p.small[ring_rates.STRESS : ring_rates.STRESS + 4, :4] = programme.stress
+    p.small[ring_rates.STRAIN : ring_rates.STRAIN + 4, :4] = programme.strain
+    p.small[ring_rates.RATE, :4] = programme.rate
+    p.small[ring_rates.NUMBERS, ring_rates.BULK] = programme.fluid_bulk_modulus
+    p.small[ring_rates.NUMBERS, ring_rates.TARGET :] = watch.numbers
+    rows = (-1 if row is None else row for row in (programme.isochoric_row, programme.cauchy_row))
+    p.codes[ring_rates.ISOCHORIC], p.codes[ring_rates.CAUCHY] = rows
+    p.codes[ring_rates.QUANTITY] = watch.quantity
+    return Arrays(*arrays, p)
+
+
+NO_FUNCTIONS = Watch(
+    np.zeros((0, 2), dtype=np.int64), np.zeros((2, 0)), np.zeros((0, 4, 4)),
+    np.zeros(0, dtype=np.int64), 8, (0.0, 1.0, 0.0, 1.0, 1.0),
+)  # fmt: skip

@@ -1,0 +1,147 @@
+"""Rates of a ring by the kernels against those of its balance by numpy, and where each serves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loops import (
+    CohesiveFrictional,
+    HertzMindlin,
+    LinearFrictional,
+    Regime,
+    RollingResistance,
+    contact_state,
+)
+from patterns import random_loop, regular_polygon
+from stability import Stage, programmes
+from stability.paths import ring_rates
+from stability.paths.kernels import answer, arrays_of, ring_of
+from stability.paths.model import path_model
+from stability.paths.path_segment import event_functions
+from stability.paths.regimes import path_symmetry
+from stability.paths.state import Mode, initial_state, pack, unpack
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates
+
+LAWS = {
+    "branch": LinearFrictional(1.3, 0.4, 0.3),
+    "radii": LinearFrictional(1.3, 0.4, 0.3, "radii"),
+    "soft": LinearFrictional(1.3, 1e-3, 0.3),
+    "hertz": HertzMindlin(1.0, 0.3, mu=0.3),
+    "by displacement": HertzMindlin(1.0, 0.3, mu=0.3, shear_history="displacement"),
+    "cohesive": CohesiveFrictional(1.3, 0.4, 0.3, adhesion=0.01),
+    "bonded": CohesiveFrictional(1.3, 0.4, 0.3, adhesion=0.01, cohesion=0.02, bonded=True),
+}
+SHEAR = programmes.combination(np.zeros((4, 4)), np.eye(4), [0.4, 1.0, 0.2, 0.1], "shear")
+MORE_LAWS = ("radii", "soft", "by displacement", "bonded")
+PROGRAMMES = (SHEAR, programmes.cauchy_drained(), programmes.undrained(axis=2))
+E, S, O = Regime.ELASTIC, Regime.SLIDING, Regime.OPEN  # noqa: E741
+REGIMES = {"stick": [], "slides": [(1, S, 1.0)], "two": [(1, S, 1.0), (3, S, -1.0)],
+           "opens": [(2, O, 0.0), (1, S, 1.0)]}  # fmt: skip
+
+
+class OwnLaw(LinearFrictional):
+    """A law of one's own, whatever it does."""
+
+
+class OwnProgramme(programmes.Programme):
+    """A programme whose equations may be anything."""
+
+
+def states(graph, law, closure, spins, changed, programme, symmetric=False):
+    """The same state by the kernels and, under a programme that they don't know, by numpy."""
+    contacts = contact_state(graph)
+    model = path_model(graph, contacts, law, closure, spins, None)
+    n, y = graph.contact_count, initial_state(model, contacts)
+    mode = Mode(np.full(n, E, dtype=np.int8), np.zeros(n))
+    for c, regime, side in changed:
+        mode.regime[c], mode.side[c] = regime, side
+    if symmetric:
+        model = replace(model, symmetry=path_symmetry(model, y, mode, [programme]))
+    state, own = unpack(model, y), OwnProgramme(**vars(programme))
+    return [StateRates(model, state, mode, one, UNIT_PARAMETER) for one in (programme, own)]
+
+
+def lopsided(n, law):
+    """A loop of unequal grains with shear forces of either sign."""
+    graph = random_loop(n, n, polydispersity=0.3, strain=0.02)
+    N = law.normal_force(contact_state(graph))
+    return graph.replace(normal_force=N, shear_force=0.1 * N * np.cos(np.arange(n)))
+
+
+def compare(found, wanted, atol):
+    """Rates to a share of the motion of the contacts, times the stiffness where they are forces."""
+    assert found.by_kernel is not None and wanted.by_kernel is None
+    rates, others = found.raw_rates, wanted.raw_rates
+    size = max(np.abs(others.motion[:, :2]).max(), np.abs(others.ut).max())
+    force = size * found.model.stiffness
+    for name, scale in (
+        ("H", np.abs(others.H).max()), ("P", force / found.model.length), ("un", size),
+        ("ut", size), ("normal_force", force), ("shear_force", force),
+        ("motion", np.abs(others.motion).max()), ("parameter", others.parameter),
+    ):  # fmt: skip
+        one, other = getattr(rates, name), getattr(others, name)
+        np.testing.assert_allclose(one, other, rtol=0, atol=atol * scale, err_msg=name)
+    np.testing.assert_allclose(found.A, wanted.A, rtol=0, atol=atol * np.abs(wanted.A).max())
+    stage = Stage(found.programme, "P11", 0.3)
+    functions = event_functions(
+        found.model, found.mode, stage, 0.1, -1.0, 0.7, ("diagonal", "symmetric", "full")
+    )
+    count, y_rates = len(functions.kinds), wanted.y_rates
+    asked = answered(found, ring_rates.RATES, functions.watch)[: len(y_rates)]
+    np.testing.assert_allclose(asked, y_rates, rtol=atol, atol=atol)
+    values = answered(found, ring_rates.VALUES, functions.watch)[: count + 1]
+    expected = np.append(functions.values(wanted), wanted.balance_determinant)
+    # The equations differ, and so does the size of their determinant.
+    np.testing.assert_allclose(values[:-1], expected[:-1], rtol=1e3 * atol, atol=1e3 * atol)
+    assert np.isnan(values[-1]) == np.isnan(expected[-1])
+
+
+def answered(here, what, watch):
+    """What the kernels answer in a state."""
+    mode, state = here.mode, here.state
+    arrays = arrays_of(ring_of(here.model), mode.regime, mode.side, here.programme, watch)
+    y = pack(state.place, state.shear_force, state.parameter, state.work)
+    arrays.problem.shared[0, : len(y)], arrays.problem.shared[1, :5] = y, here.gauge
+    answer().call(what, arrays.numbers.ctypes.data, arrays.whole.ctypes.data)
+    return arrays.problem.shared[2]
+
+
+@pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize(
+    "law",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in MORE_LAWS)) for name in LAWS],
+)
+def test_rates_are_those_of_the_balance(law, closure, spins):
+    """Under free spins of even rings the balance by numpy keeps some digits less."""
+    for n in (4, 5):
+        graph = lopsided(n, LAWS[law])
+        for regimes in REGIMES if spins != "free" else ["stick"]:
+            for programme in PROGRAMMES:
+                pair = states(graph, LAWS[law], closure, spins, REGIMES[regimes], programme)
+                compare(*pair, 1e-10 if spins == "free" else 1e-12)
+
+
+@pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+@pytest.mark.parametrize("order", [3, 4, 5, 6])
+def test_rates_of_symmetric_states_are_those_of_the_balance(order, closure, spins):
+    law = LAWS["branch"]
+    graph = regular_polygon(order, strain=0.05)
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    for programme in (programmes.isotropic_strain(), programmes.drained_biaxial(), SHEAR):
+        compare(*states(graph, law, closure, spins, [], programme, symmetric=True), 1e-12)
+
+
+def test_kernels_serve_rings_of_known_laws_under_known_programmes():
+    graph, law, free = lopsided(5, LAWS["branch"]), LAWS["branch"], [(1, S, 1.0)]
+    own = OwnProgramme("own", SHEAR.stress, SHEAR.strain, SHEAR.rate)
+    rolling = RollingResistance(law, k_r=0.1)
+    for one, spins, changed, programme, served in (
+        (law, "blocked", [], SHEAR, True), (OwnLaw(1.3, 0.4, 0.3), "blocked", [], SHEAR, False),
+        (rolling, "blocked", [], SHEAR, False), (law, "blocked", [], own, False),
+        (law, "free", [], SHEAR, True), (law, "free", free, SHEAR, False),
+    ):  # fmt: skip
+        here, _ = states(graph, one, "traction", spins, changed, programme)
+        assert (here.by_kernel is not None) == served
