@@ -56,8 +56,8 @@ ENDS: dict[str, tuple[str, str, str]] = {
     "opening": (BLUE, "--", "a contact opens"),
     "end": (GREY, ":", "end of the range"),
 }
-# Programmes if none are asked for: followed together, and one by one (up to 7 s each).
-TOGETHER, ONE_BY_ONE = 361, 61
+# Programmes if none are asked for: of blocked spins and linear springs, and of others.
+MANY, FEW = 361, 61
 RAYS = 24  # programmes that are drawn as lines
 FINE = 1440  # directions of strain in which the work of an unstable state is looked at
 IDENTITY = np.eye(2)
@@ -115,7 +115,7 @@ class LoopDomain(Shown):
 
 def programmes_of(spins: Spins, *, linear: bool) -> int:
     """Number of programmes of a loop for which none is asked."""
-    return TOGETHER if spins == "blocked" and linear else ONE_BY_ONE
+    return MANY if spins == "blocked" and linear else FEW
 
 
 def present_fan(
@@ -220,8 +220,7 @@ def loop_domain(
         Whether programmes are straight in (H11, H22) or in (P11, P22).
     directions : int
         Number of programmes in all directions, 3 or more; they end at a strain of five mean
-        overlaps. If left out 361 that are followed together, or 61 one by one (spins that turn,
-        other laws).
+        overlaps. If left out 361, or 61 (spins that turn, other laws).
 
     Returns
     -------

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from loops import Scene, contact_state
+from loops import GrainGraph, Scene, contact_state
 from loops.arrays import Flags, Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.laws.frictional import TOUCHING_RTOL, Regime
-from stability.paths.loop_path import LoopPathOptions
+from stability.path import Path
+from stability.paths.loop_path import RELEASE, LoopPathOptions
 from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import operator_norm, restrict, symmetric_spectrum
@@ -75,46 +78,60 @@ class FanLimits:
 
     def follow(self, fan: Fan, row: int) -> None:
         """Follow one programme to where det K is lost, a contact opens or its reach ends."""
-        b, watched, graph = float(fan.programme[row]), ("diagonal", "symmetric"), fan.loop.graph
+        options = LoopPathOptions(fan.spins, ("diagonal", "symmetric"))
+        b = float(fan.programme[row])
         load = CONTROLS[fan.control](np.cos(b), np.sin(b))
         end = fan.reach * (1.0 if fan.control == "strain" else STRESS_REACH)
-        options = LoopPathOptions(spins=fan.spins, subspace=watched)
         stages = [Stage(load, "parameter", end)]
         path = follow_loop(fan.loop, stages, fan.closure, options, rows=1, stop=LAST)
-
-        def record(kind: str, at: int) -> None:
+        for kind, at, values in limits_of(path, fan.loop.graph):
             if not self.found[kind][row]:
                 self.found[kind][row] = True
                 H, P, x, regime = self.states[kind]
-                H[row], P[row], x[row] = path.H[at], path.P[at], path.x[at]
+                H[row], P[row], x[row] = values
                 regime[row] = path.regime[at]
 
-        # A path whose first tangent has no single value begins on a mechanism.
-        for kind, measure in zip(SPECTRAL, stability_measures(path.A[0]), strict=True):
-            if not measure > SINGULAR_RTOL:
-                record(kind, 0)
-        before, after = (contact_state(graph.replace(x=x)) for x in (graph.x, path.x[-1]))
-        apart = [
-            state.overlap < -TOUCHING_RTOL * state.touching_length for state in (before, after)
-        ]
-        if ((path.regime[0] == Regime.OPEN) & apart[1] & ~apart[0]).any():
-            # Contacts that just touch part at once.
-            record("opening", 0)
-            return
-        for event in path.events:
-            lost = self.states["det_K_zero"].H[row]
-            # Events of the state at which det K is lost still count.
-            if self.found["det_K_zero"][row] and np.abs(lost - event.H).max() > SINGULAR_RTOL:
-                break
-            kind = "limit" if event.kind == "control_limit" else str(event.kind)
-            if event.subspace == "symmetric":
-                kind = "cone_opening" if kind == "det_Ks_zero" else ""
-            if kind in LIMITS and event.cause != "stage_end":
-                jumps = event.index + 1 < len(path) and (path.H[event.index + 1] == event.H).all()
-                record(kind, event.index + int(jumps))
-            if kind in ("opening", "limit"):
-                break
-        record("end", len(path) - 1)
+
+def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[ArrayLike, ...]]]:
+    """Limits along a path that began as this graph: kind, row of its regimes, `H`, `P` and `x`."""
+
+    def state(at: int) -> tuple[ArrayLike, ...]:
+        return path.H[at], path.P[at], path.x[at]
+
+    # A path whose first tangent has no single value begins on a mechanism.
+    stable = stability_measures(path.A[0]) > SINGULAR_RTOL
+    begun = [kind for kind, holds in zip(SPECTRAL, stable, strict=True) if not holds]
+    for kind in begun:
+        yield kind, 0, state(0)
+    events, lost = path.events, path.H[0] if "det_K_zero" in begun else None
+    ends = (contact_state(graph.replace(x=x)) for x in (graph.x, path.x[-1]))
+    touched, touches = (s.overlap >= -TOUCHING_RTOL * s.touching_length for s in ends)
+    if ((path.regime[0] == Regime.OPEN) & touched & ~touches).any():
+        # Contacts that just touch part at once.
+        yield "opening", 0, state(0)
+        events = ()
+    for event in events:
+        # Events of the state at which det K is lost still count.
+        if lost is not None and np.abs(np.subtract(lost, event.H)).max() > SINGULAR_RTOL:
+            break
+        kind, at, N = str(event.kind), event.index, np.abs(path.normal_force[event.index])
+        if kind == "control_limit":
+            # A contact parts, and without it nothing goes on; or none does.
+            parts = N[list(event.contacts)].min(initial=np.inf) <= RELEASE * N.max()
+            kind = "opening" if parts else "limit"
+        if event.subspace == "symmetric":
+            kind = "cone_opening" if kind == "det_Ks_zero" else ""
+        if kind in LIMITS and event.cause != "stage_end":
+            x, jumps = path.x[at], at + 1 < len(path) and (path.H[at + 1] == event.H).all()
+            if kind == "branching":
+                # Between two rows.
+                way, whole = (np.linalg.norm(H - path.H[at]) for H in (event.H, path.H[at + 1]))
+                x = x + way / whole * (path.x[at + 1] - x)
+            yield kind, at + int(jumps), (event.H, event.P, x)
+            lost = event.H if kind == "det_K_zero" else lost
+        if kind in ("opening", "limit"):
+            break
+    yield "end", len(path) - 1, state(-1)
 
 
 def stability_measures(A: Floats) -> Floats:

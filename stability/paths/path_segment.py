@@ -290,6 +290,10 @@ def called_back(segment: Segment, size: int, shared: Floats) -> Any:
 
     def reply(wanted: int) -> None:
         nonlocal last
+        out[:-1], out[-1] = np.nan, 1.0
+        if not np.isfinite(y).all():
+            # Beside a singular state a trial may have left the numbers.
+            return
         key = y.tobytes() + gauge.tobytes()
         if last is None or last[0] != key:
             last = key, segment.at(y.copy(), gauge.copy())
@@ -301,6 +305,5 @@ def called_back(segment: Segment, size: int, shared: Floats) -> Any:
                 out[:count], out[count] = functions.values(here), here.balance_determinant
             else:
                 out[:5], out[5] = here.rates.gauge, here.rates.condition
-        out[-1] = 1.0
 
     return Callback(reply, out)

@@ -228,11 +228,16 @@ def test_the_balance_of_fields_that_break_the_symmetry_is_passed():
     fan, limits, *_ = fan_of(10, "traction", "strain", (33.0,))
     assert limits.found["branching"][0]
     assert not limits.found["det_Ks_zero"][0] and not limits.found["det_K_zero"][0]
-    # Without the symmetry the path meets a singular state there.
-    path = path_of(fan.loop.graph, fan.loop.law, "strain", fan.programme[0], closure="traction")
-    (place,) = [event.H for event in path.events if event.kind == "branching"]
-    np.testing.assert_allclose(limits.states["branching"].H[0], place, rtol=0, atol=1e-2)
-    assert path.model.symmetry == "D2 (order 4)"
+    # In the whole model, whose equations are those of all fields, as well.
+    graph, law = fan.loop.graph, fan.loop.law
+    path = path_of(graph, law, "strain", fan.programme[0], 0.6, closure="traction", model="full")
+    place = next(event for event in path.events if event.kind == "branching")
+    (H,), (P,), (x,), _ = limits.states["branching"]
+    row = np.abs(path.H[:, 0] - H[0]).argmin()
+    np.testing.assert_allclose([H, P], [place.H, place.P], rtol=0, atol=1e-12)
+    # Between two rows, along a straight line.
+    np.testing.assert_allclose(x, path.x[row], rtol=0, atol=0.03)
+    assert np.linalg.eigvalsh(symmetric_part(restrict(path.A[row], "diagonal")))[0] > 0.005
 
 
 def test_measures_are_the_smallest_eigenvalues():
