@@ -167,7 +167,7 @@ def start_work(tangent: Floats, fan: Fan) -> Floats:
 
 def in_planes(limits: FanLimits, kind: str, rows: Flags) -> dict[str, Floats]:
     """Columns of strains and stresses along both axes, in the states of a kind."""
-    H, P, *_ = (values[rows] for values in limits.states[kind])
+    H, P = limits.states[kind].H[rows], limits.states[kind].P[rows]
     return {"E1": H[:, 0], "E2": H[:, 3], "s1": P[:, 0], "s2": P[:, 3]}
 
 
