@@ -116,7 +116,7 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
             break
         kind, at, N = str(event.kind), event.index, np.abs(path.normal_force[event.index])
         if kind == "control_limit":
-            # A contact parts, and without it nothing goes on; or none does.
+            # A contact parts, and nothing goes on; or no regimes agree.
             parts = N[list(event.contacts)].min(initial=np.inf) <= RELEASE * N.max()
             kind = "opening" if parts else "limit"
         if event.subspace == "symmetric":

@@ -19,6 +19,7 @@ from loops.closures.rings import CLOSURES, SPINS
 from loops.compiled import compiled
 from loops.laws import CohesiveFrictional, HertzMindlin, LinearFrictional
 from loops.laws.frictional import Regime
+from loops.laws.hertz_mindlin import HERTZ, effective_radius
 from stability.paths import ring_rates, segment
 from stability.paths.model import PathModel
 from stability.paths.ring_rates import Problem
@@ -88,7 +89,9 @@ def ring_of(model: PathModel) -> dict[str, Any] | None:
         springs, pull, cohesion = (law.kn, law.kt), law.attraction, law.cohesion
         opens = law.adhesion / law.kn if kind == ring_rates.COHESIVE and law.bonded else 0.0
     else:
-        springs = law._force_factor(radii_i, radii_j), law.stiffness_ratio
+        modulus = law.young / (1.0 - law.poisson**2)
+        kn = HERTZ * modulus * np.sqrt(effective_radius(radii_i, radii_j))
+        springs = kn, law.stiffness_ratio
     traction = model.closure == "traction"
     table = np.zeros((n, ring_rates.WIDTH))
     columns = (

@@ -135,7 +135,7 @@ def test_drained_paths(tmp_path, closure):
 
 def test_unstable_shares():
     """The table is that beside the figure; one loop again."""
-    rows = tables(section(TEXT, "## Bifurcation domains"))[2]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[1]
     kept = pd.read_csv(DOCS / "figures" / "larger-domain-share.csv")
     kept = kept.set_index(["closure", "contacts", "kappa", "order"]).unstable_share.sort_index()
     assert len(rows) * 10 == len(kept)
@@ -186,7 +186,7 @@ def limits_at_40(loop, law, closure):
 @pytest.mark.slow
 def test_losses_at_large_n():
     """Affine closure, strain at 40 degrees: the limits and the distance from them."""
-    rows = tables(section(TEXT, "## Bifurcation domains"))[3]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[2]
     found = {}
     for row in rows:
         loop = regular_polygon(int(row["n"]))
@@ -204,7 +204,7 @@ def test_losses_at_large_n():
 @pytest.mark.slow
 def test_losses_at_large_n_under_the_traction_closure():
     """Rows up to 65 grains again; the limit from the others, by the fit that stands there."""
-    rows = tables(section(TEXT, "## Bifurcation domains"))[4]
+    rows = tables(section(TEXT, "## Bifurcation domains"))[3]
     told = {int(row["n"]): float(row["det K = 0"]) for row in rows}
     for row in rows:
         assert says(row["off the limit"], told[int(row["n"])] - 0.327366)
