@@ -17,7 +17,7 @@ from studies.beside_dem import DROP
 from studies.calibration import Calibration, calibration
 from studies.evolve import Evolution
 from studies.forecast import Forecast, spread_of
-from studies.packing_figures import driven_change
+from studies.packing_figures import over_driven
 from studies.snapshot.figures import draw_scaled, loop_drawer
 from studies.study import Drawings
 from studies.style import (
@@ -135,7 +135,4 @@ def draw_driven_stress(found: Evolution, ax: Axes) -> None:
         ax.plot(found.sense * way.parameter, change, style, color=colour, label=label)
     lost = [found.sense * event.parameter for event in found.way.of_kind("instability")]
     edge_ticks(ax, lost, "instabilities")
-    stress = f"change of $P_{{{driven[1:]}}}$\n(force/length)"
-    ax.set(xlabel=driven_change(driven), ylabel=stress)
-    ax.ticklabel_format(axis="x", scilimits=(-3, 3))
-    ax.legend()
+    over_driven(ax, driven, f"change of $P_{{{driven[1:]}}}$\n(force/length)")

@@ -61,6 +61,7 @@ FORECAST_LOOKS: dict[str, tuple[str, dict[str, Any]]] = {
     "replay": ("replay", {"linestyle": "none", "marker": "+", "color": VERMILION}),
     "persistence": ("stress of the start", {"linestyle": ":", "color": GREY}),
 }
+CHANGE_OF_AREA = r"change of area $H_{11} + H_{22}$ (–)"
 STRESS_LOOKS = {"P11": (BLUE, "-"), "P22": (VERMILION, "--")}
 SHEAR_LOOK = (GREEN, "-.")
 
@@ -209,13 +210,11 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
             stress.plot(at, change, color=colour, label="_" * (number > 0) + label, **look)
         volume.plot(at, other["H11"] + other["H22"], color=BLUE, label=label, **look)
     edge_ticks(stress, events["driven"][events["kind"] == "instability"], "instabilities")
-    volume.set(xlabel=driven_change(driven), ylabel=r"change of area $H_{11} + H_{22}$ (–)")
-    volume.ticklabel_format(axis="x", scilimits=(-3, 3))
+    over_driven(volume, driven, CHANGE_OF_AREA)
     reach = float(np.abs(path["driven"]).max())
     if np.ptp(path["H11"] + path["H22"]) < ROUNDED_VOLUME * reach:
         volume.set_ylim(-reach, reach)
-    for ax in (stress, volume):
-        ax.legend()
+    stress.legend()
     return figure
 
 
@@ -230,15 +229,12 @@ def dem_comparison_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figur
             column = f"{quantity}_{name}"
             if column in table:
                 ax.plot(at, np.append(0.0, table[column] - first), label=label, **look)
-        ax.set_xlabel(f"{driven_change(driven)} from the start of the forecast")
-        ax.ticklabel_format(axis="x", scilimits=(-3, 3))
     for number, k in enumerate(np.flatnonzero(table["drop"])):
         look = {"color": GREY, "alpha": 0.25, "linewidth": 0}
         stress.axvspan(at[k], at[k + 1], label="_" * (number > 0) + "drop in the DEM", **look)
-    stress.set_ylabel(f"$P_{{{driven[1:]}}}$ - {start:.4g} (force/length)")
-    volume.set_ylabel(r"change of area $H_{11} + H_{22}$ (–)")
-    for ax in (stress, volume):
-        ax.legend()
+    stress_label = f"$P_{{{driven[1:]}}}$ - {start:.4g} (force/length)"
+    for ax, label in ((stress, stress_label), (volume, CHANGE_OF_AREA)):
+        over_driven(ax, driven, label, " from the start of the forecast")
     return figure
 
 
@@ -254,8 +250,14 @@ def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
         ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
-    ax.set(xlabel=driven_change(driven), ylabel="change of nominal stress\n(force/length)")
+    over_driven(ax, driven, "change of nominal stress\n(force/length)")
+
+
+def over_driven(ax: Axes, driven: str, label: str, since: str = "") -> None:
+    """Label axes over the driven component, with a key."""
+    ax.set(xlabel=driven_change(driven) + since, ylabel=label)
     ax.ticklabel_format(axis="x", scilimits=(-3, 3))
+    ax.legend()
 
 
 def driven_change(driven: str) -> str:

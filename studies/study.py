@@ -230,6 +230,7 @@ OFFERED_FIRST = (
 )
 # Text of more letters may be broken into lines.
 LONG = 32
+NOTHING: Mapping[str, str] = {}
 # Keys of a summary with a section of their own.
 OWN_SECTIONS = ("definitions", "notes", "provenance")
 
@@ -257,12 +258,13 @@ def write_report(
         if isinstance(value, Mapping):
             value = ", ".join(f"{name}={column}" for name, column in value.items())
         configuration[f"configuration: {key}"] = value
+    told = summary.get("definitions", {})
     sections = {
         "Map": map_section(maps, largest),
         "Figures": "\n".join(figure_html(*figure) for figure in figures),
         "Notes": "".join(f"<p>{escape(str(note))}.</p>" for note in summary.get("notes", ())),
         "Numbers": summary_tables(summary),
-        "Definitions": definitions_list(summary.get("definitions", {})),
+        "Definitions": text_table((key, "", text) for key, text in sorted(told.items())),
         "Configuration": plain_table(configuration),
     }
     present = {name: text for name, text in sections.items() if text}
@@ -383,22 +385,16 @@ def innermost(
             yield from innermost(value, (*path, str(key)))
 
 
-def definitions_list(told: Mapping[str, str]) -> str:
-    """Definitions of the keys, as a table."""
-    lines = "".join(
-        f'<tr><td>{escape(key)}</td><td class="text">{escape(told[key])}</td></tr>'
-        for key in sorted(told)
-    )
-    return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
-
-
-def plain_table(values: Mapping[str, Any], told: Mapping[str, str] | None = None) -> str:
+def plain_table(values: Mapping[str, Any], told: Mapping[str, str] = NOTHING) -> str:
     """A table with one row per key: its value and its definition."""
-    said = told or {}
+    return text_table((key, value_cell(value), told.get(key, "")) for key, value in values.items())
+
+
+def text_table(rows: Iterable[tuple[str, str, str]]) -> str:
+    """A table with one row per key: cells as they are, and text."""
     lines = "".join(
-        f"<tr><td>{escape(key)}</td>{value_cell(value)}"
-        f'<td class="text">{escape(said.get(key, ""))}</td></tr>'
-        for key, value in values.items()
+        f'<tr><td>{escape(key)}</td>{cells}<td class="text">{escape(text)}</td></tr>'
+        for key, cells, text in rows
     )
     return f'<div class="scroll"><table class="plain"><tbody>{lines}</tbody></table></div>'
 

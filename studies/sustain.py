@@ -204,23 +204,15 @@ def _load(scene: Scene, loading: Loading, direction: Floats) -> LoadedPath:
 
 def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     """Digest of all that the directions depend on."""
-    graph, law = scene.graph, cast(MovableLaw, scene.law)
-    numbers: list[Any] = [graph.x, graph.radii, graph.contacts, graph.normal_force]
-    if graph.cell is not None:
-        numbers += [graph.images, graph.cell]
-    planes = scene.boundary.walls
-    if planes is not None:
-        numbers += [planes.grain, planes.branch, planes.kn, planes.kt, planes.force]
-        numbers += [] if planes.mu is None else [planes.mu]
-    digest = blake2b(f"{code_version()} {asked}".encode(), digest_size=8)
-    if graph.rolling_moment is not None:
-        numbers.append(graph.rolling_moment)
+    law = cast(MovableLaw, scene.law)
     # Beside a spring for rolling stands the law of the forces.
-    parameters = vars(law) | vars(vars(law).get("law", law))
-    of_law = [v for v in parameters.values() if isinstance(v, np.ndarray)]
-    for values in (*numbers, graph.shear_force, *of_law):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return f"{digest.hexdigest()}-{law.shear_increment}-{law.shear_history}"
+    parts = scene.graph, scene.boundary.walls, law, vars(law).get("law")
+    said = f"{code_version()} {asked} {law.shear_increment} {law.shear_history}"
+    digest = blake2b(said.encode(), digest_size=8)
+    for values in (value for part in parts if part is not None for value in vars(part).values()):
+        if isinstance(values, np.ndarray):
+            digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def direction_table(found: Sustained) -> pd.DataFrame:

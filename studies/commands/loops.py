@@ -44,6 +44,10 @@ KAPPA = {"linear": 0.2, "hertz": 1.4 / 1.7}
 OF_POLYGON = ("order", "radii", "compare", "snapshot", "centres")
 OF_DOMAIN = ("order", "compare", "radii", "snapshot")
 OWN = ("orientation", "kappa", "phi_deg", "confine", "rolling")
+CONES = {
+    "empty": "no unstable direction",
+    "ray": "second-order work vanishes in one direction",
+}
 
 
 def diamond_command(
@@ -58,7 +62,6 @@ def diamond_command(
     own = {asked.alpha0_deg, asked.kappa, asked.phi_deg, asked.confine} != {None}
     out = out_or(writing.out, "diamond" if own else f"diamond-table{asked.table or 1}")
     with clock("grainloops diamond"):
-        from studies.paths.followed import area_line, state_lines
         from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
         from studies.paths.run import run_diamond
@@ -71,7 +74,7 @@ def diamond_command(
         apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
         apart = apart or "nothing to compare"
     events = [event | {"words": event_words(event["kind"])} for event in summary["events"]]
-    more = [*state_lines(summary), area_line(summary)]
+    more = state_lines(summary)
     lines = printed("diamond", summary, events=events, more=more, apart=apart)
     return answer(writing.json, out, lines, summary["notes"])
 
@@ -196,16 +199,37 @@ def _of_snapshot(path: Path, loop: int | None, words: Any, how: dict[str, Any]) 
 
 
 def _polygon_lines(summary: Summary) -> list[str]:
-    from studies.paths.followed import area_line, state_lines
     from studies.paths.polygon import event_lines
 
     critical = "  ".join(
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()
     )
-    more = [*state_lines(summary), area_line(summary)]
-    told = {"critical": critical, "listed": event_lines(summary), "more": more}
+    told = {"critical": critical, "listed": event_lines(summary), "more": state_lines(summary)}
     return printed("polygon", summary | told)
+
+
+def state_lines(summary: Summary) -> list[str]:
+    """Lines of the named states, with both sides of an event at which contacts start to slide.
+
+    The last one says which area stresses are over.
+    """
+    told: Summary = {}
+    for name, state in ((name, one) for name, one in summary["states"].items() if one):
+        beyond, slides = state.get("beyond"), "sliding" in state["regime"]
+        told[name] = state | {
+            "stability": _stability(state),
+            "going_on": _stability(beyond) if beyond else None,
+            "activated": bool(state["directions"] and (beyond or slides)),
+        }
+    return "\n".join(printed("states", summary, states=told)).split("\n")
+
+
+def _stability(operators: dict[str, Any]) -> str:
+    """Verdict and cone of one operator in (11, 22)."""
+    cone, verdict = operators["cone"], operators["verdict"]
+    wide = f"double cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
+    return f"{verdict.get('diagonal', verdict)['status']}, {CONES.get(cone['status'], wide)}"
 
 
 def loop_command(

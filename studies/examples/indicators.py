@@ -88,13 +88,9 @@ def scores(folder: Path, seed: int = 0) -> pd.DataFrame:
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean of independent values and its 95 % interval by Student's t; not numbers for one."""
-    known = np.asarray(values, dtype=float)
-    known = known[np.isfinite(known)]
-    if len(known) < 2:
-        return (float(known.mean()) if len(known) else float("nan")), float("nan"), float("nan")
-    half = student.ppf(0.975, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known))
-    mean = float(known.mean())
-    return mean, mean - float(half), mean + float(half)
+    known = pd.Series(values, dtype=float).dropna()
+    mean, half = known.mean(), student.ppf(0.975, len(known) - 1) * known.sem()
+    return float(mean), float(mean - half), float(mean + half)
 
 
 def by_packing(rows: pd.DataFrame) -> pd.DataFrame:

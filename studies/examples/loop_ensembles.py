@@ -27,6 +27,7 @@ from loops import (
     GrainGraph,
     LinearFrictional,
     Regime,
+    contact_state,
     loop_batches,
     polygon_shape,
     traction_tangent,
@@ -37,7 +38,7 @@ from patterns import Snapshot, random_loop, read_snapshot, sample_cell, sample_p
 from stability.verdict import loop_stability
 from studies.examples import run_example, save
 from studies.examples.cells import read
-from studies.style import BLACK, BLUE, TWO_COLUMNS, VERMILION, figure_key, new_figure, styled
+from studies.style import BLACK, BLUE, VERMILION, figure_key, new_panels, styled
 
 ORDERS = range(3, 13)
 # Discs of nearly one size have no re-entrant loop below this order.
@@ -49,12 +50,8 @@ MOST_DEVIATOR, OVERLAP = 0.6, 1e-3
 # the elongation, and mobilisation).
 NEIGHBOURS, NEAR_SHAPES = 100, 0.15
 RESAMPLES = 400
-# Order whose shapes are compared, and bins of which so many loops are drawn.
-SHOWN_ORDER, FEWEST_DRAWN = 5, 100
-EDGES = {"order": np.arange(2.5, 13.0), "elongation": np.array([1.0, 1.2, 1.5, 2.0, 2.7, 4.0]),
-         "mobilisation": np.linspace(0.0, 1.0, 6)}  # fmt: skip
-LABELS = {"order": "order $n$ (–)", "elongation": "elongation (–)",
-          "mobilisation": r"mean of $|T|/(\mu N)$ (–)"}  # fmt: skip
+# Orders of which so many loops are drawn.
+FEWEST_DRAWN = 100
 
 
 def drawn_forces(
@@ -112,10 +109,9 @@ def random_loops(
         c, s = share * np.cos(turn), share * np.sin(turn)
         stress = np.eye(2) + np.moveaxis(np.array([[c, s], [s, -c]]), -1, 0)
         # Contact forces `f - P m`, within friction where `mu N - T` and `mu N + T` are positive.
-        centred, d = from_centroid(x), np.roll(x, -1, axis=1) - x
+        centred, contacts = from_centroid(x), contact_state(loops)
         force = -outward(x, 0.5 * (centred + np.roll(centred, -1, axis=1))) @ stress
-        n = d / np.linalg.norm(d, axis=-1, keepdims=True)
-        t = np.stack([-n[..., 1], n[..., 0]], axis=-1)
+        n, t = contacts.n, contacts.t
         B = np.concatenate([law.mu * n - t, law.mu * n + t], axis=1)
         a = (B * np.concatenate([force, force], axis=1)).sum(axis=-1)
         f, slides, good = drawn_forces(rng, a, B, rng.integers(0, 3, many))
@@ -147,7 +143,6 @@ def measures(graph: GrainGraph, law: Any, kn: float) -> pd.DataFrame:
         "sliding": np.count_nonzero(graph.regime == Regime.SLIDING, axis=1),
         "convex": (d[..., 0] * after[..., 1] > d[..., 1] * after[..., 0]).all(axis=1),
         "lambda_min": found.eigenvalues[:, 0],
-        "unstable": found.unstable_fraction,
     })  # fmt: skip
 
 
@@ -187,18 +182,16 @@ def order_medians(
     """By order: medians and shares of both, ranks with 95 % intervals by resampling."""
     rows = []
     for order, own in real.groupby("order"):
-        rank, both = own["rank"].dropna().to_numpy(), {"real": own}
-        both["random"] = random[random.order == order]
+        rank = own["rank"].dropna().to_numpy()
         if len(rank) < 20:
             continue
         means = rng.choice(rank, (RESAMPLES, len(rank))).mean(axis=1)
         row: dict[str, Any] = {"order": order, "matched": len(rank), "rank": rank.mean()}
         row |= {"below_5": (rank < 0.05).mean(), "above_95": (rank > 0.95).mean()}
         row |= dict(zip(("rank_low", "rank_high"), np.quantile(means, [0.025, 0.975]), strict=True))
-        for name, some in both.items():
+        for name, some in {"real": own, "random": random[random.order == order]}.items():
             row |= {name: len(some), f"{name}_lambda": some.lambda_min.median(),
                     f"{name}_negative": (some.lambda_min < 0.0).mean(),
-                    f"{name}_unstable": some.unstable.mean(),
                     f"{name}_convex": some.convex.mean()}  # fmt: skip
         rows.append(row)
     return pd.DataFrame(rows or {"order": []})
@@ -206,48 +199,34 @@ def order_medians(
 
 @styled()
 def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figure:
-    """Smallest eigenvalue and unstable share over order and shape; ranks of real loops."""
-    figure = new_figure(TWO_COLUMNS, 6.4)
-    axes = figure.subplots(3, 3)
-    for by, (top, below) in zip(EDGES, axes[:2].T, strict=True):
-        for data, colour, name in ((random, BLUE, "random"), (real, VERMILION, "real")):
-            # Over shape and mobilisation loops of one order are compared.
-            same = data if by == "order" else data[data.order == SHOWN_ORDER]
-            middle = 0.5 * (EDGES[by][1:] + EDGES[by][:-1])
-            groups = same.groupby(pd.cut(same[by], EDGES[by], labels=middle), observed=True)
-            many = groups.size() >= FEWEST_DRAWN
-            low, mid, high = groups.lambda_min.quantile([0.05, 0.5, 0.95]).unstack()[many].T.values
-            share, error = groups.unstable.mean()[many], 1.96 * groups.unstable.sem()[many]
-            at, look = many.index[many].astype(float), {"color": colour, "markersize": 3}
-            top.errorbar(at, mid, [mid - low, high - mid], fmt="o", label=name, **look)
-            least = np.minimum(error, share)
-            below.errorbar(at, 1e3 * share, 1e3 * np.array([least, error]), fmt="o", **look)
-        top.set(yscale="log", xlabel=LABELS[by])
-        below.set(xlabel=LABELS[by])
-        for ax in (top, below) if by != "order" else ():
-            ax.set_title(f"$n$ = {SHOWN_ORDER}")
-    axes[0, 0].set_ylabel(r"$\lambda_{\min}(K_s)/k_n$ (–): 5, 50, 95 %")
-    axes[1, 0].set_ylabel(r"unstable directions ($10^{-3}$)")
-    ranks, mean, convex = axes[2]
+    """Smallest eigenvalue over the order; ranks of real loops; shares of convex loops."""
+    figure, ((smallest, ranks), (mean, convex)) = new_panels(2, 2, 4.8)
+    for data, colour, name in ((random, BLUE, "random"), (real, VERMILION, "real")):
+        groups = data.groupby("order")
+        low, middle, high = groups.lambda_min.quantile([0.05, 0.5, 0.95]).unstack().T.to_numpy()
+        many, look = groups.size().to_numpy() >= FEWEST_DRAWN, {"color": colour, "markersize": 3}
+        spread, orders = np.array([middle - low, high - middle]), np.array([*groups.groups])
+        smallest.errorbar(orders[many], middle[many], spread[:, many], fmt="o", label=name, **look)
+        if len(table):
+            convex.plot(table.order, table[f"{name}_convex"], "o", **look)
+    smallest.set(yscale="log", ylabel=r"$\lambda_{\min}(K_s)/k_n$ (–): 5, 50, 95 %")
     for order, style in ((3, "-"), (4, "--"), (5, "-."), (6, ":")):
-        own = real[real.order == order]["rank"].dropna()
-        ranks.hist(own, np.linspace(0.0, 1.0, 11), density=True, histtype="step", linestyle=style,
-                   color=VERMILION)  # fmt: skip
-        ranks.plot([], [], style, color=VERMILION, label=f"$n$ = {order}")
+        own, label = real[real.order == order]["rank"].dropna(), f"$n$ = {order}"
+        ranks.stairs(*np.histogram(own, 10, (0.0, 1.0), density=True), linestyle=style,
+                     color=VERMILION, label=label)  # fmt: skip
     ranks.axhline(1.0, color=BLACK, linewidth=0.5)
     ranks.set(xlabel=r"rank of the real loop's $\lambda_{\min}$ (–)", ylabel="density (–)")
     ranks.legend()
     if len(table):
-        spread = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
-        mean.errorbar(table.order, table["rank"], spread, fmt="o", markersize=3, color=VERMILION)
-        convex.plot(table.order, table.random_convex, "o", markersize=3, color=BLUE)
-        convex.plot(table.order, table.real_convex, "o", markersize=3, color=VERMILION)
+        away = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
+        mean.errorbar(table.order, table["rank"], away, fmt="o", markersize=3, color=VERMILION)
     mean.axhline(0.5, color=BLACK, linewidth=0.5)
-    mean.set(xlabel=LABELS["order"], ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
-    convex.set(xlabel=LABELS["order"], ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
-    for axis in (*axes[:2, 0], mean, convex):
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    figure_key(figure, axes[0, 0], ncols=2)
+    mean.set(ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
+    convex.set(ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
+    for ax in (smallest, mean, convex):
+        ax.set_xlabel("order $n$ (–)")
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure_key(figure, smallest, ncols=2)
     return figure
 
 

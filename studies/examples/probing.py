@@ -20,6 +20,7 @@ from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import PackingRates, probe
 from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
+from studies.output import components
 from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
 
 STATES = ("before", "after", "moving")
@@ -66,8 +67,8 @@ def compared_state(name: str) -> pd.DataFrame:
             length = np.linalg.norm(actual, axis=(1, 2))
             columns = {
                 **{"state": name, "band": label, "amplitude": amplitude, "theta_deg": theta},
-                **{f"measured_{ij}": actual[:, i, j] for ij, (i, j) in PARTS.items()},
-                **{f"predicted_{ij}": (P + more)[:, i, j] for ij, (i, j) in PARTS.items()},
+                **components("measured_", actual),
+                **components("predicted_", P + more),
                 "error": error / length,
                 "error_of_largest": error / length.max(),
                 "error_of_state": error * size / np.linalg.norm(stress),
@@ -77,9 +78,6 @@ def compared_state(name: str) -> pd.DataFrame:
             }
             parts.append(pd.DataFrame(columns))
     return pd.concat(parts)
-
-
-PARTS = {"11": (0, 0), "12": (0, 1), "21": (1, 0), "22": (1, 1)}
 
 
 def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:

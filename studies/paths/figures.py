@@ -58,6 +58,7 @@ from studies.style import (
 SHARE_WORDS = {
     "unstable_deg": "$w_2 < 0$", "several_deg": "several solutions", "none_deg": "no solution"
 }  # fmt: skip
+HOLLOW: Any = {"markerfacecolor": "none", "markersize": 6}
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
@@ -412,10 +413,8 @@ def draw_critical_strain(compared: Compared, ax: Axes) -> None:
             textcoords="offset points", va="center", color=GREY,
         )  # fmt: skip
     for subspace, colour, _, label in SUBSPACE_LOOKS:
-        ax.plot(
-            table["order"], table[f"critical_strain_{subspace}"], SUBSPACE_MARKERS[subspace],
-            color=colour, markerfacecolor="none", markersize=6, label=label,
-        )  # fmt: skip
+        marker, strain = SUBSPACE_MARKERS[subspace], table[f"critical_strain_{subspace}"]
+        ax.plot(table["order"], strain, marker, color=colour, label=label, **HOLLOW)
     _order_axis(ax, table["order"])
     ax.set(ylabel="critical isotropic strain (–)", ylim=(-0.02, None))
     beside = key_columns(figure_of(ax), 3)
@@ -434,10 +433,8 @@ def draw_yield_and_peak(compared: Compared) -> Figure:
             ("first_yield", "o", BLUE, "first yield"),
             ("peak", "x", VERMILION, "peak of $s_1$"),
         ):
-            ax.plot(
-                table["order"], table[f"{name}_{key}"], mark, color=colour, label=said,
-                markerfacecolor="none", markersize=6,
-            )  # fmt: skip
+            values = table[f"{name}_{key}"]
+            ax.plot(table["order"], values, mark, color=colour, label=said, **HOLLOW)
         _order_axis(ax, table["order"])
         ax.set(ylabel=label)
         ax.margins(y=0.15)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,7 +43,7 @@ from stability import (
     unstable_fraction,
 )
 from stability import Path as LoopPath
-from studies.output import Summary, values_of
+from studies.output import values_of
 from studies.paths.options import DiamondOptions, PolygonOptions
 
 SUBSPACES = ("diagonal", "symmetric", "full")
@@ -65,10 +64,6 @@ DIRECTIONS = 720
 # Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
 RADIUS = 2.0
 # Words of a cone without a width, and columns of one with it.
-CONES = {
-    "empty": "no unstable direction",
-    "ray": "second-order work vanishes in one direction",
-}
 # Degrees that rounding opens where a cone closes: the square root of some roundings.
 CLOSED = 1e-5
 # Share of a shear force that keeps its sign, and with it the side on which a contact slides.
@@ -418,33 +413,3 @@ def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
     work = np.where(annulled, 0.0, diagram.work if work is None else work)
     outward = np.stack([np.cos(diagram.angle), np.sin(diagram.angle)], axis=-1)
     return PolarDiagram(diagram.angle, diagram.direction, work, (RADIUS + work)[:, None] * outward)
-
-
-def state_lines(summary: Summary) -> list[str]:
-    """Lines of the named states, with both sides of an event at which contacts start to slide."""
-    lines = []
-    for name, state in ((name, one) for name, one in summary["states"].items() if one):
-        place = f"state {name:<6} E1 = {state['E1']:.10f}  s1 = {state['s1']:.10f}: "
-        beyond, activated = state.get("beyond"), state["directions"]
-        lines.append(f"{place}{'arriving: ' if beyond else ''}{_stability(state)}")
-        if beyond:
-            lines.append(f"{'':12} going on, contacts at yield sliding: {_stability(beyond)}")
-        if activated and (beyond or "sliding" in np.ravel(state["regime"])):
-            lines.append(
-                f"{'':12} in the regimes that each direction activates: "
-                f"{activated['unstable_deg']:.2f} of 360 degrees unstable"
-            )
-    return lines
-
-
-def _stability(operators: Mapping[str, Any]) -> str:
-    """Verdict and cone of one operator in (11, 22)."""
-    cone, verdict = operators["cone"], operators["verdict"]
-    wide = f"double cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
-    return f"{verdict.get('diagonal', verdict)['status']}, {CONES.get(cone['status'], wide)}"
-
-
-def area_line(summary: Summary) -> str:
-    """The area that stresses are over."""
-    area = summary["reference_area"]
-    return f"s1, s2: nominal stress over kn and {area['of']}, an area of {area['value']:.6g} l0^2"

@@ -20,7 +20,8 @@ from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_pa
 from patterns.diamond import DiamondParameters
 from stability import rates_at, restrict, symmetric_spectrum
 from stability.programmes import proportional_strain
-from studies.paths.followed import area_line, first_yield, state_lines
+from studies.commands.loops import state_lines
+from studies.paths.followed import first_yield
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -456,7 +457,7 @@ def test_states_of_a_polygon_have_both_sides_of_the_first_yield(pentagon):
     assert states["B"]["verdict"]["diagonal"]["status"] == "stable"
     assert states["B"]["beyond"]["verdict"]["diagonal"]["status"] == "unstable"
     assert states["B"]["beyond"]["regime"].count("sliding") == 2 and path.regime[row].max() == 1
-    lines = state_lines(summary)
+    *lines, _ = state_lines(summary)
     assert [line[:12].strip() for line in lines] == ["state A", "state B", "", "", "state end", ""]
     assert "arriving: stable, no unstable direction" in lines[1]
     assert "going on" in lines[2] and "42.35 degrees wide" in lines[2]
@@ -490,8 +491,8 @@ def test_stresses_say_the_area_that_they_are_over():
     diamond = summary_of(table=1)
     areas = [summary["reference_area"]["value"] for summary in (polygon, diamond)]
     assert areas == [pytest.approx(1.0, rel=1e-15), pytest.approx(2.0, rel=1e-15)]
-    assert "polygon, an area of 1 l0^2" in area_line(polygon)
-    assert "L10 L20, twice the rhombus, an area of 2 l0^2" in area_line(diamond)
+    assert "polygon, an area of 1 l0^2" in state_lines(polygon)[-1]
+    assert "L10 L20, twice the rhombus, an area of 2 l0^2" in state_lines(diamond)[-1]
 
 
 def test_a_state_with_many_contacts_at_yield_has_no_directions():
