@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -81,14 +80,15 @@ class LoopBlock:
     """Loops one after the other, with what a step needs of them.
 
     `loops`, `rows`: Where they stand in the arrays of a state; `offsets` (L + 1,): Rows of each
-    loop in the block; `branches` (m, 2), `answer` (8, m): Of the contacts at the start; `part`
-    (m,): Of its loop's contacts that each stands for; `size` (L,): Roots of the areas; `weight`
-    (L,); `share`: Of a contact's force; `steps`: Of the contacts.
+    loop in the block, `count` (L,) of them; `branches` (m, 2), `answer` (8, m): Of the contacts at
+    the start; `part` (m,): Of its loop's contacts that each stands for; `size` (L,): Roots of the
+    areas; `weight` (L,); `share`: Of a contact's force; `steps`: Of the contacts.
     """
 
     loops: slice
     rows: slice
     offsets: Integers
+    count: Integers
     branches: Floats
     answer: Floats
     part: Floats
@@ -97,11 +97,6 @@ class LoopBlock:
     share: float
     steps: ContactSteps
     cells: Cells | None
-
-    @cached_property
-    def count(self) -> Integers:
-        """Return the number of contacts (L,) of each loop."""
-        return np.diff(self.offsets)
 
     def spread(self, numbers: Floats | Flags, axis: int = 0) -> Any:
         """Return numbers of the loops for each of their contacts."""
@@ -177,8 +172,9 @@ def _block(
     answer = steps(branches[None], branches[None], loops.shear_force[None, rows])[0]
     at, size = slice(first, first + len(rows)), np.sqrt(loops.areas)
     return LoopBlock(
-        which, at, offsets, branches, answer, part, size, weight, loops.share, steps, cells
-    )
+        which, at, offsets, np.diff(offsets), branches, answer, part, size, weight, loops.share,
+        steps, cells,
+    )  # fmt: skip
 
 
 def affine(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
@@ -249,8 +245,4 @@ def _taken(
     return sums
 
 
-CLOSURES: dict[str, Callable[[LoopBlock, Floats, MaterialState, MaterialState], Floats]] = {
-    "affine": affine,
-    "traction": traction,
-    "cell": cell,
-}
+CLOSURES = {"affine": affine, "traction": traction, "cell": cell}

@@ -37,13 +37,11 @@ def material_law(law: ContactLaw, radii: Floats) -> PairLaw:
     # A coupling may go with the shear force.
     _, state = pairs.contacts(overlap, pairs.normal_force(overlap))
     coupled = pairs.local_stiffness(state, Regime.ELASTIC)[:, 1, 0].any()
-    for refused, received in (
-        (pairs.law.bonded, "bonds, which break for good"),
-        (coupled and type(pairs.law) not in KERNELS, "a stiffness between normal and shear"),
-    ):
-        if refused:
-            expected, remedy = "a law of the present state", "Follow loops under it by gl.follow."
-            raise InputError("law of the material", received, expected, remedy)
+    if pairs.law.bonded or (coupled and type(pairs.law) not in KERNELS):
+        bonds, coupling = "bonds, which break for good", "a stiffness between normal and shear"
+        expected, remedy = "a law of the present state", "Follow loops under it by gl.follow."
+        received = bonds if pairs.law.bonded else coupling
+        raise InputError("law of the material", received, expected, remedy)
     return pairs
 
 
@@ -65,28 +63,33 @@ class ContactSteps:
         return np.minimum(every, len(self.law) - 1).reshape(-1, size)
 
     @cached_property
-    def _given(self) -> tuple[Any, Floats, Floats, int]:
-        """Pointer, constants and radii of the law in chunks, number of Gauss points.
+    def _given(self) -> tuple[tuple[Any, Floats], Floats, Floats, int]:
+        """Pointer and constants of the law in chunks, radii, lengths, number of Gauss points.
 
-        Without Gauss points where `kt` is constant, or goes with all of the shear force.
+        Without Gauss points where `kt` is constant, or goes with all of the shear force. A chunk of
+        few contacts has those of several points, unless each point has constants of its own.
         """
-        filling = self.law.filling(compile_own=False)
-        radii = np.ascontiguousarray(np.moveaxis(self.law.radii[:, self._rows], 0, 1))
-        if isinstance(filling, str):
-            return laws.Pointer(laws.given), np.zeros((0, 0)), radii, len(NODES)
-        constants = np.moveaxis(filling.constants[:, self._rows], 0, 1)
-        nodes = len(NODES) if filling.pointer.function is laws.hertz else 0
-        return filling.pointer, np.ascontiguousarray(constants[None, None]), radii, nodes
+        filling, rows = self.law.filling(compile_own=False), self._rows
+
+        def chunks(numbers: Floats) -> Floats:
+            return np.ascontiguousarray(np.moveaxis(numbers[:, rows], 0, 1))
+
+        law, nodes = (laws.Pointer(laws.given), np.zeros((0, 0))), len(NODES)
+        if not isinstance(filling, str):
+            rows = np.tile(rows, max(1, CHUNK // len(self.law)))
+            law = filling.pointer, chunks(filling.constants)[None, None]
+            nodes = len(NODES) if filling.pointer.function is laws.hertz else 0
+        return law, chunks(self.law.radii), chunks(self.touching), nodes
 
     def __call__(self, start: Floats, end: Floats, shear: Floats) -> Floats:
         """Return the answers (q, 8, m) of contacts that move between branches (q, m, 2).
 
         `shear` (q, m) are their shear forces at the start.
         """
-        pointer, constants, radii, nodes = self._given
+        (pointer, constants), radii, touching, nodes = self._given
         answer = np.empty((len(shear), ANSWER, shear.shape[1]))
         ends = (given(a, np.float64) for a in (start, end, shear))
-        ways = radii, nodes, self.law.by_radii, self.touching, *ends, answer
+        ways = radii, touching, nodes, self.law.by_radii, *ends, answer
         if not constants.size:
             constants = np.zeros((len(shear), 1 + nodes, len(radii), 3, radii.shape[2]))
             contact_steps(laws.Pointer(laws.asked), constants, *ways)

@@ -253,27 +253,32 @@ def _overlaps_on_the_way(g: int, count: int, work: Floats) -> None:
 
 @kernel
 def contact_steps(
-    fill: Any, constants: Floats, radii: Floats, nodes: int, by_radii: bool, touching: Floats,
+    fill: Any, constants: Floats, radii: Floats, touching: Floats, nodes: int, by_radii: bool,
     start: Floats, end: Floats, shear: Floats, answer: Floats,
 ) -> None:  # fmt: skip
     """Write the answers (q, 8, m) of contacts that move from `start` to `end`, (q, m, 2).
 
     The law is what `fill` gives of the `constants` (q or 1, 1 + nodes or 1, chunks, n, C) and of
-    `radii` (chunks, 2, C) in chunks of C contacts, at the end and at the nodes. `touching` (2, m)
-    are the lengths at touch, and those at which contacts open.
+    `radii` (chunks, 2, C) in chunks of C contacts, at the end and at the nodes. `touching`
+    (chunks, 2, C) are the lengths at touch, and those at which contacts open. Where C is a
+    multiple of m a chunk has the contacts of several points.
     """
-    work, laws, size = np.empty((ROWS, CHUNK)), np.empty((5, 8, CHUNK)), radii.shape[2]
-    last_q, last_g = len(constants) - 1, constants.shape[1] - 1
-    for begin in range(0, touching.shape[1], size):
-        chunk, count = begin // size, min(size, touching.shape[1] - begin)
-        overlap, before, shear0 = work[OVERLAP, :count], work[BEFORE, :count], work[SHEAR0, :count]
-        for q in range(len(end)):
-            own = constants[min(q, last_q)]
+    work, laws = np.empty((ROWS, CHUNK)), np.empty((5, 8, CHUNK))
+    size, each = radii.shape[2], shear.shape[1]
+    last_q, last_g, together = len(constants) - 1, constants.shape[1] - 1, max(1, size // each)
+    u, v, force = start.reshape((-1, 2)), end.reshape((-1, 2)), shear.reshape(-1)
+    for begin in range(0, each, size):
+        chunk, part = begin // size, min(size, each - begin)
+        for q in range(0, len(end), together):
+            points = min(together, len(end) - q)
+            first, count, own = q * each + begin, points * part, constants[min(q, last_q)]
+            overlap, before = work[OVERLAP, :count], work[BEFORE, :count]
+            shear0 = work[SHEAR0, :count]
             for c in range(count):
-                work[PX, c], work[PY, c] = start[q, begin + c, 0], start[q, begin + c, 1]
-                work[DX, c], work[DY, c] = end[q, begin + c, 0], end[q, begin + c, 1]
-                work[TOUCHING, c], work[OPENS, c] = touching[0, begin + c], touching[1, begin + c]
-                work[SHEAR0, c] = shear[q, begin + c]
+                work[PX, c], work[PY, c] = u[first + c, 0], u[first + c, 1]
+                work[DX, c], work[DY, c] = v[first + c, 0], v[first + c, 1]
+                work[TOUCHING, c], work[OPENS, c] = touching[chunk, 0, c], touching[chunk, 1, c]
+                work[SHEAR0, c] = force[first + c]
             _overlaps(count, work)
             fill(own[0, chunk], radii[chunk], overlap, before, shear0, work[:ANSWER])
             for g in range(nodes):
@@ -284,9 +289,10 @@ def contact_steps(
             for c in range(count if left > 0 else 0):
                 if work[TAKEN, c] > 0.0:
                     _contact(by_radii, nodes, c, work, laws)
-            for k in range(ANSWER):
-                for c in range(count):
-                    answer[q, k, begin + c] = work[ANSWER + k, c]
+            for p in range(points):
+                for k in range(ANSWER):
+                    for c in range(part):
+                        answer[q + p, k, begin + c] = work[ANSWER + k, p * part + c]
 
 
 @kernel
