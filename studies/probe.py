@@ -21,10 +21,8 @@ from stability.packing import Probe
 from stability.packing import probe as probe_packing
 from stability.packing.amplitudes import probe_by_increment, probe_to
 from stability.packing.hold import HoldControl
-from stability.packing.increment import CANDIDATES
 from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
-from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.frames import loop_work_table, order_work_table
 from studies.output import UNITS, Summary, components, definitions, readable, values_of
@@ -83,7 +81,8 @@ def run_probe(
         found = probe_edge(edge, *way, faces, progress=progress)
         paths, reached = list[FollowedPath](), list[float]()
         if amplitude is not None and by == "increment":
-            wide = sample_edge(snapshot, checked_band(share, "candidates", CANDIDATES))
+            number("candidates", share, 0.0, 1.0, open_low=True)
+            wide = sample_edge(snapshot, share)
             found = probe_by_increment(found, wide, faces, amplitude)
         elif amplitude is not None:
             notes += balance_notes(snapshot)

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
+from loops.assembly import contact_kinematics
+from loops.errors import number
 from loops.laws.frictional import Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
@@ -35,7 +37,6 @@ from stability.packing.response import (
 )
 from stability.packing.yielding import (
     YieldResponse,
-    checked_band,
     forces_with_slip,
     taken,
     yield_response,
@@ -101,10 +102,8 @@ class PackingIncrements:
         """Return contacts between grains, no candidates, that end beyond their strength (C',)."""
         system, rows, own = self.yielding.system, self.yielding.rows, self.yielding.system.contacts
         state, law, n = taken(system.state, own), system.law.take(own), len(own)
-        branch, turns = relative[:n, :2], relative[:n, 2:] / system.length
-        g, b_i, b_j = law.shear_kinematics(state)
-        un, along = (np.sum(axis * branch, axis=1) for axis in (state.n, state.t))
-        ut = g * along - b_i * turns[:, 0] - b_j * turns[:, 1]
+        motion = relative[:n] / np.array([1.0, 1.0, system.length, system.length])
+        un, ut = np.einsum("cij,cj->ic", contact_kinematics(state, law), motion)
         _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
         strength = law.strength(state)
         with np.errstate(invalid="ignore"):
@@ -181,5 +180,5 @@ def packing_increment(
     ('unique', [[0.001, 0.0], [0.0, 0.0]])
     """
     control = component_control(strain, stress)
-    checked_band(candidates, "candidates", CANDIDATES)
+    number("candidates", candidates, 0.0, 1.0, open_low=True)
     return PackingIncrements(yield_response(scene, yield_band=candidates)).solved(control)

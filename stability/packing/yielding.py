@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
-from loops.assembly import contact_regime, contact_tangent
+from loops.assembly import contact_kinematics, contact_regime, contact_tangent
 from loops.boundary import plane_stiffness
 from loops.contacts import AT_YIELD
 from loops.errors import number
@@ -79,7 +79,7 @@ class LinearAnswer:
 def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
     """Find the contacts within the yield band, and those whose known regime is sliding."""
     graph, law, boundary = scene.graph, scene.law, scene.boundary
-    checked_band(yield_band)
+    number("yield_band", yield_band, 0.0, 1.0, open_low=True)
     state = scene.contact_state
     given = contact_regime(state, law, None)
     regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
@@ -143,13 +143,11 @@ class _NearYield(NamedTuple):
         sign = np.sign(state.shear_force)[:, None]
         stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
         change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
-        g, b_i, b_j = law.shear_kinematics(state)
-        normal = np.hstack([state.n, np.zeros_like(state.n)])
-        shear = np.column_stack([g[:, None] * state.t, -b_i, -b_j])
+        gauge = np.einsum("ci,cij->cj", change, contact_kinematics(state, law))
         push = np.column_stack([state.t, -state.arm_i, -state.arm_j])
         distance = np.maximum(law.strength(state) - np.abs(state.shear_force), 0.0)
         return (
-            sign * (change[:, :1] * normal + change[:, 1:] * shear),
+            sign * gauge,
             sign * push,
             contact_tangent(state, law, regimes),
             np.where(np.isfinite(distance), distance, 0.0),
@@ -172,11 +170,6 @@ def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: floa
     may_slide = rough & (state.shear_force != 0) & (regimes == Regime.SLIDING)
     full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
     return _NearYield(law, state, regimes, may_slide, full)
-
-
-def checked_band(share: float, name: str = "yield_band", usual: float = YIELD_BAND) -> float:
-    """Check the share of its strength from which a contact may slide."""
-    return number(name, share, 0.0, 1.0, open_low=True)
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:

@@ -20,9 +20,7 @@ from loops.kinetics import FATES, OrderEvents
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
-from stability.packing.increment import CANDIDATES
 from stability.packing.response import SOLVED
-from stability.packing.yielding import checked_band
 from stability.path import Past
 from studies.output import SERIES, UNITS, Row, Summary, definitions, values_of
 from studies.questions import Replaying, Tracking, taken
@@ -89,7 +87,7 @@ def run_series(
     check_choice("--in-packing", in_packing, (False, True, "rates", "events"))
     share, by_events = None, in_packing == "events"
     if in_packing:
-        share = checked_band(asked.candidates, "candidates", CANDIDATES)
+        share = number("candidates", asked.candidates, 0.0, 1.0, open_low=True)
     following = _following(asked.past, rate, asked.damping, asked.programme)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
@@ -101,7 +99,7 @@ def run_series(
     probed: tuple[float | None, int | None] = (None, None)
     if asked.probe is not None:
         whole_number("--probe", asked.probe, 1)
-        probed = checked_band(asked.yield_band), asked.probe
+        probed = number("yield_band", asked.yield_band, 0.0, 1.0, open_low=True), asked.probe
         read["probe"] = list(probed)
     configuration = {"paths": paths, "cells": cells, "times": times, **read}
     read["cells"] = None if cells is None else cells.name
