@@ -411,6 +411,12 @@ def area_ratio(H: Floats) -> float:
     return float((1.0 - H[0]) * (1.0 - H[3]) - H[1] * H[2])
 
 
+def nominal(stress: Floats, H: Floats) -> Floats:
+    """Return the nominal stress over the first cell, `det F P F^-T` with `F = 1 - H`."""
+    F = np.eye(2) - H
+    return np.asarray(np.linalg.det(F) * stress @ np.linalg.inv(F).T)
+
+
 def cauchy(H: Floats, P: Floats, component: int) -> float:
     """Return the Cauchy stress 11 (component 0) or 22 (3) of nominal stresses `P` (4,) at `H`."""
     own = slice(0, 2) if component == 0 else slice(2, 4)

@@ -11,8 +11,7 @@ from loops import InputError
 from patterns import Snapshot
 from stability import COMPONENTS, Stage
 from stability import Path as FollowedPath
-from stability.packing.state import nominal
-from stability.programmes import NOTHING
+from stability.programmes import NOTHING, nominal
 from studies.output import Summary, components
 from studies.series.evolution import sample_strain
 from studies.series.loading import stress_of

@@ -16,8 +16,7 @@ from loops.arrays import Floats
 from loops.contacts import Contacts
 from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
-from stability.packing.point import PackingPoint
-from stability.packing.state import RELEASED, jumped
+from stability.packing.point import RELEASED, PackingPoint
 from stability.path import Event, How, Past
 
 
@@ -65,7 +64,7 @@ class Dynamic:
         """Return the packing at rest."""
         try:
             end, work = snap_through(here.state, here.load, control, self.damping)
-            jump = jumped(here.state, end, here.first_stress)
+            jump = here.jump_to(end)
             if jump:
                 raise ArithmeticError(jump)
         except ArithmeticError as error:

@@ -17,7 +17,6 @@ from stability.packing.pathologies import pathologies
 from stability.packing.point import MAY_CLOSE_GAP, PackingPoint, regimes_of
 from stability.packing.rattlers import free_rattlers, settle
 from stability.packing.regime_factor import OPEN, Memory, RegimeFactor
-from stability.packing.state import jumped
 from stability.packing.strain_increment import MAX_SPEED_RATIO, StrainIncrement
 from stability.path import FINISHED, Event, Past, Path, PathStatus, reason
 from stability.programmes import NOTHING, Stage
@@ -181,7 +180,7 @@ class PackingPathSolver:
         end = self._end(increment)
         if end is None:
             return NO_LOAD
-        jump = jumped(start.state, end.state, start.first_stress)
+        jump = start.jump_to(end.state)
         if jump:
             return "lost", jump
         # Neighbours come nearer with the cell as well, by twice this.

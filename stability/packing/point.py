@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from loops.arrays import Flags, Floats, Regimes
-from loops.contacts import AT_YIELD, Contacts
+from loops.contacts import AT_YIELD, Contacts, PackingState
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, Memory
 from stability.path import Event
@@ -21,6 +21,14 @@ if TYPE_CHECKING:
 
 # Pairs closer than this share of the mean diameter may close: they are listed, as open contacts.
 MAY_CLOSE_GAP = 0.01
+# Columns of `Path.work` after that of the control.
+SLIP = 1
+INCREMENT = 2
+RELEASED = 3
+# Largest change of the stress in an interval, over itself: beyond, the interval met a jump.
+JUMP = 0.5
+# Largest motion of a centre against the others in an interval, over the mean diameter.
+LEAP = 0.02
 
 
 class Leg(NamedTuple):
@@ -131,6 +139,19 @@ class PackingPoint:
     def imbalance(self) -> Floats:
         """(B, 3) resultants that no load balances."""
         return self.state.resultants + self.load
+
+    def jump_to(self, after: PackingState) -> str:
+        """Tell the jump of the stress or of a centre in a short strain; empty if there is none."""
+        # Near zero stress the change is measured by the stress of the start; contacts that pull
+        # cancel others in the stress, and count besides.
+        size = max(float(np.linalg.norm(self.state.stress)), self.first_stress) + self.state.pull
+        change = np.linalg.norm(after.stress - self.state.stress) / size
+        if not change < JUMP:
+            return f"the stress jumped by {change:.2g} of what it was"
+        beyond = after.x - self.state.x @ (after.cell @ np.linalg.inv(self.state.cell)).T
+        carries = np.bincount(after.contacts[after.closed].ravel(), minlength=len(beyond)) > 1
+        leap = np.abs(beyond[carries]).max(initial=0.0) / (2.0 * after.mean_radius)
+        return f"a grain leapt by {leap:.2g} diameters" if leap > LEAP else ""
 
     # ---- the stage
 

@@ -16,9 +16,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import Contacts
 from loops.laws.of_pairs import SMALL_OVERLAP
-from stability.packing.point import PackingPoint
+from stability.packing.point import RELEASED, PackingPoint
 from stability.packing.regime_factor import ELASTIC, OPEN
-from stability.packing.state import RELEASED
 
 # A grain whose largest normal force is below this share of the mean force carries nothing, at the
 # start and until it finds no room. Grains of held states have 1e-6 or 7e-3 and more.

@@ -24,9 +24,8 @@ from stability.packing.equations_of_motion import (
     steered,
     step_of,
 )
-from stability.packing.state import nominal
 from stability.path import Path
-from stability.programmes import NOTHING, Stage
+from stability.programmes import NOTHING, Stage, nominal
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo

@@ -13,7 +13,7 @@ from loops.arrays import Flags, Floats
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
 from stability.packing.pivots import disagreeing, pivot, seek
-from stability.packing.point import PackingPoint
+from stability.packing.point import INCREMENT, RELEASED, SLIP, PackingPoint
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
     ELASTIC,
@@ -25,7 +25,6 @@ from stability.packing.regime_factor import (
     Combination,
     RegimeFactor,
 )
-from stability.packing.state import INCREMENT, RELEASED, SLIP
 from stability.path import Event, EventKind, Spring
 
 # Events of one contact within an increment; at the next one it is damped or held.

@@ -20,7 +20,7 @@ from loops.contacts import start_state
 from patterns import Snapshot
 from patterns.snapshots.tables import read_table
 from stability import COMPONENTS, Programme, Stage
-from stability.packing.state import nominal
+from stability.programmes import nominal
 from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain
 

@@ -15,7 +15,6 @@ from stability.packing import (
     rattlers,
     regime_factor,
     replay,
-    state,
     strain_increment,
 )
 from stability.packing.path import PackingPathOptions
@@ -203,7 +202,7 @@ def test_settings():
     assert (motion.SNAP_RATE, motion.REST_FORCE, motion.REST_STRAIN) == (2.5e-7, 1e-6, 1e-2)
     assert f"after {motion.CHECK_STEPS * motion.MAX_CHECKS:,} steps without rest" in PAGE
     assert strain_increment.MAX_SPEED_RATIO == 1e3 and "1000 times the strain" in PAGE
-    assert state.JUMP == 0.5 and f"leaps by {state.LEAP} diameters" in PAGE
+    assert point.JUMP == 0.5 and f"leaps by {point.LEAP} diameters" in PAGE
 
 
 def test_sums_of_the_events():

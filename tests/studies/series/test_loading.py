@@ -11,7 +11,7 @@ from loops import InputError, Scene
 from patterns import Snapshot
 from stability import Stage, follow
 from stability.packing import replay
-from stability.packing.state import nominal
+from stability.programmes import nominal
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import sample_strain, track_loops
