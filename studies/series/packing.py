@@ -269,7 +269,7 @@ def driven_on(snapshot: Snapshot, increments: PackingIncrements) -> bool:
     yielding = increments.yielding
     _, regime = snapshot.mechanics()
     flagged = np.flatnonzero(regime[yielding.system.contacts] == Regime.SLIDING)
-    growing = np.diag(increments.rates.whole[0]) <= 0
+    growing = np.diag(increments.rates.whole.of_slip) <= 0
     return bool(growing[np.isin(yielding.rows, flagged)].any())
 
 

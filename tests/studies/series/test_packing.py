@@ -473,7 +473,7 @@ def test_other_candidates_are_another_series(result, tmp_path):
     predict(out, PATHS[:2], force=True, in_packing=False)
     assert not (out / "packing").exists()
     for band in (0.0, 1.5, float("nan")):
-        with pytest.raises(InputError, match=r"candidates: got .*, expected a share"):
+        with pytest.raises(InputError, match=r"candidates: got .*, expected a finite number"):
             predict(out, PATHS[:2], candidates=band)
 
 
