@@ -53,8 +53,8 @@ def symbolic_tangent(
 
     Symbols are the direction `theta` and length `l` of a contact's branch, those of the reference
     (`theta0`, `l0`) if it is another, `N`, `T`, `kn`, `kt` and `m`, with the number of the contact
-    where contacts differ, and the reference area `V`. Needs sympy (`pip install
-    grainloops[symbolic]`). Theory, equations (4.4) and (4.11).
+    where contacts differ, and the reference area `V`. Needs sympy (extra `symbolic`). Theory,
+    equations (4.4) and (4.11).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def symbolic_tangent(
         import sympy
         from sympy.matrices.utilities import dotprodsimp
     except ImportError:
-        remedy = "pip install 'grainloops[symbolic]'"
+        remedy = "Install it: pip install sympy."
         raise InputError("gl.symbolic_tangent", "no sympy", "sympy", remedy) from None
     graph, law = with_law(graph, law)
     require_one_state(graph)
