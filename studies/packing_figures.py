@@ -33,7 +33,6 @@ from studies.style import (
     VERMILION,
     edge_ticks,
     figure_of,
-    new_figure,
     new_panels,
     outer_legend,
     panel,
@@ -168,13 +167,13 @@ def order_shares(orders: dict[str, dict[str, float]], ax: Axes) -> None:
     outer_legend(ax, "lower left", (0.0, 1.0), 0.3)
 
 
-@styled()
-def additive_work_map(snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n$") -> Figure:
+@panel(4.4, 4.0)
+def additive_work_map(
+    snapshot: Snapshot, work: Floats, unit: str = "/ mean $k_n$", *, ax: Axes
+) -> None:
     """Loops coloured by their additive second-order work, in the unit that the label names."""
-    figure = new_figure(4.4, 4.0)
     label = r"additive $w = -\sum f' \cdot d' / (2 V_l)$ " + unit
-    draw_values(loop_drawer(snapshot), figure.add_subplot(), work, label, signed=True)
-    return figure
+    draw_values(loop_drawer(snapshot), ax, work, label, signed=True)
 
 
 # ---- paths

@@ -52,7 +52,7 @@ from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.results import table_of
 from studies.snapshot.fabric import Fabric, axes_rose, axis_errors, strong_contacts
-from studies.snapshot.figures import draw_orders, draw_values, finish_rose, loop_drawer
+from studies.snapshot.figures import draw_bars, draw_orders, draw_values, finish_rose, loop_drawer
 from studies.snapshot.table import loop_columns
 from studies.style import (
     BLACK,
@@ -388,12 +388,10 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
         strong = strong_contacts(snapshot)
         sets += [(strong, VERMILION, "o", f"strong: {np.count_nonzero(strong)}"),
                  (~strong, GREY, "s", f"weak: {np.count_nonzero(~strong)}")]  # fmt: skip
-    width = np.radians(ROSE_DEGREES)
     for chosen, colour, marker, label in sets:
         angle, density, error = axes_rose(axes[chosen], weights[chosen], ROSE_DEGREES)
         if not marker:
-            ax.bar(angle, density, width, color=colour, edgecolor="white", linewidth=0.4,
-                   label=label)  # fmt: skip
+            draw_bars(ax, density[: len(density) // 2], colour, label, filled=True)
             ax.errorbar(angle, density, error, fmt="none", ecolor=BLUE, elinewidth=0.7)
         else:
             ax.errorbar(angle, density, error, fmt=marker, color=colour, markersize=3,

@@ -117,14 +117,9 @@ def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
         unstable = np.flatnonzero(smallest < 0)
         # Some unstable loops are too soft to show by their colour: a line goes around them.
         if len(unstable) <= VECTOR_LIMIT:
-            outlines = PolyCollection(
-                polygons_of_loops(snapshot, unstable),
-                facecolors="none",
-                edgecolors=VERMILION,
-                linewidths=0.8 * _line_width(len(smallest)),
-                rasterized=len(smallest) > VECTOR_LIMIT,
-            )
-            axes[1].add_collection(outlines, autolim=False)
+            outlines = polygons_of_loops(snapshot, unstable)
+            look: Any = {"facecolors": "none", "edgecolors": VERMILION, "autolim": False}
+            draw_polygons(axes[1], outlines, len(smallest), 0.8, **look)
             unknown = int(np.count_nonzero(~np.isfinite(smallest)))
             name = f"unstable ({JUDGE_TITLES[judge]}): {len(unstable)} of {len(smallest)}" + (
                 f"; white: {unknown} without a verdict" if unknown else ""
@@ -194,22 +189,22 @@ def _polygon_drawer(snapshot: Snapshot) -> Drawer:
     polygons = polygons_of_loops(snapshot)
 
     def draw(ax: Axes, values: NDArray[Any], colours: Colormap, scale: Normalize) -> Artist:
-        collection = PolyCollection(
-            polygons,
-            array=values,
-            cmap=colours,
-            norm=scale,
-            edgecolors="white",
-            linewidths=0.4 * _line_width(len(polygons)),
-            rasterized=len(polygons) > VECTOR_LIMIT,
-        )
-        ax.add_collection(collection)
+        look: Any = {"array": values, "cmap": colours, "norm": scale, "edgecolors": "white"}
+        drawn = draw_polygons(ax, polygons, len(polygons), 0.4, **look)
         _label(ax)
         ax.margins(0.01)
         ax.autoscale_view()
-        return collection
+        return drawn
 
     return draw
+
+
+def draw_polygons(
+    ax: Axes, polygons: list[Floats], of: int, width: float, *, autolim: bool = True, **look: Any
+) -> Artist:
+    """Draw some `of` the loops of a sample: the more it has, the thinner the lines; then pixels."""
+    lines: Any = {"linewidths": width * _line_width(of), "rasterized": of > VECTOR_LIMIT}
+    return ax.add_collection(PolyCollection(polygons, **lines, **look), autolim=autolim)
 
 
 def _painter(snapshot: Snapshot) -> Drawer:
@@ -437,7 +432,7 @@ def _joined(segments: Floats) -> list[Floats]:
 @panel(height=3.6, projection="polar")
 def fabric_rose(fabric_density: Columns, summary: Summary, ax: PolarAxes) -> None:
     """Density of the contact directions, and its Fourier series of second order."""
-    _bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
+    draw_bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
     fabric = summary["contact_fabric"]
     theta = np.linspace(0, 2 * np.pi, 721)
     a, density = fabric["fourier_amplitude"], second_order(theta, fabric)
@@ -467,7 +462,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
             counted, colour = axes_density(angles, width), CLOSURE_COLOURS[closure]
             density, axis = counted["density"], np.radians(counted["angle"])
             error = density / np.sqrt(np.maximum(counted["count"], 1))
-            _bars(ax, density, colour, label, filled=False)
+            draw_bars(ax, density, colour, label, filled=False)
             ax.errorbar([*axis, *(axis + np.pi)], [*density] * 2, [*error] * 2, fmt="none",
                         ecolor=colour, elinewidth=0.7)  # fmt: skip
         for closure in unstable:
@@ -542,19 +537,14 @@ def unstable_by_band(ax: Axes, at_rest: Summary) -> None:
     ax.legend(loc="upper left")
 
 
-def _bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -> None:
+def draw_bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -> None:
     """Density of axes over the full circle; both directions of an axis count alike."""
     width = np.pi / len(density)
     centre = width * np.arange(2 * len(density))
-    ax.bar(
-        centre,
-        np.tile(density, 2),
-        width,
-        color=colour if filled else "none",
-        edgecolor="white" if filled else colour,
-        linewidth=0.4 if filled else 1.1,
-        label=label,
-    )
+    look: Any = {"color": "none", "edgecolor": colour, "linewidth": 1.1}
+    if filled:
+        look = {"color": colour, "edgecolor": "white", "linewidth": 0.4}
+    ax.bar(centre, np.tile(density, 2), width, label=label, **look)
 
 
 def finish_rose(ax: PolarAxes, title: str, unit: str) -> None:
