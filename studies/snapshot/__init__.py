@@ -54,7 +54,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             table["chain_contacts"] = on_loops
         certain = None
         if asked.input_error is not None:
-            from studies.snapshot.input_error import add_input_errors
+            from studies.snapshot.input_error import add_input_errors, certain_columns
 
             certain = add_input_errors(snapshot, table, asked.input_error)
         # Writing a million loops takes a third of the time of the summary, on another core.
@@ -66,9 +66,9 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
         summary["notes"] += notes
         tables: dict[str, Any] = {"orders": order_columns(summary, table)}
         if certain is not None:
-            summary |= certain[0]
+            summary |= certain
             summary["definitions"] |= definitions("snapshot_input_error")
-            tables["certain"] = certain[1]
+            tables["certain"] = certain_columns(snapshot, table)
         if asked.quadrons:
             from studies.snapshot.quadrons import quadron_columns, quadron_summary
 
@@ -96,7 +96,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             if certain is not None:
                 from studies.snapshot.input_error import draw_certain
 
-                shown = certain[1], str(asked.input_error)
+                shown = tables["certain"], str(asked.input_error)
                 drawn = chain(drawn, [("certain", lambda: draw_certain(*shown))])
             title = f"Loops of {readable(path.name)}"
             maps = loops_for_map(snapshot, table, **links)

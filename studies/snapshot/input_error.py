@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from loops import InputError, contact_forces, contact_state
-from loops.arrays import Flags, Floats, Integers
-from loops.closures import Closure
+from loops.arrays import Flags, Floats
 from loops.errors import short
 from loops.validation import real
 from patterns import Snapshot
@@ -80,44 +79,44 @@ def contact_errors(snapshot: Snapshot, input_error: Any) -> ContactErrors:
 
 
 def add_input_errors(
-    snapshot: Snapshot, table: Columns, input_error: Any
-) -> tuple[dict[str, Any], Columns]:
-    """Add `*_input_error` of both closures to the table of loops.
+    snapshot: Snapshot, table: Columns, input_error: Any, loops: Flags | None = None
+) -> dict[str, Any]:
+    """Add `*_input_error` of both closures to the table of loops, not numbers for no `loops` (L,).
 
-    Returns keys of the summary, and the table `certain`: by closure and group of orders the share
-    of loops whose sign is certain, over the error of the forces as a share of them; of larger
-    samples `MOST_DRAWN` loops.
+    Returns the keys of the summary.
     """
-    kn, (law, regime), faces = snapshot.mean_kn, snapshot.mechanics(), snapshot.faces
-    by_order, rows, groups = dict[str, Any](), list[Any](), group_rows(table["order"])
+    (law, regime), faces, by_order = snapshot.mechanics(), snapshot.faces, dict[str, Any]()
+    errors = contact_errors(snapshot, input_error)
+    picked = faces.loops if loops is None else faces.loops[loops]
+    found = eigenvalue_errors(snapshot.graph, law, regime, faces, errors, picked)
+    for closure, one in found.items():
+        error = table[f"{closure}_input_error"] = one.error / snapshot.mean_kn
+        # Rounding and the input together.
+        smallest = np.abs(np.nan_to_num(table[f"{closure}_lambda_min"]))
+        certain = smallest > table[f"{closure}_error"] + error
+        groups = group_rows(table["order"]).items()
+        among = np.ones(len(certain), dtype=bool) if loops is None else loops
+        by_order[closure] = {name: share(certain[own][among[own]]) for name, own in groups}
+    return {"input_error": str(input_error), "certain_by_order": by_order}
 
-    def errors(given: Any, loops: Integers) -> dict[Closure, Floats]:
-        own = contact_errors(snapshot, given)
-        found = eigenvalue_errors(snapshot.graph, law, regime, faces, own, loops)
-        return {closure: one.error / kn for closure, one in found.items()}
 
-    for closure, error in errors(input_error, faces.loops).items():
-        table[f"{closure}_input_error"] = error
-        certain = certain_signs(table, closure, error)
-        by_order[closure] = {name: share(certain[own]) for name, own in groups.items()}
-    drawn = np.zeros(len(faces.loops), dtype=bool)
+def certain_columns(snapshot: Snapshot, table: Columns) -> Columns:
+    """Table of the share of loops whose sign is certain, over the error of the forces.
+
+    By closure and group of orders; of larger samples `MOST_DRAWN` loops.
+    """
+    rows, drawn = list[Any](), np.zeros(len(table["order"]), dtype=bool)
     drawn[:: -(-len(drawn) // MOST_DRAWN) or 1] = True
-    for force_error in SHARES:
-        for closure, error in errors(force_error, faces.loops[drawn]).items():
-            certain = certain_signs(table, closure, error)
-            for name, own in groups.items():
-                if drawn[own].any():
-                    told = share(certain[own][drawn[own]])
-                    rows.append((closure, name, force_error, told["mean"], told["std_error"]))
+    for error in SHARES:
+        found = add_input_errors(snapshot, dict(table), error, drawn)["certain_by_order"]
+        for closure, groups in found.items():
+            rows += [
+                (closure, name, error, told["mean"], told["std_error"])
+                for name, told in groups.items()
+                if told["count"]
+            ]
     names = ("closure", "orders", "force_error", "certain_share", "certain_share_error")
-    columns = {name: np.array([row[k] for row in rows]) for k, name in enumerate(names)}
-    return {"input_error": str(input_error), "certain_by_order": by_order}, columns
-
-
-def certain_signs(table: Columns, closure: str, input_error: Floats) -> Flags:
-    """Loops whose smallest eigenvalue has a sign beyond the errors of rounding and of the input."""
-    smallest = np.nan_to_num(table[f"{closure}_lambda_min"])
-    return np.asarray(np.abs(smallest) > table[f"{closure}_error"] + input_error)
+    return {name: np.array([row[k] for row in rows]) for k, name in enumerate(names)}
 
 
 @panel(height=2.8)
