@@ -265,9 +265,9 @@ def run_domain(parameters: DomainParameters, out: Path, **files: Any) -> Summary
     """
     with study("domain", out, parameters.described(), UNITS["domain"], **files) as results:
         table = domain_table(parameters.cases(), parameters.directions)
-        summary = results.write_results({"domain": table}, domain_summary(table, parameters))
-        results.save_figures([("domain", lambda: domain_figure(table, parameters.cases()))])
-    return summary
+        drawings = [("domain", lambda: domain_figure(table, parameters.cases()))]
+        summary = domain_summary(table, parameters)
+        return results.write_results({"domain": table}, summary, drawings)
 
 
 def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary:

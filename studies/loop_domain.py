@@ -200,12 +200,10 @@ def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) 
         tables = {"domain": table}
         if PRESENT in alone:
             tables["boundary"] = alone[PRESENT].rows
-        summary = results.write_results(tables, found)
         drawn: Drawings = loop_figures(table, loops, parameters)
         if alone:
             drawn = [(name, partial(loop_domain_figure, alone, plane)) for name, plane in PLANES]
-        results.save_figures(drawn)
-    return summary
+        return results.write_results(tables, found, drawn)
 
 
 def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:

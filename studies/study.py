@@ -73,11 +73,17 @@ class Results:
         return whole
 
     def write_results(
-        self, tables: Mapping[str, Any], summary: Mapping[str, Any]
-    ) -> dict[str, Any]:
-        """Write tables by name and the summary; return the summary with its provenance."""
+        self, tables: Mapping[str, Any], summary: Mapping[str, Any], drawings: Drawings = ()
+    ) -> Summary:
+        """Write tables by name and the summary, which is returned with its provenance.
+
+        Of a study without a page the figures too.
+        """
         self.write_tables(tables)
-        return self.write_summary(summary)
+        whole = self.write_summary(summary)
+        if drawings:
+            self.save_figures(drawings)
+        return whole
 
     def save_figures(self, drawings: Drawings) -> list[Picture]:
         """Make and save the figures that are wanted; return them for a page, a PDF as PNG.

@@ -31,9 +31,7 @@ def save(
     The table has the name of the figure, those in `more` their own.
     """
     with study(f"example {name}", out, {}, units, force=True, csv=True) as results:
-        results.write_tables({name: table, **more})
-        results.write_summary(numbers)
-        results.save_figures([(name, figure)])
+        results.write_results({name: table, **more}, numbers, [(name, figure)])
     return dict(numbers)
 
 

@@ -26,9 +26,8 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
         tables = diamond_tables(found, ignored)
-        summary = results.write_results(tables, diamond_summary(found))
-        results.save_figures(diamond_figures(found, ignored, tables["path_dependence"]))
-    return summary
+        drawings = diamond_figures(found, ignored, tables["path_dependence"])
+        return results.write_results(tables, diamond_summary(found), drawings)
 
 
 def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
@@ -36,9 +35,7 @@ def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     with study("polygon", out, options.described(), UNITS["paths"], **how) as results:
         found = follow_polygon(options)
         tables = {"path": polygon_table(found), "polar": found.polar_table()}
-        summary = results.write_results(tables, polygon_summary(found))
-        results.save_figures(polygon_figures(found))
-    return summary
+        return results.write_results(tables, polygon_summary(found), polygon_figures(found))
 
 
 def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
@@ -47,6 +44,4 @@ def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary
     with study("polygon --compare", out, described, UNITS["paths"], **how) as results:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
-        summary = results.write_results(tables, compared.summary())
-        results.save_figures(comparison_figures(compared))
-    return summary
+        return results.write_results(tables, compared.summary(), comparison_figures(compared))
