@@ -180,7 +180,7 @@ def test_a_light_grain_leaves_before_regimes_of_all_are_sought(monkeypatch):
 
 def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
     """Eight contacts at yield, columns for seven; a new factorisation from four on."""
-    for module in (regime_factor, strain_increment, pivots):
+    for module in (regime_factor, strain_increment):
         monkeypatch.setattr(module, "ROOM", 7)
     monkeypatch.setattr(strain_increment, "RANK", 3)
     seen = held_to_the_rate_problem([(16, 2, 1)])

@@ -9,7 +9,7 @@ from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.packing_rates import stress_rate
 from stability.compiled.packing_system import blocks, strain_loads
-from stability.packing import pivots, regime_factor, strain_increment
+from stability.packing import regime_factor, strain_increment
 from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
@@ -112,7 +112,7 @@ def test_little_room_for_columns_changes_no_path(monkeypatch):
     graph, law, _ = yade_rest("slow")
     paths = []
     for room in (regime_factor.ROOM, 16):
-        for module in (regime_factor, strain_increment, pivots):
+        for module in (regime_factor, strain_increment):
             monkeypatch.setattr(module, "ROOM", room)
         stage = Stage(programmes.drained_biaxial(axis=2), "H22", 5e-6)
         paths.append(follow(Scene(graph, law), stage, closure="packing", rows=1))
