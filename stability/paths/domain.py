@@ -131,6 +131,10 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
             lost = event.H if kind == "det_K_zero" else lost
         if kind in ("opening", "limit"):
             break
+    N = np.abs(path.normal_force[-1])
+    if path.status == "lost" and N.min() <= RELEASE * N.max():
+        # A contact that sticks parts while it carries a shear force.
+        yield "opening", len(path) - 1, state(-1)
     yield "end", len(path) - 1, state(-1)
 
 

@@ -195,10 +195,12 @@ class LoopPathSolver:
                 return "lost", f"{name} to {stage.quantity}: {end.message}"
             self.record.row(self.model, end.here)
             record_fired(self.record, end, self.options.subspaces)
-            outcome = STOPPED if self._stops() else self._outcome(stage, end)
+            outcome = self._outcome(stage, end)
             if outcome is not None:
                 return outcome
             expected, before = expected_choices(end), end.here
+            if self._stops() and not expected:
+                return STOPPED
             self._take_on_contacts(end)
             moved = float(np.abs(end.here.H - here.H).max()) > UNMOVED
             idle = 0 if moved else idle + 1

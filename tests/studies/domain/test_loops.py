@@ -290,6 +290,17 @@ def test_contacts_that_just_touch_part_at_once(overlap):
     assert limits.states["opening"].H[0, 0] == pytest.approx(wanted, rel=1e-11, abs=0)
 
 
+def test_sticking_contacts_of_relaxed_loops_part_with_their_shear_force():
+    """Of a triangle, which is affine: where `|d| = |d0|` of a branch, without friction's limit."""
+    angles = np.degrees(loop_fan(regular_polygon(3).reference_branches, 31)[[0, -1]])
+    found = [fan_of(3, closure, "strain", angles)[1] for closure in ("affine", "traction")]
+    for limits in found:
+        assert limits.found["opening"].all()
+    np.testing.assert_allclose(
+        found[0].states["opening"].H, found[1].states["opening"].H, rtol=0, atol=1e-12
+    )
+
+
 def test_fan_compresses_every_branch():
     d0 = regular_polygon(6).reference_branches
     for b in loop_fan(d0, 31):
