@@ -98,6 +98,10 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
     def state(at: int) -> tuple[ArrayLike, ...]:
         return path.H[at], path.P[at], path.x[at]
 
+    def parting(at: int) -> Flags:
+        N, T = np.abs(path.normal_force[at]), np.abs(path.shear_force[at])
+        return np.asarray(N <= RELEASE * np.maximum(N, T).max())
+
     # A path whose first tangent has no single value begins on a mechanism.
     stable = stability_measures(path.A[0]) > SINGULAR_RTOL
     begun = [kind for kind, holds in zip(SPECTRAL, stable, strict=True) if not holds]
@@ -114,11 +118,10 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
         # Events of the state at which det K is lost still count.
         if lost is not None and np.abs(np.subtract(lost, event.H)).max() > SINGULAR_RTOL:
             break
-        kind, at, N = str(event.kind), event.index, np.abs(path.normal_force[event.index])
+        kind, at = str(event.kind), event.index
         if kind == "control_limit":
             # A contact parts, and nothing goes on; or no regimes agree.
-            parts = N[list(event.contacts)].min(initial=np.inf) <= RELEASE * N.max()
-            kind = "opening" if parts else "limit"
+            kind = "opening" if parting(at)[list(event.contacts)].any() else "limit"
         if event.subspace == "symmetric":
             kind = "cone_opening" if kind == "det_Ks_zero" else ""
         if kind in LIMITS and event.cause != "stage_end":
@@ -131,8 +134,7 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
             lost = event.H if kind == "det_K_zero" else lost
         if kind in ("opening", "limit"):
             break
-    N = np.abs(path.normal_force[-1])
-    if path.status == "lost" and N.min() <= RELEASE * N.max():
+    if path.status == "lost" and parting(-1).any():
         # A contact that sticks parts while it carries a shear force.
         yield "opening", len(path) - 1, state(-1)
     yield "end", len(path) - 1, state(-1)
