@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers
-from loops.graph import GrainGraph
 
 # Rounding of coordinates and forces, over their size: a state further from symmetric than this is
 # not symmetric. A perturbation of 1e-12 is no rounding.
@@ -69,23 +68,6 @@ class PointGroup:
     def along_axes(self) -> PointGroup:
         """The subgroup that sends axis 1 to itself: mirrors in the axes and the half turn."""
         return self.only((self.maps[:, 0, 1] == 0.0) & (self.maps[:, 1, 0] == 0.0))
-
-
-def loop_symmetry(
-    graph: GrainGraph, even: Sequence[ArrayLike] = (), odd: Sequence[ArrayLike] = ()
-) -> PointGroup:
-    """Point group of a loop's state: centres, reference, radii and forces."""
-    if graph.cell is not None or graph.batch_shape:
-        return identity(graph.grain_count, len(graph.contacts))
-    N, T = graph.normal_force, graph.shear_force
-    force = max(float(np.abs(N).max(initial=0.0)), float(np.abs(T).max(initial=0.0))) or 1.0
-    return point_group(
-        [graph.x, graph.x0],
-        graph.contacts,
-        graph.radii,
-        even=[N / force, *even],
-        odd=[T / force, *odd],
-    )
 
 
 def point_group(

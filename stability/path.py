@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
+from loops.errors import InputError
 from loops.shown import Shown, brief
 from stability.programmes import Stage
 from stability.regimes import SEARCH_LIMIT
@@ -452,9 +453,15 @@ class Path(Shown):
         ends = {"H": brief(self.H), "P": f"{brief(self.P)} force/length"}
         return {"status": self.status, "rows": len(self), "events": kinds, **ends}
 
+    def _require(self, name: str, values: Sized, closures: str) -> None:
+        if not len(values):
+            remedy = f"Follow it with {closures}; `gl.path_table(path)` has what this one knows."
+            raise InputError(name, "a path that has none", f"a path under {closures}", remedy)
+
     @property
     def state(self) -> Contacts:
         """The packing at the end."""
+        self._require("state", self.states, "closure='packing'")
         return self.states[-1]
 
     @property
@@ -487,6 +494,7 @@ class Path(Shown):
     @property
     def balance_error(self) -> float:
         """Largest error of a packing's energy balance over the largest work."""
+        self._require("balance_error", self.energy, "closure='packing'")
         work, *spent = self.work.T
         error = work - sum(spent) - (self.energy - self.energy[0])
         return float(np.abs(error).max() / max(np.abs(work).max(), 1e-300))
@@ -494,6 +502,7 @@ class Path(Shown):
     @cached_property
     def K(self) -> Floats:
         """(R, m, m) tangent restricted to the subspace."""
+        self._require("K", self.A, "'affine' or 'traction'")
         return restrict(self.A, self.subspace)
 
     @cached_property
@@ -523,6 +532,7 @@ class Path(Shown):
         External work and the work of the moments against the energy of the normal springs, which
         follows from the state, and the work on shear, which does not (9), (10).
         """
+        self._require("energy_error", self.normal_energy, "'affine' or 'traction'")
         external, moment, shear, _ = self.work.T
         stored = self.normal_energy - self.normal_energy[0]
         terms = np.abs(np.stack([external, moment, shear, stored]))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph
-from loops.symmetry import identity, invariant_fields, loop_symmetry, point_group
+from loops.symmetry import identity, invariant_fields, point_group
 from patterns import diamond, random_loop, regular_polygon
+from tests.oracles.symmetry import loop_symmetry
 
 
 @pytest.mark.parametrize("orientation", ["vertex", "edge"])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
-from loops.symmetry import loop_symmetry
 from patterns import regular_polygon
+from tests.oracles.symmetry import loop_symmetry
 
 
 @pytest.mark.parametrize("order", [3, 4, 6, 9])

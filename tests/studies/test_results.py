@@ -118,6 +118,20 @@ def test_every_kind_of_result_is_walked(answers):
     assert len(kinds) > 20 and kinds - walked == {"OrderKinetics"}
 
 
+def test_numbers_that_a_path_does_not_have_are_refused_by_name(answers):
+    refused = set()
+    for name, path in answers.items():
+        if type(path) is Path:
+            for each in dir(Path):
+                try:
+                    getattr(path, each)
+                except gl.InputError as error:
+                    assert str(error).startswith(("K: ", f"{each}: "))
+                    refused.add((name, each))
+    names = {each for _, each in refused}
+    assert {"K", "det_K", "eigenvalues", "energy_error", "balance_error", "state"} <= names
+
+
 def subclasses(kind):
     return {one for own in kind.__subclasses__() for one in (own, *subclasses(own))}
 

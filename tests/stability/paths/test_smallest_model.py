@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, Scene
-from loops.symmetry import loop_symmetry
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.regimes import keeps_control
 from stability.regimes import ELASTIC, LEFT, RIGHT, EdgeRates, FullProblem, agreeing
+from tests.oracles.symmetry import loop_symmetry
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")
