@@ -200,10 +200,11 @@ class StrainIncrement:
         """Open a contact; what it pulled with drops at once, which is a loss."""
         # One that opens under shear lets its energy go; others have slipped to none.
         self._end_forces(c, RELEASED if self.strength_at_touch(c) > 0 else SLIP)
+        pulls = self.packing.frame["at_touch"][c] < 0
         self._open(c)
         self._break(np.arange(len(self.absent)) == c)
         event = self._event("opening", c)
-        if self.packing.frame["at_touch"][c] < 0:
+        if pulls:
             ends = tuple(self.packing.frame["grains"][c].tolist())
             event = replace(event, cause="pulls_off", grains=ends)
             if self.drag is None:

@@ -135,11 +135,10 @@ def test_energy_of_a_weak_pull_that_is_passed_by_a_motion():
     assert path.of_kind("opening") and abs(left_over(path)) < 2e-12
 
 
-@pytest.mark.slow
 def test_a_path_that_stops_names_the_contact_that_pulls_off():
     graph, law = at_rest(0.3, True)
     path = follow(
-        Scene(graph, law), strained(EXTENSION), closure="packing", past="stop", interval=1e-4
+        Scene(graph, law), strained(EXTENSION), closure="packing", past="stop", interval=1e-3
     )
     event = path.events[-1]
     assert path.status == "instabilities" and event.kind == "opening"
