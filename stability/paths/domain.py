@@ -15,6 +15,7 @@ from loops.closures import Closure, Spins
 from loops.laws.frictional import TOUCHING_RTOL, Regime
 from stability.path import Path
 from stability.paths.loop_path import RELEASE, LoopPathOptions
+from stability.paths.model import law_scale
 from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import operator_norm, restrict, symmetric_spectrum
@@ -81,7 +82,9 @@ class FanLimits:
         options = LoopPathOptions(fan.spins, ("diagonal", "symmetric"))
         b = float(fan.programme[row])
         load = CONTROLS[fan.control](np.cos(b), np.sin(b))
-        end = fan.reach * (1.0 if fan.control == "strain" else STRESS_REACH)
+        end = fan.reach
+        if fan.control == "stress":
+            end *= STRESS_REACH * law_scale(fan.loop.contact_state, fan.loop.law)
         stages = [Stage(load, "parameter", end)]
         path = follow_loop(fan.loop, stages, fan.closure, options, rows=1, stop=LAST)
         for kind, at, values in limits_of(path, fan.loop.graph):
@@ -100,7 +103,8 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
 
     def parting(at: int) -> Flags:
         N, T = np.abs(path.normal_force[at]), np.abs(path.shear_force[at])
-        return np.asarray(N <= RELEASE * np.maximum(N, T).max())
+        closed = path.regime[at] != Regime.OPEN
+        return np.asarray(closed & (N <= RELEASE * np.maximum(N, T).max()))
 
     # A path whose first tangent has no single value begins on a mechanism.
     stable = stability_measures(path.A[0]) > SINGULAR_RTOL

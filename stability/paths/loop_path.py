@@ -99,7 +99,7 @@ class LoopPathSolver:
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
     `symmetry_kept`: How far the symmetry served; `stop`: Kinds of events at the first of which, in
-    the first subspace, the path ends.
+    the first subspace, the path ends; `in_full`: Combinations of regimes up to which all are tried.
     """
 
     model: PathModel

@@ -51,16 +51,14 @@ def test_limits_are_the_same_in_other_units(scene):
         limits_of(fan_of(loop, closure, control, degrees, mu, overlap=overlap, **units))
         for units in ({}, {"length": length, "kn": kn})
     )
-    if control == "strain":
-        # Stresses of the programmes are those of a stiffness of one.
-        assert any(plain.found[kind].any() for kind in LIMITS)
-        for kind in LIMITS:
-            there = plain.found[kind]
-            np.testing.assert_array_equal(limits.found[kind], there)
-            (H, P, x, regime), other = plain.states[kind], limits.states[kind]
-            np.testing.assert_array_equal(other.regime[there], regime[there])
-            for one, two, unit in ((H, other.H, 1.0), (P, other.P, kn), (x, other.x, length)):
-                np.testing.assert_allclose(two[there] / unit, one[there], rtol=0, atol=1e-12)
+    assert any(plain.found[kind].any() for kind in LIMITS)
+    for kind in (*LIMITS, "end"):
+        there = plain.found[kind]
+        np.testing.assert_array_equal(limits.found[kind], there)
+        (H, P, x, regime), other = plain.states[kind], limits.states[kind]
+        np.testing.assert_array_equal(other.regime[there], regime[there])
+        for one, two, unit in ((H, other.H, 1.0), (P, other.P, kn), (x, other.x, length)):
+            np.testing.assert_allclose(two[there] / unit, one[there], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("scene", SCENES)
