@@ -179,19 +179,12 @@ class PathContacts(ContactState):
 
 
 def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
-    """Contacts of a state with their forces, see `moved_contacts`."""
-    moved = relative_displacements(model, state.place)
-    return moved_contacts(model, moved, state.shear_force, mode.regime, mode.side)
-
-
-def moved_contacts(
-    model: PathModel, moved: Floats, T: Floats, regime: Regimes, side: Floats
-) -> PathContacts:
-    """Contacts (..., C) whose branches have `moved` (..., C, 2), with their forces.
+    """(C,) contacts of a state with their forces.
 
     `N` is that of the geometry, `T` at its strength on its side where they slide. `N` of a closed
     contact may be negative, so that it stays smooth beyond an opening that is yet to be located.
     """
+    moved, regime = relative_displacements(model, state.place), mode.regime
     d = model.d0 + moved
     length = np.hypot(d[..., 0], d[..., 1])
     n = d / length[..., None]
@@ -202,7 +195,7 @@ def moved_contacts(
         n=n,
         t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
         normal_force=np.zeros_like(length),
-        shear_force=np.where(is_open, 0.0, T),
+        shear_force=np.where(is_open, 0.0, state.shear_force),
         radii_i=radii_i,
         radii_j=radii_j,
         exact_overlap=contact_overlaps(model, moved),
@@ -212,8 +205,8 @@ def moved_contacts(
     sliding = regime == Regime.SLIDING
     if not (sliding.any() and model.law.keeps_strength):
         return contacts
-    strength = np.where(sliding, model.law.strength(contacts), 0.0)
-    return replace(contacts, shear_force=np.where(sliding, side * strength, contacts.shear_force))
+    T = mode.side * np.where(sliding, model.law.strength(contacts), 0.0)
+    return replace(contacts, shear_force=np.where(sliding, T, contacts.shear_force))
 
 
 def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
