@@ -162,7 +162,7 @@ class PackingPoint:
 
     @property
     def done(self) -> Floats:
-        """How far the controlled values (4,) have come in the stage."""
+        """Change of the controlled values (4,) since the start of the stage."""
         values, leg = self.leg.stage.programme.values, self.leg
         return values(self.H, self.P) - values(leg.H, leg.P)
 

@@ -108,7 +108,7 @@ class RegimeFactor:
 
     @property
     def memory(self) -> Memory:
-        """What the next factor takes over."""
+        """Order of elimination and upper factor, from which the next factor begins."""
         return Memory(self.order, self.U)
 
     def rounding(self, rates: Combination) -> float:

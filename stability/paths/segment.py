@@ -61,7 +61,7 @@ ROW, BRANCHING = range(2)
 
 
 class Steps(NamedTuple):
-    """How to integrate: tolerances, steps, rows and the size of the strains, see `Segment`."""
+    """Tolerances, longest step, spacing of rows, size of strains and most steps, see `Segment`."""
 
     rtol: float
     atol: Floats
@@ -84,7 +84,7 @@ class Step(NamedTuple):
 
 
 class System(NamedTuple):
-    """What a segment integrates: `call` answers what is asked, see `ring_rates.Problem`.
+    """Rates and event functions of a segment: `call` answers for them, see `ring_rates.Problem`.
 
     Where it can't, the last place of its answer is 0, and `otherwise` does. `numbers` and `whole`
     are the arrays that they take; state, gauge and answer lie at the front, each in as many places
