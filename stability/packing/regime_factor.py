@@ -108,7 +108,7 @@ class RegimeFactor:
 
     @property
     def memory(self) -> Memory:
-        """Order of elimination and upper factor, from which the next factor begins."""
+        """Order of elimination and room for columns, which the next factor takes over."""
         return Memory(self.order, self.U)
 
     def rounding(self, rates: Combination) -> float:
