@@ -7,10 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from patterns.diamond import TABLE_1
+import grainloops as gl
+from loops import LinearFrictional, Regime, Scene, boundary_of
+from patterns.diamond import TABLE_1, PrintedRule, diamond, isotropic_tangent
 from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
+from stability import Stage, bromwich_margin, follow, programmes
 from studies.commands.loops import diamond_command
 from studies.examples import printed_rule
+from studies.paths.options import TABLES
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
 from tests.golden.test_golden import stored
@@ -128,10 +132,125 @@ def added_values(summary, path):
     return [*intervals, *added["touching_strains"], least, s1[at_A], s1[-1], E1[-1]]
 
 
+def cone_opening(K):
+    """Angle of directions with negative work of a K of one negative eigenvalue, degrees."""
+    low, high = np.linalg.eigvalsh(0.5 * (K + K.T))
+    return 2.0 * np.degrees(np.arctan(np.sqrt(-low / high)))
+
+
+def beyond_yield(table, law):
+    """What Figs. 9 to 12 show beyond B to the end of the command's path, by a rule of sliding."""
+    loop, graph = TABLES[table], diamond(TABLES[table].alpha0)
+    end = {1: 0.6, 2: B[2][0] + 0.15}[table]
+    box = boundary_of(graph, volume=2.0 * np.sin(2.0 * loop.alpha0))
+    stages = [Stage(programmes.isotropic_strain(), "H11", loop.confinement),
+              Stage(programmes.drained_biaxial(), "H11", end)]  # fmt: skip
+    scene = Scene(graph, law(1.0, loop.kappa, loop.mu), box)
+    path = follow(scene, stages, closure="affine", rows=80)
+    assert path.status == "finished"
+    K = path.A[path.regime[:, 0] == Regime.SLIDING][:, [0, 3]][:, :, [0, 3]]
+    Ks = 0.5 * (K + np.swapaxes(K, 1, 2))
+    gap = np.sort(np.linalg.eigvals(K).real, axis=1) - np.linalg.eigvalsh(Ks)
+    E = np.stack([np.ones(len(K)), -K[:, 1, 0] / K[:, 1, 1]], axis=1)
+    s = np.einsum("kij,kj->ki", K, E)
+    work = (s * E).sum(axis=1) / np.linalg.norm(s, axis=1) / np.linalg.norm(E, axis=1)
+    return {
+        "det_K": np.linalg.det(K),
+        "det_Ks": np.linalg.det(Ks),
+        "gap": [np.abs(gap).max()],
+        "cone": np.array([cone_opening(each) for each in K]),
+        "loading": [work.max()],
+    }
+
+
+@pytest.mark.slow
+def test_the_cone_follows_the_determinant_but_beyond_B_of_table_2():
+    (rows,) = tables(section(TEXT, "### (8c)"))
+    claim = section(TEXT, "### Fig. 12")
+    for table in TITLES:
+        found = [beyond_yield(table, law) for law in (LinearFrictional, PrintedRule)]
+        for each in found:
+            assert np.all(np.diff(np.abs(each["det_K"])) < 0.0)
+            assert each["cone"][-1] > each["cone"][0] if table == 2 else each["cone"][-1] < 60.0
+        ends = [abs(found[0]["det_K"][i]) for i in (0, -1)] + [found[0]["cone"][i] for i in (0, -1)]
+        assert all(any(says(n, v) for n in re.findall(r"[\d.]*\d", claim)) for v in ends)
+    for row, key in zip(rows, found[0], strict=True):
+        for title, each in zip(("Coulomb's law", "(8c) as printed"), found, strict=True):
+            quoted = re.findall(r"-?[\d.]*\d", row[title])
+            ends = [each[key][0], each[key][-1]][-len(quoted):]  # fmt: skip
+            assert all(says(n, v) for n, v in zip(quoted, ends, strict=True)), (key, title)
+
+
+def slopes_of_s0():
+    """Slope (33) at A of Table 2, where 0.35 is s1, s2 or their mean."""
+    loop = TABLES[2]
+    t0 = np.tan(loop.alpha0)
+    K = [isotropic_tangent(E, loop.alpha0, loop.kappa)
+         for E in (0.35 * t0, 0.35 / t0, 0.7 / (t0 + 1.0 / t0))]  # fmt: skip
+    return [np.linalg.det(each) / each[1, 1] for each in K]
+
+
+def cones_of_appendix_one():
+    """Openings at A of Table 2 in K^ and in K~ = A^-1 K^ B^-1."""
+    loop = TABLES[2]
+    t0 = np.tan(loop.alpha0)
+    K = isotropic_tangent(loop.confinement, loop.alpha0, loop.kappa)
+    return [cone_opening(K), cone_opening(np.diag([t0, 1.0]) @ K @ np.diag([1.0, 1.0 / t0]))]
+
+
+def test_readings_of_s0_and_cones_of_appendix_one():
+    places = ("### Table 2 is isotropic in strain, not in stress", "### Appendix I")
+    for title, values in zip(places, (slopes_of_s0(), cones_of_appendix_one()), strict=True):
+        quoted = re.findall(r"-?\d+\.\d{4,}", section(TEXT, title))
+        assert all(any(says(n, value) for n in quoted) for value in values), title
+
+
+def test_bromwichs_inequality_is_not_strict():
+    """The two matrices of the page: nonsymmetric, with the real part of an eigenvalue of Ks."""
+    for K in ([[1, 1], [-1, 1]], [[-1, 0, 0], [0, 2, 1], [0, 0, 2]]):
+        assert str(K[0]) in section(TEXT, "### Bromwich")
+        assert bromwich_margin(np.array(K, float)) == 0.0
+
+
+def test_loops_become_fewer_from_four_grains_on():
+    files = ("grains_biaxial.csv.gz", "contacts_biaxial.csv.gz")
+    sample = gl.read_snapshot(*(gl.sample_path(name) for name in files))
+    orders = gl.loop_table(sample).order.value_counts()
+    said = section(TEXT, "### Other loops")
+    names = ("loops of three grains", "of four", "of five", "of six")
+    for order, name in zip((3, 4, 5, 6), names, strict=True):
+        assert f"{orders[order]} {name}" in " ".join(said.split())
+    assert orders[3] < orders[4] > orders[5] > orders[6] > orders[7]
+
+
+def test_thresholds_of_other_loops():
+    (rows,) = tables(section(TEXT, "### Other loops"))
+    kappa = 0.2
+    late, early = (1.0 + kappa) / (2.0 + kappa), kappa / (1.0 + kappa)
+    expected = [(late, late, 0.5), (early, early, early), (late, early, 0.0)]
+    for row, values in zip(rows, expected, strict=True):
+        cells = list(row.values())[1:]
+        assert all(says(n, v) for n, v in zip(cells, values, strict=True)), row
+
+
+def test_claims_lead_to_sections_of_the_page():
+    (rows,) = tables(section(TEXT, "## The paper's claims"))
+    slugs = {re.sub(r"[^\w -]", "", line).strip().lower().replace(" ", "-")
+             for line in re.findall(r"^#+ (.*)", TEXT, re.M)}  # fmt: skip
+    assert len(rows) == 16
+    for row in rows:
+        links = re.findall(r"\(#([\w-]+)\)", row["where"])
+        assert links and set(links) <= slugs, row
+
+
 @pytest.mark.slow
 def test_every_number_of_the_page_is_computed(runs):
     values = [appendix_one()["largest_relative_gap"], np.tan(np.radians(14)), 8.0, 2016.0]
     # The reference's year and volume; angles of the tables.
+    values += slopes_of_s0() + cones_of_appendix_one() + [1.2 / 2.2, 0.2 / 1.2, B[2][0] + 0.15]
+    for table, law in ((1, LinearFrictional), (2, LinearFrictional), (2, PrintedRule)):
+        beyond = np.concatenate([np.ravel(each) for each in beyond_yield(table, law).values()])
+        values += [*beyond, *np.abs(beyond)]
     values += [-1 / np.tan(np.radians(70))]
     for (table, touch), (summary, path) in runs.items():
         if touch == "ignore":
