@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import fsolve
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, branch_vectors, contact_state
+from patterns import read_snapshot, sample_path
 from patterns.synthetic import synthetic_network
 from stability import Programme, Stage
 from stability.packing import replay
@@ -49,6 +50,31 @@ def strained(strain):
     """The stage that prescribes a displacement gradient."""
     given = Programme("strain", np.zeros((4, 4)), np.eye(4), np.ravel(strain))
     return Stage(given, "parameter", 1.0)
+
+
+def repeated(times):
+    """A state of a slow compression (Yade, 2,000 discs), its cell repeated along either axis."""
+    folder = sample_path("slow")
+    cell = np.loadtxt(folder / "cells.csv", delimiter=",", skiprows=1, max_rows=1)[1:5]
+    snapshot = read_snapshot(folder / "grains_10.parquet", cell=cell.reshape(2, 2))
+    graph, law = snapshot.graph, snapshot.mechanics()[0]
+    at = np.array(list(product(range(times), repeat=2)))
+    count, copies = graph.grain_count, len(at)
+    there = at[:, None] + graph.images
+    first = count * np.arange(copies)[:, None]
+    second = count * ((there % times) @ [times, 1])
+    large = GrainGraph(
+        x=(graph.x + (at @ graph.cell.T)[:, None]).reshape(-1, 2),
+        radii=np.tile(graph.radii, copies),
+        contacts=np.stack([graph.contacts[:, 0] + first, graph.contacts[:, 1] + second], -1)
+        .reshape(-1, 2),
+        normal_force=np.tile(graph.normal_force, copies),
+        shear_force=np.tile(graph.shear_force, copies),
+        images=(there // times).reshape(-1, 2),
+        cell=times * graph.cell,
+        regime=np.full(copies * graph.contact_count, Regime.ELASTIC, dtype=np.int8),
+    )  # fmt: skip
+    return large, law.take(np.tile(np.arange(graph.contact_count), copies))
 
 
 def touching_lattice(vectors, branches, cells):

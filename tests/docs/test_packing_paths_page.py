@@ -28,7 +28,7 @@ TABLE, FORETOLD = TABLES["What it predicts"]
 
 
 def measured(what):
-    """What `tests.tools.scaling.packing_paths` wrote, kept beside its figure."""
+    """A table of measurements, kept beside its figure."""
     return pd.read_csv(DOCS / f"figures/packing-paths-{what}.csv")
 
 

@@ -1,4 +1,4 @@
-"""`docs/evidence/sustaining.md`: its loads and limits against the tables that its script writes."""
+"""`docs/evidence/sustaining.md`: its loads and limits against the tables behind its figures."""
 
 import numpy as np
 import pandas as pd
@@ -6,10 +6,11 @@ import pytest
 
 from tests.docs.pages import DOCS, page, says, section, tables
 from tests.stability.packing.yade_rest import bracket, yade_rest
-from tests.tools.sustaining import BEYOND, figure_of_intervals, figure_of_loads
 
 LOADS = pd.read_csv(DOCS / "figures/sustaining.csv")
 INTERVALS = pd.read_csv(DOCS / "figures/sustaining_intervals.csv")
+# Largest load over the one under which the sample of Yade moved.
+BEYOND = 1.5
 VARIED, DRIVEN = tables(section(page("evidence/sustaining"), "## Before and after"))
 (BESIDE,) = tables(section(page("evidence/sustaining"), "## Against Yade"))
 
@@ -58,13 +59,6 @@ def test_limits_over_interval_and_numbering():
         assert says(told["before (N/m)"], row.before) and says(told["today (N/m)"], row.after)
     assert np.ptp(INTERVALS["after"]) < 2e-3 * INTERVALS["after"].mean()
     assert np.ptp(INTERVALS["after"][INTERVALS["interval"] == 5e-6]) < 1e-4
-
-
-def test_every_row_is_in_the_figures():
-    panels = figure_of_loads(LOADS).axes
-    assert sum(len(ax.patches) for ax in panels) == len(LOADS)
-    over, across = figure_of_intervals(INTERVALS).axes
-    assert len(over.lines[0].get_xdata()) == 4 and len(across.lines[0].get_xdata()) == 6
 
 
 @pytest.mark.parametrize("told", DRIVEN, ids=lambda told: f"{told['state']} {told['interval']}")

@@ -32,7 +32,7 @@ from tests.docs.pages import DOCS, page, says, section, tables, unsaid
 from tests.docs.test_citations import PAGES, SOURCES
 from tests.docs.test_paper_page import equation_numbers
 from tests.oracles.drained import drained_end, drained_path, printed_states_after_turn
-from tests.tools.settled.fractions import imhof
+from tests.oracles.stability_fraction import imhof_fraction
 
 sys.path.insert(0, str(DOCS / "site"))
 try:
@@ -204,7 +204,7 @@ def unsaid_decimals(name, values):
 
 
 def test_numbers_of_stability():
-    fraction = float(imhof(np.array([[1.0, 0.4, -0.2]]), 0.25)[0])
+    fraction = float(imhof_fraction([1.0, 0.4, -0.2]))
     assert says("0.12640", fraction)
     assert unsaid_decimals("stability", [fraction, 0.4, -0.2]) == []
 

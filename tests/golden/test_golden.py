@@ -8,13 +8,10 @@ import json
 import math
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from patterns.diamond import TABLE_1, TABLE_2
-from tests.docs.pages import page, tables
 from tests.golden.answers import CASES, SLOW
-from tests.golden.ratios import ratios, renewed
 from tests.oracles.drained import drained_path
 
 FOLDER = Path(__file__).parent
@@ -113,7 +110,7 @@ def test_answers_are_the_stored_ones(name, tmp_path):
 
 
 def test_every_stored_answer_is_compared():
-    assert {path.stem for path in FOLDER.glob("*.json")} == {*CASES, "performance"}
+    assert {path.stem for path in FOLDER.glob("*.json")} == set(CASES)
 
 
 def test_a_changed_number_key_or_text_is_seen():
@@ -166,36 +163,3 @@ def test_points_of_the_paper_to_the_last_digits(name):
     end = drained_path(TABLE_1 if name == "diamond-table1" else TABLE_2).end
     for quantity, value in POINTS[name]["B"].items():
         assert abs(getattr(end, quantity) - value) < 2e-15
-
-
-def test_performance_record_quotes_the_pages():
-    """What docs/performance.md quoted when the answers were frozen: a record."""
-    record = stored("performance")
-    assert record["measured"] and record["machine"]
-    for row in record["rows"]:
-        assert row["seconds"] > 0.0 and row["what"]
-
-
-def test_ratios_to_the_record():
-    bench = pd.DataFrame(stored("performance")["accuracy"])
-    table = ratios(bench.assign(seconds_per_item=2.0 * bench.seconds_per_item))
-    assert len(table) >= 95 and (table.ratio == 2.0).all()
-
-
-def test_times_of_the_page_are_renewed():
-    """Twice the times of the page: times change alone, and those in the text with the table's."""
-    text = page("evidence/accuracy")
-    before = [row for table in tables(text) for row in table if "s per item" in row]
-    record = pd.DataFrame(stored("performance")["accuracy"])
-    doubled = record.assign(seconds_per_item=2.0 * record.seconds_per_item)
-    new = renewed(text, doubled)
-    assert renewed(new, doubled) == new and renewed(new, record.head(0)) == new
-    rows = [row for table in tables(new) for row in table if "s per item" in row]
-    assert [row | {"s per item": ""} for row in rows] == [
-        row | {"s per item": ""} for row in before
-    ]
-    times = [float(row["s per item"]) for row in rows]
-    wanted = {f"{seconds:.1e}" for seconds in doubled.seconds_per_item}
-    assert sum(row["s per item"] in wanted for row in rows) >= 95 and min(times) > 0.0
-    # The default and the knee in the text above the table: 0.12 s and 3.9e-6 s in the record.
-    assert "path solver\n(2.4e-01 s, error" in new and "paths 10000 (7.8e-06 s, error" in new

@@ -1,7 +1,5 @@
 """Tangents of random loops against balls of 260 bits: broken bounds and withheld answers.
 
-    python -m tests.tools.judged_loops --loops 10000 --seed 0
-
 Loops of 3 to 60 grains under a closure and a rule of spins drawn for each: plain, flat, stiff, of
 sizes up to 1:1000, away from their reference; with contacts that slide, are open, or have a shear
 stiffness of 1e-12 to 1e3 of the normal one; loads driven to a pole of the operator, or to where Ks
@@ -9,7 +7,6 @@ loses definiteness; rings of equal, alternating or mirrored grains with gear mod
 withheld if it is not trusted or its bound exceeds a tenth of the operator.
 """
 
-import argparse
 from collections import Counter
 from unittest.mock import patch
 
@@ -149,21 +146,3 @@ def judged(count, seed):
             ratios[way].append(error / tangent.rounding)
             relative[way].append(error / size)
     return total, ratios, relative
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--loops", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
-    total, ratios, relative = judged(options.loops, options.seed)
-    print(dict(total))
-    for way, values in ratios.items():
-        print(way, "error over bound, median, 99 %, largest:", np.quantile(values, [0.5, 0.99, 1]))
-        print(
-            way, "error over the operator, median, largest:", np.quantile(relative[way], [0.5, 1])
-        )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,14 +1,11 @@
 """Loops in small packings against 90 digits: wrong signs, errors beyond the stated one.
 
-    python -m tests.tools.loops_in_place --packings 300 --seed 0
-
 Periodic packings of 9 to 36 grains: dense, near the fewest contacts that carry, lattices (gear
 modes), rings of gears that nearly close, jammed ones; without a force, soft, stiff (N/l to 1e-8);
-contacts sliding from none to all; kt/kn from 1e-10 to 1; both shear increments. `--closing` takes
-lattices with rings of gears alone, whose mismatch is from 1e-15 to 1e-3.
+contacts sliding from none to all; kt/kn from 1e-10 to 1; both shear increments. `closing_packing`
+draws lattices with rings of gears alone, whose mismatch is from 1e-15 to 1e-3.
 """
 
-import argparse
 from collections import Counter
 
 import numpy as np
@@ -189,17 +186,3 @@ def campaign(packings, seed, largest=36, families=FAMILIES, draw=random_packing)
         dict(ratios),
         {family: np.quantile(np.concatenate(e), [0.5, 0.9, 0.99]) for family, e in stated.items()},
     )
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--packings", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--closing", action="store_true", help="rings of gears that nearly close")
-    asked = parser.parse_args()
-    how = {"families": ("closing",), "draw": closing_packing} if asked.closing else {}
-    totals, ratios, quantiles = campaign(asked.packings, asked.seed, **how)
-    for name, value in totals.items():
-        print(f"{name}: {value}")
-    print("largest error over the stated:", ratios)
-    print("stated error, 50, 90 and 99 %:", quantiles)

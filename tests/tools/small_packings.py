@@ -1,17 +1,15 @@
-"""Small packings by brute force: `python -m tests.tools.small_packings OUT.csv [PACKINGS]`.
+"""Small packings by brute force.
 
 Every combination of sticking and sliding contacts is solved densely for all directions at once and
 kept on the arc where its signs agree. Probes are asked as if there were too many contacts at yield
 to try all combinations; what they say is compared: statuses, solutions found and missed.
 """
 
-import sys
 from collections import Counter
 from contextlib import suppress
 from itertools import count
 
 import numpy as np
-import pandas as pd
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -25,8 +23,7 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from stability import complementarity
-from stability.packing import probe, regime_regions
+from stability.packing import probe
 from stability.regimes import HELD_STUCK
 from tests.packings import packing
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
@@ -195,28 +192,3 @@ def packings(most=13):
                 graph = graph.replace(normal_force=forces[0], shear_force=forces[1])
             if 3 <= len(at_yield(graph, law)) <= most:
                 yield seed, graph, law
-
-
-def main(out, wanted="300"):
-    """One row a packing and control; totals printed."""
-    # As if there were too many contacts at yield for every combination.
-    complementarity.ENUMERATED = regime_regions.ENUMERATED = 0
-    rows, left_out = [], 0
-    for seed, graph, law in packings():
-        both = [compared(graph, law, control) for control in ("strain", "stress")]
-        left_out += both[0] is None
-        for control, counts in zip(("strain", "stress"), both, strict=True):
-            if counts is not None:
-                size = {"grains": graph.grain_count, "at_yield": len(at_yield(graph, law))}
-                rows.append({"seed": seed, "control": control, **size, **counts})
-        if len(rows) == 2 * int(wanted):
-            break
-    table = pd.DataFrame(rows).fillna(0).astype({"control": str})
-    table.to_csv(out, index=False, float_format="%.0f")
-    print(f"{left_out} packings with a mechanism or a singular set of regimes left out")
-    for control, part in table.groupby("control"):
-        print(control, len(part), part.drop(columns=["seed", "control"]).sum().to_dict())
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene
+from loops.contacts import contacts_of, start_state
 from patterns import read_snapshot
 from patterns.snapshots import sample_path
 from stability import follow
@@ -21,8 +22,9 @@ from stability.complementarity import (
     solve_complementarity,
     solve_from,
 )
-from stability.packing import probe
+from stability.packing import hold, probe
 from stability.packing.amplitudes import stage_along
+from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.probe import probe_edge
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
@@ -37,7 +39,7 @@ from stability.regimes import HELD_STUCK
 from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
-from tests.tools import held_probes, small_packings
+from tests.tools import small_packings
 from tests.yade_slow import COLLECTION, in_collection, slow
 
 
@@ -518,15 +520,46 @@ def test_a_branch_found_late_answers_the_directions_before_it_too(monkeypatch):
     assert counts["solutions"] == counts["found"] == 26 and counts["false"] == 0
 
 
+def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
+    """Probe of the held state, and its rates of stress and fastest grain in parts of a slow strain.
+
+    Contacts of the yield band are put on their limit, what this leaves out of balance is a load.
+    (D, looks, 2, 2) in place of `P'`; (D, looks) speeds over the strain rate, in mean radii.
+    """
+    held = hold(Scene(snapshot.graph, snapshot.law), unbalanced=1e-8)
+    graph, law = held.graph, held.law
+    edge = yield_response(Scene(graph, law), yield_band=0.99)
+    found = probe_edge(edge, directions)
+    rows, shear = edge.system.contacts[edge.rows], graph.shear_force.copy()
+    mu = np.broadcast_to(law.mu, shear.shape)
+    shear[rows] = np.sign(shear[rows]) * mu[rows] * graph.normal_force[rows]
+    start = contacts_of(start_state(graph.replace(shear_force=shear)), law)
+    masses, inertias = masses_of(graph.radii)
+    dt, servo = step_of(masses, inertias, start), servo_of(start, masses)
+    stresses, speeds = [], []
+    for direction in found.directions:
+        gradient = -np.diag(direction) * strain / (steps * dt)
+        moving = Moving(start, masses, inertias, servo, gradient=gradient)
+        moving.load(-moving.motion.resultant)
+        for _ in range(looks):
+            moving.run(steps // looks, dt)
+            stresses.append(moving.state().stress)
+            fastest = np.linalg.norm(moving.motion.velocity, axis=1).max()
+            speeds.append(fastest * steps * dt / strain / start.mean_radius)
+    shape = len(found.directions), looks
+    path = np.reshape(stresses, (*shape, 2, 2))
+    first = np.broadcast_to(start.stress, (shape[0], 1, 2, 2))
+    rates = np.diff(path, axis=1, prepend=first) * looks / strain
+    return found, rates, np.reshape(speeds, shape)
+
+
 @pytest.mark.slow
 @pytest.mark.collection
 def test_a_state_snaps_where_no_rates_were_found():
     """Strained slowly, it follows the rates that were found; without any, a grain runs away."""
     snapshot, _ = slow(26)
     angles = np.radians([60.0, 300.0, 150.0, 210.0])
-    found, rates, speeds = held_probes.motions(
-        snapshot, np.column_stack([np.cos(angles), np.sin(angles)])
-    )
+    found, rates, speeds = motions(snapshot, np.column_stack([np.cos(angles), np.sin(angles)]))
     assert found.status.tolist() == ["several"] * 2 + ["none found"] * 2
     for k in (0, 1):
         told = np.diag(found.stress_rate[k])

@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Scene, boundary_of
+from loops import (
+    HertzMindlin,
+    LinearFrictional,
+    RollingResistance,
+    Scene,
+    boundary_of,
+    contact_state,
+)
 from patterns import diamond, regular_polygon
 from patterns.diamond import DiamondParameters, angle_from_strains
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
 from tests.oracles.drained import drained_path as exact_drained_path
-from tests.tools.random_paths import random_scene
 
 CLOSURES = ("affine", "traction")
 
@@ -127,6 +133,61 @@ def test_through_a_singular_threshold_there_is_always_an_answer(order, orientati
     (loss,) = [event for event in path.of_kind("det_Ks_zero")][:1]
     assert abs(path.H[loss.index, 0] - kappa / (1 + kappa)) < 1e-8
     assert np.isfinite(path.H).all() and np.isfinite(path.P).all()
+
+
+DRIVEN = {
+    "isotropic strain": (programmes.isotropic_strain, "H11"),
+    "isotropic stress": (programmes.isotropic_stress, "P11"),
+    "drained": (lambda s: programmes.drained_biaxial(rate=s), "H11"),
+    "oedometric": (lambda s: programmes.oedometric(rate=s), "H11"),
+    "undrained": (lambda s: programmes.undrained(rate=s), "H11"),
+    "force": (lambda s: programmes.proportional_stress(s, 0.0), "P11"),
+}
+
+
+def driven(name, sense, target):
+    programme, quantity = DRIVEN[name]
+    return Stage(programme(sense), quantity, target)
+
+
+def random_law(rng):
+    mu = float(rng.choice([np.inf, 0.0, rng.uniform(0.05, 0.8)], p=[0.2, 0.1, 0.7]))
+    linear = LinearFrictional(kn=1.0, kt=rng.uniform(0.1, 1.0), mu=mu)
+    kind = rng.choice(["linear", "hertz", "rolling"], p=[0.6, 0.2, 0.2])
+    if kind == "hertz":
+        return HertzMindlin(young=1.0, poisson=rng.uniform(0.0, 0.5), mu=mu)
+    return RollingResistance(linear, rng.uniform(0.01, 0.3)) if kind == "rolling" else linear
+
+
+def random_scene(seed):
+    """Graph, law, stages and options of one path."""
+    rng = np.random.default_rng(seed)
+    law = random_law(rng)
+    graph = regular_polygon(int(rng.integers(3, 13)), strain=rng.uniform(0.01, 0.1))
+    if rng.random() < 0.5:
+        # An irregular loop: the reference is moved too, so that it stays an affine image.
+        moved = graph.x + 0.02 * rng.standard_normal(graph.x.shape)
+        graph = graph.replace(x=moved, x0=moved)
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    level = rng.uniform(0.1, 0.25)
+    stages = [Stage(programmes.isotropic_strain(), "H11", level)]
+    for _ in range(int(rng.integers(1, 4))):
+        name = str(rng.choice(list(DRIVEN)))
+        back = bool(rng.random() < 0.5)
+        if name in ("isotropic stress", "force"):
+            # Back to zero, or on: the stress of the start is some tenths.
+            stages.append(driven(name, -1.0 if back else 1.0, 0.0 if back else 1.0))
+            continue
+        target = 0.0 if back else level + float(rng.choice([-1.0, 1.0])) * rng.uniform(0.02, 0.25)
+        if target != level:
+            stages.append(driven(name, float(np.sign(target - level)), target))
+        level = target
+    options = {
+        "closure": str(rng.choice(["affine", "traction"])),
+        "spins": str(rng.choice(["blocked", "affine", "free"])),
+        "contact_on_touch": str(rng.choice(["ignore", "add"])),
+    }
+    return graph, law, stages, options
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ from studies.snapshot import figures, run_snapshot
 from studies.snapshot.quadrons import quadron_figure
 from studies.snapshot.table import loop_columns
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
+from tests.oracles.stability_fraction import space_fraction
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
-from tests.tools.settled.fractions import imhof
 from tests.unsaved import leave_files_empty
 
 KEYS = [
@@ -207,7 +207,7 @@ def test_table_against_fifty_digits(results):
         scale = np.abs(spectrum).max()
         assert abs(table["traction_lambda_min"][row] - spectrum[0]) < 1e-11 * scale
         share = table["traction_unstable_fraction"][row]
-        assert share == pytest.approx(float(imhof(spectrum[None], 0.25)[0]), abs=1e-9)
+        assert share == pytest.approx(float(space_fraction(spectrum)), abs=1e-9)
         slides = np.count_nonzero(snapshot.regime[picked] == Regime.SLIDING)
         assert table["sliding_contacts"][row] == slides
 
