@@ -6,9 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from loops import InputError, LinearFrictional, Scene, affine_tangent, traction_tangent
-from patterns import regular_polygon
-from stability import Stage, follow, programmes
+from loops import InputError, affine_tangent, traction_tangent
 from tests.benchmarks.methods import (
     METHOD_GROUPS,
     Family,
@@ -16,11 +14,7 @@ from tests.benchmarks.methods import (
     Rows,
     compared,
     direction_methods,
-    error_at_b,
-    exact_solver,
     irregular_rings,
-    largest_difference,
-    path_solver,
 )
 from tests.benchmarks.run import chosen_groups, run_bench
 from tests.oracles.fifty_digits import (
@@ -77,32 +71,11 @@ def test_smallest_and_full_model():
     assert row["difference"] < 2e-14
 
 
-def test_paths_with_other_events_are_infinitely_far_apart():
-    drained = [Stage(programmes.isotropic_strain(), "H11", 0.1)]
-    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.09)
-    one, two = (
-        follow(
-            Scene(regular_polygon(4), law),
-            [*drained, Stage(programmes.drained_biaxial(), "H11", end)],
-            closure="affine",
-        )
-        for end in (0.12, 0.3)
-    )
-    assert largest_difference(one, two) == float("inf")
-    assert largest_difference(one, one) == 0.0
-
-
 def test_sampled_directions_converge_and_the_cone_is_exact():
     rows = direction_methods(quick=True)
     sampled = [row.error for row in rows if row.method == "sampled: fraction"]
     assert sampled[1] < 0.2 * sampled[0]
     assert max(row.error for row in rows if row.default) < 1e-15
-
-
-def test_path_solver_and_exact_solver():
-    assert error_at_b(path_solver(1e-10)) < 1e-10
-    assert error_at_b(exact_solver(1)) < 1e-14
-    assert error_at_b(exact_solver(50)) < 1e-14
 
 
 def test_a_row_counts_time_per_item_and_memory():

@@ -491,22 +491,6 @@ def test_tasks_change_no_bit(monkeypatch, share):
     assert np.array_equal(found.error, expected.error)
 
 
-def test_blocks_tend_to_the_whole_and_keep_their_error():
-    graph = synthetic_network(1600, seed=3, periodic=True, coordination=4.6)
-    graph = graph.replace(shear_force=0.5 * graph.shear_force)
-    faces, law = find_faces(graph), LinearFrictional(1.0, 0.5)
-    whole = loops_in_place(Scene(graph, law), faces, method="whole").matrix
-    median = []
-    for buffer in (3.0, 6.0):
-        part = loops_in_place(Scene(graph, law), faces, method="blocks", block=10.0, buffer=buffer)
-        error = frobenius(part.matrix - whole) / frobenius(whole)
-        assert np.mean(error <= part.error) > 0.99
-        assert (part.error > 0).all() and np.isfinite(part.matrix).all()
-        assert np.median(part.error / error) < 30
-        median.append(np.median(error))
-    assert 2.0 < median[0] / median[1] < 8.0
-
-
 def test_larger_packings_are_cut_into_blocks(monkeypatch):
     graph = synthetic_network(400, seed=3, periodic=True, coordination=4.6)
     faces, how = find_faces(graph), {"block": 8.0, "buffer": 3.0}

@@ -17,7 +17,7 @@ from patterns.diamond import (
 from patterns.diamond.closed_form import contact_displacement_rates, drained_slope
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 from tests.oracles.diamond_general import drained_states
-from tests.oracles.drained import drained_path, drained_states_after_turn
+from tests.oracles.drained import drained_path
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
@@ -82,26 +82,6 @@ def test_elastic_part_is_the_integral_of_the_rate_law(name):
     assert solution.y[1, -1] == pytest.approx(float(path.end.T), abs=1e-11 * scale)
 
 
-@pytest.mark.parametrize("name", PATHS)
-def test_states_balance_and_measure(name):
-    path = drained_path(PATHS[name])
-    p, end = path.parameters, float(path.end.turn)
-    state, regime = drained_states_after_turn(path, np.append(np.linspace(0, end, 20), 1.2 * end))
-    assert regime.tolist() == ["elastic"] * 20 + ["sliding"]
-    L10, L20 = side_lengths(1.0, p.alpha0)
-    L1, L2 = side_lengths(state.length, state.alpha)
-    np.testing.assert_allclose(1 - L1 / L10, state.E1, atol=1e-15)
-    np.testing.assert_allclose(1 - L2 / L20, state.E2, atol=1e-15 / np.tan(p.alpha0))
-    s1, s2 = stresses(*external_forces(state.N, state.T, state.alpha), L10, L20)
-    np.testing.assert_allclose(s1, state.s1, rtol=1e-14)
-    np.testing.assert_allclose(s2, p.confinement * np.tan(p.alpha0), rtol=1e-13)
-    np.testing.assert_array_equal(state.s2, p.confinement * np.tan(p.alpha0))
-    np.testing.assert_allclose(state.N, 1 - state.length, atol=2e-16)
-    friction = np.abs(state.T) / (p.mu * state.N)
-    assert np.all(np.diff(friction[:20]) > 0)
-    np.testing.assert_allclose(friction[19:], 1.0, rtol=1e-13)
-
-
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("name", ["Table 1", "Table 2", "falling", "steep", "flat"])
 def test_slope_of_the_path_is_the_papers(name, sliding):
@@ -121,18 +101,6 @@ def test_slope_of_the_path_is_the_papers(name, sliding):
     assert np.polyfit(np.log(np.abs(steps)), np.log(errors), 1)[0] == pytest.approx(2.0, abs=0.1)
     other = np.diff(near.E2, axis=0) / np.diff(near.E1, axis=0)
     assert other[0, -1] == pytest.approx(-K[1, 0] / K[1, 1], rel=1e-2)
-
-
-@pytest.mark.parametrize("name", ["Table 1", "Table 2", "steep"])
-def test_slip_dissipates_and_strain_grows_beyond_yield(name):
-    path = drained_path(PATHS[name])
-    p, end = path.parameters, float(path.end.alpha)
-    state, regime = drained_states(path, np.linspace(end, np.pi / 2, 200, endpoint=False)[1:])
-    assert set(regime.tolist()) == {"sliding"}
-    slip_rate = state.length - p.mu * np.gradient(state.N, state.alpha) / p.kappa
-    assert np.all(slip_rate > 0)
-    assert np.all(np.diff(state.E1) > 0) != path.snaps_back
-    assert np.isnan(path.stick_angle)
 
 
 def test_snap_back_is_seen_in_the_strain():
@@ -165,15 +133,6 @@ def test_falling_contacts_stick_again():
     assert np.all(np.diff(ratio[2:]) < 0)
 
 
-def test_unconfined_contacts_carry_nothing():
-    path = drained_path(DiamondParameters(alpha0=0.8, kappa=0.3, phi=0.5, confinement=0.0))
-    assert path.status == "opening"
-    state, regime = drained_states(path, [0.8, 1.0, 1.4])
-    assert regime.tolist() == ["open"] * 3
-    assert state.N.tolist() == state.T.tolist() == state.s1.tolist() == [0.0] * 3
-    np.testing.assert_allclose(state.E1, 1 - np.cos([0.8, 1.0, 1.4]) / np.cos(0.8), atol=1e-16)
-
-
 def test_unconfined_diamond_locks_until_the_friction_angle():
     path = drained_path(DiamondParameters(alpha0=0.4, kappa=0.3, phi=0.5, confinement=0.0))
     assert path.status == "yield"
@@ -196,16 +155,6 @@ def test_frictionless_contacts_slide_at_once():
     assert state.N[1] == pytest.approx(0.1 * np.sin(0.8) / np.sin(1.0), abs=1e-16)
 
 
-def test_without_slip_the_path_is_elastic_to_the_end():
-    path = drained_path(DiamondParameters(0.8, 0.3, np.pi / 2, 0.1))
-    assert path.status == "none"
-    assert np.isnan(path.end.E1)
-    state, regime = drained_states(path, [0.8, 1.2, np.pi / 2 - 1e-9])
-    assert regime.tolist() == ["elastic"] * 3
-    assert state.E1[-1] == pytest.approx(1.0, abs=1e-8)
-    assert state.N[-1] == pytest.approx(0.1 * np.sin(0.8), abs=1e-8)
-
-
 def test_strain_control_reaches_its_limit():
     path = drained_path(DiamondParameters(alpha0=0.1, kappa=6.0, phi=1.5, confinement=0.1))
     assert path.status == "limit"
@@ -217,19 +166,3 @@ def test_strain_control_reaches_its_limit():
     assert np.all(np.diff(state.E1) > 0)
     with pytest.raises(InputError, match="up to the limit of strain control"):
         drained_states(path, float(E.alpha) + 1e-6)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "alpha", "message"),
-    [
-        (TABLE_1, 0.7, r"alpha: got 0\.69.*angles from alpha0 = 0\.785"),
-        (TABLE_1, np.pi / 2, r"short of 1\.57"),
-        (FALLING, 0.6, r"got 0\.59.*short of 0"),
-        (FALLING, 1e-3, r"centres meet"),
-        (TABLE_1, np.nan, r"alpha: got nan, expected a finite"),
-    ],
-)
-def test_angles_off_the_path_are_refused(parameters, alpha, message):
-    path = drained_path(parameters)
-    with pytest.raises(InputError, match=message):
-        drained_states(path, alpha)

@@ -1,7 +1,5 @@
 """LAMMPS dumps: what is written is read back, and what LAMMPS wrote balances."""
 
-import gzip
-
 import numpy as np
 import pytest
 
@@ -60,12 +58,6 @@ def test_written_files_are_read_back(tmp_path, tilt):
     assert love_weber_stress(snapshot.graph) == pytest.approx(
         love_weber_stress(own.graph), rel=1e-12, abs=1e-15
     )
-
-
-def test_six_digits_are_read_as_six_digits(tmp_path):
-    own = packing(40)
-    path, _ = write_lammps(tmp_path, own, digits=6)
-    assert_same(read(path)[0], own, 3e-5)
 
 
 def test_a_dump_without_distances_takes_the_nearest_images(tmp_path):
@@ -165,19 +157,6 @@ def test_walls_of_a_box(tmp_path):
         read(path, columns={"wall_flag": "f_w2[1]"})
     with pytest.raises(InputError, match="contact points beyond their grains"):
         read(path, columns=one | {"wall_x": "f_w2[2]"})
-
-
-def test_many_frames_and_gzip(tmp_path):
-    packings = [packing(50, seed=k) for k in range(3)]
-    for step, own in enumerate(packings):
-        path, contacts = write_lammps(tmp_path, own, step * 1000)
-    for file in (path, contacts):
-        (tmp_path / f"{file.name}.gz").write_bytes(gzip.compress(file.read_bytes()))
-        file.unlink()
-    found = read(path.with_name("dump.atoms.gz"))
-    assert [s.step for s in found] == [0, 1000, 2000]
-    for snapshot, own in zip(found, packings, strict=True):
-        assert_same(snapshot, own, 1e-13)
 
 
 def test_padded_columns_time_and_units(tmp_path):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, Scene
+from loops import InputError, Scene
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow
 from stability.packing import equations_of_motion, replay
@@ -181,34 +181,6 @@ def test_bad_input():
         followed(Scene(GRAPH, BRANCH), strained(STRAIN), past="on")
     with pytest.raises(InputError, match="past: got 'stop' with the affine closure"):
         follow(Scene(GRAPH, BRANCH), strained(STRAIN), closure="affine", past="stop")
-
-
-@pytest.mark.parametrize("past", ["viscous", "dynamic"])
-def test_a_path_does_not_depend_on_units(past):
-    """Stiffness times four and lengths times two change stress and energy by their units alone."""
-    force, length = 4.0, 2.0
-    law = LinearFrictional(force * BRANCH.kn, force * BRANCH.kt, BRANCH.mu, "branch")
-    graph = GRAPH.replace(
-        x=length * GRAPH.x,
-        x0=None,
-        radii=length * GRAPH.radii,
-        cell=length * GRAPH.cell,
-        cell0=None,
-        normal_force=force * length * GRAPH.normal_force,
-        shear_force=force * length * GRAPH.shear_force,
-    )
-    other, path = (
-        followed(Scene(graph, law), strained(STRAIN), interval=INTERVAL, past=past),
-        passed(past),
-    )
-    told = [[(event.kind, event.contacts) for event in one.events] for one in (path, other)]
-    assert told[0] == told[1] and any(kind == "instability" for kind, _ in told[0])
-    # Powers of two: rounding is the same but where kn is averaged.
-    exact = {"rtol": 1e-9, "atol": 1e-12}
-    np.testing.assert_allclose(other.P / force, path.P, **exact)
-    np.testing.assert_allclose(other.work / (force * length**2), path.work, **exact)
-    np.testing.assert_allclose(other.energy / (force * length**2), path.energy, **exact)
-    np.testing.assert_allclose(other.states[-1].x / length, path.states[-1].x, **exact)
 
 
 def test_a_way_of_ones_own_passes_an_instability():

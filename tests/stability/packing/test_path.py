@@ -17,7 +17,6 @@ from loops import (
     Scene,
     find_faces,
 )
-from loops.contacts import Contacts
 from loops.neighbours import near_pairs, ordered
 from stability import Stage, follow, rates_at
 from stability.packing import (
@@ -204,32 +203,6 @@ def test_a_path_starts_with_the_forces_of_the_geometry():
     np.testing.assert_array_equal(start.shear_force[:count], wanted)
 
 
-@pytest.mark.parametrize("case", CASES[:2], ids=["radii", "branch"])
-def test_a_mirrored_packing_goes_the_mirrored_way(case):
-    """Only the signs of shear forces change, for contacts in another order as well."""
-    graph, law = packed(*case[:3]), case[2]
-    order, turn = np.argsort(graph.normal_force), np.diag([-1.0, 1.0])
-    mirrored = GrainGraph(
-        x=graph.x @ turn,
-        radii=graph.radii,
-        contacts=graph.contacts[order][:, ::-1],
-        images=-graph.images[order],
-        cell=turn @ graph.cell,
-        normal_force=graph.normal_force[order],
-        shear_force=-graph.shear_force[order],
-    )
-    path = forces(case, INTERVALS[0])[0]
-    other = followed(Scene(mirrored, law), strained(turn @ H @ turn), interval=INTERVALS[0])
-    signs = np.array([1.0, -1.0, -1.0, 1.0])
-    np.testing.assert_allclose(other.P, signs * path.P, rtol=0, atol=1e-9 * np.abs(path.P).max())
-    np.testing.assert_allclose(other.work, path.work, rtol=0, atol=1e-9 * path.work[-1, 0])
-    count = len(order)
-    pairs = [[e for e in one.events if e.contacts[0] < count] for one in (path, other)]
-    told = [[(e.kind, int(c)) for e in pairs[0] for c in e.contacts],
-            [(e.kind, int(order[c])) for e in pairs[1] for c in e.contacts]]  # fmt: skip
-    assert told[0] == told[1] and len(told[0]) > 3
-
-
 def test_mixed_control_holds_its_stress():
     graph = packed(16, 2, BRANCH)
     path = followed(
@@ -278,34 +251,6 @@ def test_events_lie_between_their_rows():
         before, after = path.parameter[event.index : event.index + 2]
         assert before - rounding <= event.parameter <= after + rounding
         assert path.stage[event.index + 1] == event.stage
-
-
-def test_pairs_are_listed_anew_before_others_can_touch(monkeypatch):
-    """Grains of diameter 1: gaps below 0.01 are listed, again after an approach of 0.005."""
-    calls = []
-
-    def counted(contacts, gap):
-        calls.append(gap)
-        return with_near(contacts, gap)
-
-    with_near = Contacts.with_near
-    monkeypatch.setattr(Contacts, "with_near", counted)
-    interval = 2e-4
-    path = followed(Scene(diamonds(), LAW), strained(0.01 * np.eye(2)), interval=interval)
-    # Two grains approach by a strain times their diameter; a strain counts by its norm.
-    assert path.intervals == pytest.approx(0.01 * np.sqrt(2) / interval, abs=1.5)
-    wanted = path.intervals // np.ceil(0.005 / interval)
-    assert len(calls) == 1 + wanted
-    assert all(gap == pytest.approx(0.01) for gap in calls)
-
-
-def test_instabilities_are_events_and_end_the_path():
-    """Seven of twelve grains snap through: the event has them, the path stops at the first."""
-    stage = strained(7.7 * H)
-    path = followed(Scene(packed(12, 1, BRANCH), BRANCH), stage, interval=4e-5, instabilities=1)
-    assert path.status == "instabilities" and path.parameter[-1] < 0.99
-    (event, *_) = path.of_kind("instability")
-    assert round(event.taking_part) == 7 and event.contacts == (7,)
 
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():

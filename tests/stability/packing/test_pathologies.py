@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Scene
-from stability import Stage, follow, programmes
+from loops import Scene
+from stability import Stage, follow
 from stability.complementarity import solve_complementarity
 from stability.packing import pathologies as room
 from stability.packing.pathologies import columns
@@ -106,19 +106,6 @@ def test_second_order_work_is_that_of_the_path(path):
             break
     else:
         pytest.fail("no interval without an event")
-
-
-def test_units_don_t_matter(path):
-    graph, unit = jammed(24, 3), 1e6
-    law = LinearFrictional(unit * LAW.kn, unit * LAW.kt, LAW.mu, LAW.shear_increment)
-    scaled = graph.replace(
-        normal_force=unit * graph.normal_force, shear_force=unit * graph.shear_force
-    )
-    stage = Stage(programmes.drained_biaxial(), "parameter", 2e-3)
-    other = follow(Scene(scaled, law), stage, rows=8, interval=2e-5, pathologies=True)
-    for one, two in zip(path.pathologies, other.pathologies, strict=True):
-        assert one._replace(asymmetry=0, w2=0) == two._replace(asymmetry=0, w2=0)
-        assert one.asymmetry == pytest.approx(two.asymmetry, abs=1e-7)
 
 
 def test_what_is_withheld_says_why(monkeypatch):

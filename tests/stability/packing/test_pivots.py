@@ -8,7 +8,7 @@ import pytest
 from loops import Scene
 from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
-from stability.packing import pivots, regime_factor, strain_increment
+from stability.packing import pivots, strain_increment
 from stability.packing.controls import MixedControl
 from stability.packing.pivots import disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
@@ -176,15 +176,6 @@ def test_a_light_grain_leaves_before_regimes_of_all_are_sought(monkeypatch):
     path = path_to_an_instability()
     assert path.status == "finished" and not path.of_kind("instability")
     assert "unloaded" in [event.cause for event in path.of_kind("opening")]
-
-
-def test_more_contacts_at_yield_than_there_is_room_for_columns(monkeypatch):
-    """Eight contacts at yield, columns for seven; a new factorisation from four on."""
-    for module in (regime_factor, strain_increment):
-        monkeypatch.setattr(module, "ROOM", 7)
-    monkeypatch.setattr(strain_increment, "RANK", 3)
-    seen = held_to_the_rate_problem([(16, 2, 1)])
-    assert seen["unique", "finished"] == 3
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import pytest
 
 from loops import InputError, LinearFrictional, Scene, affine_tangent, find_faces
 from loops.boundary import Boundary
-from loops.system import factorised
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import complementarity, plane_cone, rates_at, regimes, restrict
@@ -15,7 +14,6 @@ from stability.packing import (
     probe,
     regime_regions,
     response,
-    yielding,
 )
 from stability.packing.response import CRITICAL, SCALED
 from tests.oracles.lattices import lattice, lattice_rates
@@ -175,15 +173,6 @@ def test_stress_probes_are_the_responses_one_by_one():
             assert np.isnan(
                 [found.work[k], found.normalised[k], *found.stress_rate[k].ravel()]
             ).all()
-
-
-def test_one_factorisation_serves_all_directions(monkeypatch):
-    calls = []
-    monkeypatch.setattr(
-        yielding, "factorised", lambda *given: calls.append(1) or factorised(*given)
-    )
-    found = probe(Scene(packing(30, seed=3, sliding=0.3), LAW), 24)
-    assert len(found.tangents) > 10 and len(calls) == 1
 
 
 def test_stress_on_the_sphere_keeps_the_strain_symmetric():

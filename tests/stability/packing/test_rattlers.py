@@ -530,20 +530,6 @@ def test_a_load_that_is_there_at_once_cuts_no_interval():
     assert at < share < at + CAUGHT_SHARE * end.mean_force / (0.02 * np.sqrt(0.5))
 
 
-def test_rows_leave_the_rattlers_where_they_are():
-    """The solver's own state after the rows of an interval is that without them."""
-    graph = lattice_around([ROOM - 1e-4], [[0.5003, 0.5]])
-    ends = []
-    for rows in (1, 50):
-        stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-        solver = PackingPathSolver(Scene(graph, LAW), [stage], 2e-4, "viscous")
-        solver.start_stage(0, stage, rows)
-        solver.run(2e-4, 1)
-        ends.append(solver.point)
-    np.testing.assert_allclose(ends[0].state.x, ends[1].state.x, rtol=0, atol=1e-13)
-    assert ends[0].rattlers.tolist() == ends[1].rattlers.tolist()
-
-
 def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     """A state at rest is in balance with them: taken for what it was before, it would lose them."""
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)

@@ -18,7 +18,6 @@ from studies.domain import (
     PAPER_CASES,
     Case,
     DomainParameters,
-    domain_figure,
     domain_table,
     first_losses,
     programme_fan,
@@ -229,27 +228,6 @@ def test_study_writes_its_results(tmp_path):
 def test_without_friction_angle_nothing_slides(tmp_path):
     summary = run_domain(DomainParameters(phi_deg=90.0, directions=11), tmp_path / "out")
     assert list(summary["cases"][0]["contacts"]) == ["sticking"]
-
-
-def test_figure_has_both_curves_of_every_diamond():
-    two = DomainParameters(alpha0_deg=(35.0, 45.0), directions=41).cases()
-    four = DomainParameters(alpha0_deg=(35.0, 45.0), kappa=(0.1, 0.2), directions=41).cases()
-    figures = [domain_figure(domain_table(cases, 41), cases) for cases in (two, four)]
-    # A single diamond at an angle is drawn once more, near its curves.
-    assert [len(figure.axes) for figure in figures] == [4, 2]
-    for ax in [ax for figure in figures for ax in figure.axes]:
-        assert {"-", "--", ":"} <= {line.get_linestyle() for line in ax.lines}
-
-
-def test_command(tmp_path, monkeypatch, capsys):
-    out = str(tmp_path / "out")
-    arguments = ["domain", "--out", out, "--alpha0", "40,50", "--directions", "21", "--json"]
-    monkeypatch.setattr(sys, "argv", ["grainloops", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert [case["alpha0_deg"] for case in printed["cases"]] == [40.0, 50.0]
 
 
 @pytest.mark.parametrize(

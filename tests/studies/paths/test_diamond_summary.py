@@ -269,14 +269,6 @@ def test_closed_forms_and_generic_operators_agree():
         assert root is None or root < 1e-12
 
 
-def test_verification_sees_a_wrong_operator():
-    path = follow_diamond(DiamondOptions(table=1))
-    path.states.K[5, 0, 1] += 1e-6
-    found = verification(path)
-    assert found["generic_vs_closed_form_max_relative"] > 1e-7
-    assert found["isotropic_vs_closed_form_max_relative"] > 1e-7
-
-
 # Polar diagrams
 
 

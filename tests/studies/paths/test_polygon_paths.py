@@ -337,13 +337,6 @@ def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):
 # ---- unequal grains, other laws, loops of a snapshot
 
 
-def test_equal_radii_are_the_regular_loop_in_any_unit():
-    one = follow_polygon(PolygonOptions(5, end=0.2), ("diagonal",)).path
-    two = follow_polygon(PolygonOptions(5, end=0.2, radii=(7.0,) * 5), ("diagonal",)).path
-    # The same loop but for the rounding of its corners.
-    assert two.P[-1] == pytest.approx(one.P[-1], abs=1e-13)
-
-
 def test_unequal_radii_under_isotropic_strain():
     """N = (r_i + r_j) E over the mean diameter, whatever the shape, and P their virial."""
     radii = np.array([1.0, 0.8, 1.2, 0.9])

@@ -122,20 +122,6 @@ def draw(folder, series):
     return [one.name for one in Results(folder, SOURCE).save_figures(drawn)]
 
 
-def test_every_figure_is_drawn_with_its_provenance(tmp_path, series):
-    names = draw(tmp_path, series)
-    assert names == [
-        *("orders_over_strain", "stress_strain", "fates", "exchange"),
-        *("work_signs", "work_map"),
-    ]
-    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.png" for name in names}
-    for name in names:
-        assert b"grainloops series" in (tmp_path / f"{name}.png").read_bytes()
-        with Image.open(tmp_path / f"{name}.png") as picture:
-            # Something is there: many colours, not one flat page.
-            assert len(picture.convert("RGB").getcolors(2**24)) > 20
-
-
 def test_without_forces_and_of_one_snapshot(tmp_path, unsaved):
     bare = Series(mechanical=False)
     assert draw(tmp_path, bare) == ["orders_over_strain", "fates", "exchange"]

@@ -539,17 +539,6 @@ def test_figures_stand_on_the_page(result, tmp_path):
     assert page.count("Map of the non-affinity") == 2 and "packing_opening" in page
 
 
-def test_every_dot_is_an_interval_with_a_score(result):
-    skill = pd.read_parquet(result / "skill.parquet")
-    own = skill[(skill.target == "nonaffine") & (skill.predictor == "packing")]
-    dots, mean = skill_by_predictor(skill).axes[1].lines[:2]
-    np.testing.assert_array_equal(dots.get_xdata(), own.auc)
-    assert mean.get_xdata()[0] == pytest.approx(own.auc.mean())
-    lines = {line.get_label(): line for line in skill_by_interval(skill).axes[0].lines}
-    assert lines["persistence"].get_xdata().tolist() == [1, 2, 3]
-    assert np.isnan(lines["persistence"].get_ydata()).tolist() == [True, False, False]
-
-
 def test_the_map_shows_what_is_predicted_beside_what_came(result):
     """In the order that the drawer has, values of all loops, and none for those that are lost."""
     before, after = read(0), read(1)

@@ -4,7 +4,6 @@ import bz2
 import gzip
 import re
 
-import numpy as np
 import pytest
 
 from loops import InputError
@@ -226,16 +225,3 @@ def test_an_interaction_with_a_body_that_is_not_there():
     pair.id1 = 4711
     with pytest.raises(InputError, match="no body 4711 of an interaction"):
         frame_of_save(Source(SAVE), scene)
-
-
-def test_damaged_saves_raise_the_one_error_or_read(tmp_path):
-    rng = np.random.default_rng(8)
-    text = gzip.decompress((PERIODIC / "state.xml.gz").read_bytes())
-    for _ in range(40):
-        damaged = bytearray(text)
-        for at in rng.integers(len(text), size=3):
-            damaged[at] = int(rng.integers(32, 127))
-        try:
-            snapshot_of(FORMATS["yade-xml"], saved(tmp_path, bytes(damaged)))
-        except InputError as error:
-            assert "\n" not in str(error)
