@@ -7,18 +7,16 @@ contacts: a piecewise linear complementarity problem with one solution, none or 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress, cycle, islice, product
-from math import prod
+from itertools import product
 from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers
 from loops.arrays import Regimes as RegimeArray
-from loops.laws.frictional import Regime
 from loops.shown import Shown
 from stability.complementarity import (
     STARTS,
@@ -43,34 +41,39 @@ HELD_STUCK = "two-contact grains stick"
 SOLUTION_RTOL = 1e-8
 
 
-@dataclass(frozen=True, repr=False)
-class Choice(Shown):
-    """One regime that a contact may take: `Regime` and, when it slides, the sign of `T`."""
-
-    regime: Regime
-    side: float = 0.0
-
-
-OPEN = Choice(Regime.OPEN)
-ELASTIC = Choice(Regime.ELASTIC)
-LEFT = Choice(Regime.SLIDING, 1.0)
-RIGHT = Choice(Regime.SLIDING, -1.0)
-# Options of a contact at yield; of a `SlipProblem` either side is called the left one.
-SLIPS = (ELASTIC, LEFT)
+# Regimes of a contact at the edge, int8: `Regime`, times the sign of `T` where it slides.
+OPEN, STICKS, LEFT, RIGHT = (np.int8(code) for code in (0, 1, 2, -2))
+# Columns of options, in the order in which they are tried.
+CHOICES = np.array([STICKS, OPEN, LEFT, RIGHT])
 # Options of a contact inside its cone where all contacts are tried: only sticking can agree.
-INSIDE = (ELASTIC, LEFT, RIGHT)
+INSIDE = np.array([True, False, True, True])
 
 
 def edge_options(
-    *, touching: bool, at_yield: bool, apex: bool, frictionless: bool, side: float
-) -> tuple[Choice, ...]:
-    """Regimes open to a contact at the edge of its law, `side` the sign of its `T`."""
-    parts = (OPEN,) if touching else ()
-    if frictionless:
-        return (LEFT, *parts)
-    if apex:
-        return (ELASTIC, *parts, LEFT, RIGHT)
-    return (ELASTIC, LEFT if side > 0 else RIGHT, *parts) if at_yield else (ELASTIC, *parts)
+    touching: Flags, at_yield: Flags, apex: Flags, frictionless: Flags, side: Floats
+) -> Flags:
+    """Return which of `CHOICES` contacts at the edge may take, (m, 4); `side` the sign of `T`."""
+    slides = [apex | (at_yield & (side > 0)), apex | (at_yield & ~(side > 0))]
+    return np.column_stack(
+        [~frictionless, touching, frictionless | slides[0], ~frictionless & slides[1]]
+    )
+
+
+def sides(regimes: RegimeArray) -> Integers:
+    """Return the sign of `T` where contacts slide, 0 elsewhere."""
+    return regimes // LEFT
+
+
+def first_option(options: Flags, wished: Flags) -> RegimeArray:
+    """Return the first of the options (m, 4) that is wished for, (m,); where none is the first."""
+    wished = options & wished
+    return CHOICES[np.where(wished.any(axis=1), wished.argmax(axis=1), options.argmax(axis=1))]
+
+
+def combinations_of(options: Flags) -> RegimeArray:
+    """Return all combinations of the options (m, 4), (R, m)."""
+    every = list(product(*(CHOICES[can] for can in options)))
+    return np.array(every, dtype=np.int8).reshape(len(every), len(options))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +120,8 @@ class EdgeProblem(Protocol[AnyRates]):
     """Problem of a search for regimes: those that contacts may take, and the rates they cause."""
 
     @property
-    def options(self) -> Sequence[Sequence[Choice]]:
-        """Regimes that each contact at the edge may take."""
+    def options(self) -> Flags:
+        """(m, 4) which of `CHOICES` each contact at the edge may take."""
         ...
 
     @property
@@ -126,7 +129,7 @@ class EdgeProblem(Protocol[AnyRates]):
         """Number of combinations up to which each is solved in full, without a smaller problem."""
         ...
 
-    def rates(self, choices: tuple[Choice, ...]) -> AnyRates:
+    def rates(self, regimes: RegimeArray) -> AnyRates:
         """Rates for one combination of regimes, one full solve."""
         ...
 
@@ -140,6 +143,12 @@ class EdgeProblem(Protocol[AnyRates]):
         ...
 
 
+def slip_sides(options: Flags) -> RegimeArray | None:
+    """Return the side to which each contact may slide; None if one does more than that or stick."""
+    sticks, parts, left, right = options.T
+    return left - right * np.int8(1) if (sticks & (left ^ right) & ~parts).all() else None
+
+
 @dataclass(frozen=True, eq=False)
 class FullProblem(Generic[AnyTrial]):
     """A problem of which only full solves are known; the smaller one follows from `m + 1` of them.
@@ -147,22 +156,22 @@ class FullProblem(Generic[AnyTrial]):
     `options` and `rates` are those of `EdgeProblem`.
     """
 
-    options: Sequence[Sequence[Choice]]
-    rates: Callable[[tuple[Choice, ...]], AnyTrial]
+    options: Flags
+    rates: Callable[[RegimeArray], AnyTrial]
     in_full: int = ENUMERATION_LIMIT
 
     @cached_property
     def condensed(self) -> tuple[Floats, Floats, Errors] | None:
         """Rates are linear in the slips: those of each contact that slides alone give a column."""
-        if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
+        side = slip_sides(self.options)
+        if side is None:
             return None
-        side = np.array([can[1].side for can in self.options])
-        stuck = tuple(can[0] for can in self.options)
+        stuck = np.full(len(side), STICKS)
         rates = self.rates(stuck)
         q = rates.edge.strength - side * rates.edge.shear
         M, error = np.empty((len(q), len(q))), np.empty(len(q))
-        for k, can in enumerate(self.options):
-            one = self.rates((*stuck[:k], can[1], *stuck[k + 1 :]))
+        for k in range(len(q)):
+            one = self.rates(np.where(np.arange(len(q)) == k, side * LEFT, stuck))
             slack = one.edge.strength - side * one.edge.shear
             slip, unsure = -slack[k], float(np.add(rates.edge.error, one.edge.error))
             if not (rates.trusted and one.trusted) or abs(slip) <= unsure:
@@ -191,15 +200,15 @@ class SlipProblem(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RateSolution(Shown, Generic[Answer]):
-    """One solution: a choice per contact at the edge, and the rates.
+    """One solution: regimes (m,) of the contacts at the edge, and the rates.
 
-    `agreeing` are all choices of each contact that agree with these rates: more than one where
-    these are those of sticking and of sliding alike.
+    `agreeing` (m, 4) are all of `CHOICES` that agree with these rates: more than one of a contact
+    where these are those of sticking and of sliding alike.
     """
 
-    choices: tuple[Choice, ...]
+    regimes: RegimeArray
     rates: Answer
-    agreeing: tuple[tuple[Choice, ...], ...] = ()
+    agreeing: Flags
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +268,7 @@ class Regimes(Shown, Generic[Answer]):
         """Contacts whose rates, in the solution that a path takes, agree with other regimes too."""
         if self.contacts is None or not self.solutions:
             return np.empty(0, dtype=np.int64)
-        return self.contacts[[len(can) > 1 for can in self.taken.agreeing]]
+        return self.contacts[self.taken.agreeing.sum(axis=1) > 1]
 
     @property
     def strain_rate(self) -> Floats:
@@ -285,7 +294,7 @@ class Regimes(Shown, Generic[Answer]):
 def agreeing(
     problem: EdgeProblem[Any] | SlipProblem,
     *,
-    preferred: Sequence[Choice] = (),
+    preferred: RegimeArray | None = None,
     direction: Floats | None = None,
     starts: int = STARTS,
     known: Sequence[Flags] = (),
@@ -300,8 +309,8 @@ def agreeing(
 
     Of several solutions the first is the one in which contacts with as many options take the same
     regime (the symmetric one), then the one whose rates are closest in direction to `direction`
-    (continuity), then the one with most preferred choices. Of combinations with the same rates,
-    differing in neutral contacts, that with most preferred choices stands for all.
+    (continuity), then the one with most preferred regimes. Of combinations with the same rates,
+    differing in neutral contacts, that with most preferred regimes stands for all.
 
     Of a `SlipProblem` the smaller problem is all there is: sets that are `known`, as from a branch
     of solutions, are tried first. They are all if `complete` names a proof of it, and all that are
@@ -309,24 +318,25 @@ def agreeing(
     """
     if isinstance(problem, SlipProblem):
         return of_sets(_sliding_sets(problem, starts, known, complete))
-    options, preferred = problem.options, tuple(preferred)
-    count = prod(float(len(choices)) for choices in options)
+    options = problem.options
+    first, last = (CHOICES[can] for can in (options.argmax(1), 3 - options[:, ::-1].argmax(1)))
+    preferred = first if preferred is None else preferred
+    count = combination_count(options)
     search = _Search(problem)
     exhaustive, proof = count <= problem.in_full, ""
     lines: tuple[Family, ...] = ()
     if exhaustive:
-        search.all_of(product(*options))
+        search.all_of(combinations_of(options))
     elif len(options) <= MOST_SLIPS and (pair := problem.condensed) is not None:
         found = solve_complementarity(*pair[:2], enumerated=MOST_SLIPS, errors=pair[2])
         search.condensed(found, preferred)
         exhaustive, proof, lines = True, found.proof, found.families
     else:
-        ends = [tuple(can[k] for can in options) for k in (0, -1)]
-        for start in dict.fromkeys([preferred, *ends]):
+        for start in {each.tobytes(): each for each in (preferred, first, last)}.values():
             if not search.agreeing:
-                search.all_of(_pivots(problem, start))
+                search.pivots(start)
         if not search.agreeing and count <= SEARCH_LIMIT:
-            search.all_of(product(*options))
+            search.all_of(combinations_of(options))
             exhaustive = True
         elif not search.agreeing and (pair := problem.condensed) is not None:
             found = solve_complementarity(*pair[:2], starts, errors=pair[2])
@@ -348,6 +358,11 @@ def agreeing(
         proof,
         tuple(lines) if distinct else (),
     )
+
+
+def combination_count(options: Flags) -> float:
+    """Return the number of combinations of regimes."""
+    return float(np.prod(options.sum(axis=1), dtype=float))
 
 
 def _status(solutions: int, exhaustive: bool, lines: Sequence[Family]) -> RateStatus:
@@ -378,19 +393,20 @@ def _sliding_sets(
 def of_sets(found: Complementarity) -> Regimes[Flags]:
     """Return sets of sliding contacts as the regimes that agree."""
     exhaustive = found.proof not in ("", HELD_STUCK)
-    sets = tuple(RateSolution(tuple(SLIPS[s] for s in one.tolist()), one) for one in found.active)
+    regimes = np.where(found.active, LEFT, STICKS)
+    alone = regimes[..., None] == CHOICES
+    sets = tuple(map(RateSolution, regimes, found.active, alone))
     status = _status(len(sets), exhaustive, found.families)
-    numbers = found.singular, 0, prod([2.0] * len(found.active.T))
+    numbers = found.singular, 0, 2.0 ** len(found.active.T)
     return Regimes(status, sets, exhaustive, *numbers, found.proof, found.families)
 
 
-def given_regimes(problem: EdgeProblem[AnyTrial], choices: Sequence[Choice]) -> Regimes[AnyTrial]:
+def given_regimes(problem: EdgeProblem[AnyTrial], regimes: RegimeArray) -> Regimes[AnyTrial]:
     """Return the rates with regimes that were told, whether they agree or not."""
-    taken, count = tuple(choices), prod(float(len(can)) for can in problem.options)
-    rates = problem.rates(taken)
-    found = (RateSolution(taken, rates),) if rates.trusted else ()
+    rates = problem.rates(regimes)
+    found = (RateSolution(regimes, rates, regimes[:, None] == CHOICES),) if rates.trusted else ()
     status: RateStatus = "given" if found else "none"
-    return Regimes(status, found, False, int(not found), 1, count)
+    return Regimes(status, found, False, int(not found), 1, combination_count(problem.options))
 
 
 class _Search(Generic[AnyTrial]):
@@ -401,111 +417,77 @@ class _Search(Generic[AnyTrial]):
         self.singular, self.tried = 0, 0
         self.agreeing: list[RateSolution[AnyTrial]] = []
 
-    def all_of(self, combinations: Iterable[tuple[Choice, ...]]) -> None:
+    def all_of(self, combinations: RegimeArray) -> None:
         """Solve combinations and keep those that agree."""
-        for choices in combinations:
-            self.judge(choices, self.problem.rates(choices))
+        for regimes in combinations:
+            self.judge(regimes, self.problem.rates(regimes))
 
-    def judge(self, choices: tuple[Choice, ...], rates: AnyTrial) -> None:
+    def judge(self, regimes: RegimeArray, rates: AnyTrial) -> None:
         """Keep a combination that agrees with its rates."""
         self.tried += 1
+        options, edge = self.problem.options, rates.edge
         if not rates.trusted:
             # The state itself forbids regimes in which a contact slides inside its cone.
-            slides = [choice.regime == Regime.SLIDING for choice in choices]
-            self.singular += not np.isposinf(rates.edge.strength[slides]).any()
-        elif all(_agreement(self.problem.options, choices, rates.edge)):
-            alike = _alike(self.problem.options, rates.edge)
-            self.agreeing.append(RateSolution(choices, rates, alike))
+            self.singular += not np.isposinf(edge.strength[sides(regimes) != 0]).any()
+        elif agreement(options, regimes, edge).all():
+            alike = options & agreement(options, CHOICES[:, None], edge).T
+            self.agreeing.append(RateSolution(regimes, rates, alike))
 
-    def condensed(self, found: Complementarity, preferred: tuple[Choice, ...]) -> None:
+    def condensed(self, found: Complementarity, preferred: RegimeArray) -> None:
         """Confirm the solutions of the smaller problem, also with neutral contacts as preferred."""
         options = self.problem.options
         self.tried += 1 + len(options)
+        slides = first_option(options, sides(CHOICES) != 0)
         for active in found.active:
-            choices = tuple(can[int(s)] for can, s in zip(options, active, strict=True))
-            rates = self.problem.rates(choices)
-            self.judge(choices, rates)
-            wished = _agreement(options, preferred, rates.edge)
-            named = tuple(p if w else c for p, c, w in zip(preferred, choices, wished, strict=True))
-            if rates.trusted and named != choices:
+            regimes = np.where(active, slides, STICKS)
+            rates = self.problem.rates(regimes)
+            self.judge(regimes, rates)
+            named = np.where(agreement(options, preferred, rates.edge), preferred, regimes)
+            if rates.trusted and (named != regimes).any():
                 self.judge(named, self.problem.rates(named))
         self.singular = found.singular
 
+    def pivots(self, regimes: RegimeArray) -> None:
+        """Pivot by a semismooth Newton iteration, by single contacts once it cycles."""
+        options, seen, single = self.problem.options, set[bytes](), False
+        for _ in range(20 + 4 * len(options)):
+            rates = self.problem.rates(regimes)
+            wrong = np.flatnonzero(~agreement(options, regimes, rates.edge))
+            if len(wrong) == 0:
+                # The regimes of an untrusted solve may agree with its rates: the search ends there.
+                if rates.trusted:
+                    self.judge(regimes, rates)
+                return
+            single = single or regimes.tobytes() in seen
+            seen.add(regimes.tobytes())
+            wrong = wrong[: 1 if single else None]
+            regimes = regimes.copy()
+            regimes[wrong] = _natural(options, regimes, rates.edge)[wrong]
 
-def agreement(
-    options: Sequence[Sequence[Choice]], regime: RegimeArray, side: Floats, edge: EdgeRates
-) -> Flags:
+
+def agreement(options: Flags, regimes: RegimeArray, edge: EdgeRates) -> Flags:
     """Tell of each contact whether its regime agrees with its rates, batch axes (..., m) first."""
-    opens, sticks = (
-        np.array([one in can for can in options], dtype=bool) for one in (OPEN, ELASTIC)
-    )
-    sides = [np.array([one in can for can in options], dtype=bool) for one in (LEFT, RIGHT)]
-    un, shear, strength = edge.un, edge.shear, edge.strength
-    tol = edge.error
-    held = ~sides[0] | (shear <= strength + tol)
-    held &= ~sides[1] | (-shear <= strength + tol)
+    sticks, parts, left, right = options.T
+    un, shear, strength, tol = edge.un, edge.shear, edge.strength, edge.error
+    held = ~left | (shear <= strength + tol)
+    held &= ~right | (-shear <= strength + tol)
     # Without friction there is no sticking to compare with.
-    slid = ~sticks | (side * shear >= strength - tol)
-    closed = np.where(regime == Regime.ELASTIC, held, slid) & ~(opens & (un > tol))
-    return np.asarray(np.where(regime == Regime.OPEN, un >= -tol, closed))
+    slid = ~sticks | (sides(regimes) * shear >= strength - tol)
+    closed = np.where(regimes == STICKS, held, slid) & ~(parts & (un > tol))
+    return np.asarray(np.where(regimes == OPEN, un >= -tol, closed))
 
 
-def _agreement(
-    options: Sequence[Sequence[Choice]], choices: tuple[Choice, ...], edge: EdgeRates
-) -> list[bool]:
-    regime = np.array([choice.regime for choice in choices], dtype=np.int8)
-    side = np.array([choice.side for choice in choices], dtype=float)
-    return [bool(agrees) for agrees in agreement(options, regime, side, edge)]
-
-
-def _alike(options: Sequence[Sequence[Choice]], edge: EdgeRates) -> tuple[tuple[Choice, ...], ...]:
-    """Return all choices of each contact that agree with its rates."""
-    most = max(map(len, options), default=0)
-    tried = list(zip(*(islice(cycle(can), most) for can in options), strict=True))
-    flags = zip(*(_agreement(options, choices, edge) for choices in tried), strict=True)
-    return tuple(tuple(compress(can, row)) for can, row in zip(options, flags, strict=True))
-
-
-def _pivots(
-    problem: EdgeProblem[AnyTrial], start: tuple[Choice, ...]
-) -> Iterator[tuple[Choice, ...]]:
-    """Combinations by a semismooth Newton iteration, then by single pivots once it cycles."""
-    options = problem.options
-    limit = 20 + 4 * len(options)
-    seen: set[tuple[Choice, ...]] = set()
-    choices, single = start, False
-    for _ in range(limit):
-        rates = problem.rates(choices)
-        agreement = _agreement(options, choices, rates.edge)
-        if rates.trusted and all(agreement):
-            yield choices
-            return
-        wrong = [k for k, agrees in enumerate(agreement) if not agrees]
-        # The regimes of an untrusted solve may agree with its rates: the search ends there.
-        if not wrong:
-            return
-        single = single or choices in seen
-        seen.add(choices)
-        changed = list(choices)
-        for k in islice(wrong, 1 if single else None):
-            changed[k] = _natural(options[k], rates.edge, k, choices[k])
-        choices = tuple(changed)
-
-
-def _natural(can: Sequence[Choice], edge: EdgeRates, k: int, choice: Choice) -> Choice:
-    """Regime that a contact takes under the given rates."""
-    if OPEN in can and edge.un[k] > 0:
-        return OPEN
-    for other in can:
-        if other.regime == Regime.SLIDING and other.side * edge.shear[k] > edge.strength[k]:
-            return other
-    return ELASTIC if ELASTIC in can else choice
+def _natural(options: Flags, regimes: RegimeArray, edge: EdgeRates) -> RegimeArray:
+    """Return the regimes that contacts take under the given rates."""
+    sticks, parts, left, right = options.T
+    beyond = [left & (edge.shear > edge.strength), right & (-edge.shear > edge.strength)]
+    return np.select([parts & (edge.un > 0), *beyond, sticks], [OPEN, LEFT, RIGHT, STICKS], regimes)
 
 
 def _distinct(
-    agreeing: list[RateSolution[AnyTrial]], preferred: Sequence[Choice]
+    agreeing: list[RateSolution[AnyTrial]], preferred: RegimeArray
 ) -> list[RateSolution[AnyTrial]]:
-    """Solutions with different rates; of equal ones that with most preferred choices."""
+    """Solutions with different rates; of equal ones that with most preferred regimes."""
     groups: list[list[RateSolution[AnyTrial]]] = []
     for found in agreeing:
         for group in groups:
@@ -520,21 +502,21 @@ def _distinct(
     return [max(group, key=lambda found: _matches(found, preferred)) for group in groups]
 
 
-def _matches(found: RateSolution[AnyTrial], preferred: Sequence[Choice]) -> int:
-    return sum(a == b for a, b in zip(found.choices, preferred, strict=True))
+def _matches(found: RateSolution[AnyTrial], preferred: RegimeArray) -> int:
+    return int(np.count_nonzero(found.regimes == preferred))
 
 
 def _rank(
     found: RateSolution[AnyTrial],
-    options: Sequence[Sequence[Choice]],
+    options: Flags,
     direction: Floats | None,
-    preferred: Sequence[Choice],
+    preferred: RegimeArray,
 ) -> tuple[int, float, int]:
     """Number of different regimes, turn from the previous direction, preferences missed."""
-    kinds = {(len(can), choice.regime) for can, choice in zip(options, found.choices, strict=True)}
+    kinds = np.unique([options.sum(axis=1), np.abs(found.regimes)], axis=1).shape[1]
     missed = -_matches(found, preferred)
     if direction is None:
-        return len(kinds), 0.0, missed
+        return kinds, 0.0, missed
     vector = found.rates.vector
     size = float(np.linalg.norm(vector) * np.linalg.norm(direction))
-    return len(kinds), -float(vector @ direction) / size if size > 0 else 0.0, missed
+    return kinds, -float(vector @ direction) / size if size > 0 else 0.0, missed

@@ -13,7 +13,6 @@ contact agrees with its rates. These are convex cones, one for each combination,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +38,15 @@ from loops.geometry import checked_volume, reference_volume
 from loops.graph import require_one_state
 from loops.laws.frictional import edge_of, with_sides
 from loops.validation import checked_regimes
-from stability.regimes import OPEN, SOLUTION_RTOL, Choice, EdgeRates, agreement, edge_options
+from stability.regimes import (
+    SOLUTION_RTOL,
+    EdgeRates,
+    agreement,
+    combination_count,
+    combinations_of,
+    edge_options,
+    sides,
+)
 from stability.second_order_work import plane_cone
 from stability.spectra import restrict, subspace_basis
 
@@ -366,9 +373,8 @@ class RelaxedBranches:
     `K` (R, m, m) are the operators, NaN where the equations have no single answer; `regime` (R, C)
     the regimes of all contacts. Of the E contacts at the edge, in the motion of each combination:
     `closing`, `shear` and `strength` (R, E, m) as in `YieldingContacts.rows`; `chosen` (R, E) the
-    regime, `side` (R, E) the sign of `T` where it slides or would; `options` (E) the regimes that
-    each may take. `error` (R,) is what rates may err by along unit directions, from those of all
-    contacts.
+    regime, as `stability.regimes` has it, `options` (E, 4) those that each may take. `error` (R,)
+    is what rates may err by along unit directions, from those of all contacts.
     """
 
     K: Floats
@@ -376,9 +382,8 @@ class RelaxedBranches:
     closing: Floats
     shear: Floats
     strength: Floats
-    options: tuple[tuple[Choice, ...], ...]
+    options: Flags
     chosen: Regimes
-    side: Floats
     error: Floats
 
     @property
@@ -399,7 +404,7 @@ class RelaxedBranches:
         )
         # (D, R) combinations in which every contact agrees with its rates.
         edge = EdgeRates(-closing, shear, strength, self.error[:, None])
-        agrees = agreement(self.options, self.chosen, self.side, edge).all(axis=-1) & self.trusted
+        agrees = agreement(self.options, self.chosen, edge).all(axis=-1) & self.trusted
         work, cosine = works(directions[:, None, :], np.where(agrees[..., None], stress, 0.0))
         least = np.argmin(np.where(agrees, work, np.inf), axis=-1)
         most = np.argmax(np.where(agrees, work, -np.inf), axis=-1)
@@ -431,8 +436,7 @@ class RelaxedBranches:
         closing, shear, strength = (
             rows[trusted] for rows in (self.closing, self.shear, self.strength)
         )
-        touching = np.array([OPEN in can for can in self.options], dtype=bool)[:, None]
-        lines = [np.where(touching, closing, 0.0), shear - strength, shear + strength]
+        lines = [np.where(self.options[:, 1:2], closing, 0.0), shear - strength, shear + strength]
         ends = line_angles(np.concatenate(lines, axis=1).reshape(-1, 2))
         zeros = plane_cone(self.K[trusted], rtol=0.0).edges.ravel()
         zeros = zeros[~np.isnan(zeros)]
@@ -450,14 +454,13 @@ def relaxed_branches(
     volume: ArrayLike | None,
 ) -> RelaxedBranches:
     """Solve the closure for every combination of regimes, as in `directional_work`."""
+    require_one_state(graph)
     which, basis = edge.anywhere, subspace_basis(subspace)
-    options = _options(graph, edge)
-    choices = list(product(*options))
-    count = len(choices)
-    regime = np.repeat(edge.regime[None], count, axis=0)
-    regime[:, which] = [[choice.regime for choice in row] for row in choices]
-    side = np.array([[choice.side for choice in row] for row in choices]).reshape(count, -1)
-    shear_force = np.repeat(graph.shear_force[None], count, axis=0)
+    options = _options(edge)
+    chosen = combinations_of(options)
+    regime = np.repeat(edge.regime[None], len(chosen), axis=0)
+    regime[:, which], side = np.abs(chosen), sides(chosen)
+    shear_force = np.repeat(graph.shear_force[None], len(chosen), axis=0)
     # The law reads the side of a sliding contact from the sign of `T`, also without force yet.
     shear_force[:, which] = np.where(
         edge.touching[which] & (side != 0.0) & (shear_force[:, which] == 0.0),
@@ -479,25 +482,15 @@ def relaxed_branches(
         shear=shear,
         strength=strength,
         options=options,
-        chosen=regime[:, which],
-        side=np.where(edge.at_yield[which], edge.side[which], side),
+        chosen=chosen,
         error=ROUNDED * edge.unit * np.linalg.norm([un, ut], axis=-1).max(axis=(0, 2)),
     )
 
 
-def _options(graph: GrainGraph, edge: YieldingContacts) -> tuple[tuple[Choice, ...], ...]:
-    require_one_state(graph)
-    options = tuple(
-        edge_options(
-            touching=bool(edge.touching[c]),
-            at_yield=bool(edge.at_yield[c]),
-            apex=bool(edge.apex[c]),
-            frictionless=bool(edge.mu[c] == 0.0),
-            side=float(edge.side[c]),
-        )
-        for c in edge.anywhere
-    )
-    count = float(np.prod([float(len(each)) for each in options]))
+def _options(edge: YieldingContacts) -> Flags:
+    own = edge.touching, edge.at_yield, edge.apex, edge.mu == 0.0, edge.side
+    options = edge_options(*own)[edge.anywhere]
+    count = combination_count(options)
     if count > COMBINATIONS:
         raise InputError(
             "contacts at the edge of their law",

@@ -19,7 +19,7 @@ from stability.paths.path_segment import Segment, SegmentEnd, event_functions, f
 from stability.paths.record import (
     Record,
     Searches,
-    expected_choices,
+    expected_regimes,
     record_changes,
     record_fired,
     record_jumps,
@@ -39,7 +39,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
-from stability.regimes import ENUMERATION_LIMIT, Choice, RateStatus, Regimes
+from stability.regimes import ENUMERATION_LIMIT, RateStatus, Regimes
 from stability.spectra import subspace_basis
 
 # Statuses of a rate problem without regimes to go on with.
@@ -165,7 +165,7 @@ class LoopPathSolver:
         if self.record.rows and abs(way) <= REACHED * unit:
             return FINISHED
         sense = float(np.sign(way))
-        expected: dict[int, Choice] = {}
+        expected: dict[int, int] = {}
         before: StateRates | None = None
         idle, reach = 0, np.inf
         while True:
@@ -198,7 +198,7 @@ class LoopPathSolver:
             outcome = self._outcome(stage, end)
             if outcome is not None:
                 return outcome
-            expected, before = expected_choices(end), end.here
+            expected, before = expected_regimes(end), end.here
             if self._stops() and not expected:
                 return STOPPED
             self._take_on_contacts(end)
@@ -212,7 +212,7 @@ class LoopPathSolver:
     # ---- from an event on
 
     def _rate_problem(
-        self, stage: Stage, expected: dict[int, Choice], before: StateRates | None
+        self, stage: Stage, expected: dict[int, int], before: StateRates | None
     ) -> Regimes[EdgeTrial]:
         """Rate problem of the state; of the full model where no symmetric motion goes on."""
         direction = None
@@ -233,7 +233,7 @@ class LoopPathSolver:
         self,
         model: PathModel,
         stage: Stage,
-        expected: dict[int, Choice],
+        expected: dict[int, int],
         direction: Floats | None,
     ) -> Regimes[EdgeTrial]:
         state = unpack(model, self.y)
@@ -392,7 +392,7 @@ class LoopPathSolver:
         )
 
     def _no_continuation(
-        self, stage: Stage, problem: Regimes[EdgeTrial], expected: dict[int, Choice]
+        self, stage: Stage, problem: Regimes[EdgeTrial], expected: dict[int, int]
     ) -> tuple[PathStatus, str]:
         """End of a stage where no regimes agree with the control: a limit of it, or no solution."""
         status: PathStatus = "control_limit"
@@ -405,7 +405,7 @@ class LoopPathSolver:
                 preferred=expected, direction=None, gauge=-UNIT_PARAMETER,
             )  # fmt: skip
             turns_back = any(
-                all(one.rates.mode.regime[c] == choice.regime for c, choice in expected.items())
+                all(one.rates.mode.regime[c] == abs(regime) for c, regime in expected.items())
                 for one in back.solutions
             )
         cause: Cause = "turns_back" if turns_back else "singular"
@@ -417,9 +417,7 @@ class LoopPathSolver:
         count = 0 if problem.exhaustive else problem.combinations
         return status, self._limit(stage, expected, cause, count)
 
-    def _limit(
-        self, stage: Stage, expected: dict[int, Choice], cause: Cause, count: float = 0
-    ) -> str:
+    def _limit(self, stage: Stage, expected: dict[int, int], cause: Cause, count: float = 0) -> str:
         """Record a limit of the control here, and say why it is one."""
         contacts = tuple(sorted(expected))
         self.record.event("control_limit", self.parameter, contacts, cause=cause, count=count)

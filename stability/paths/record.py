@@ -17,7 +17,7 @@ from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates
-from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT, Choice, Regimes
+from stability.regimes import LEFT, OPEN, RIGHT, STICKS, Regimes
 from stability.spectra import RTOL, operator_norm, restrict, symmetric_spectrum
 
 # More pairs of grains than these that touch at once are one event.
@@ -230,16 +230,13 @@ def record_jumps(
             record.event("det_K_zero", parameter, jump=tuple(det.tolist()), subspace=subspace)
 
 
-def expected_choices(end: SegmentEnd) -> dict[int, Choice]:
+def expected_regimes(end: SegmentEnd) -> dict[int, int]:
     """Regimes expected of the contacts whose events fired: they decide between solutions."""
-    side = np.sign(end.here.contacts.shear_force)
-    after = {
-        "yield": lambda c: LEFT if side[c] > 0 else RIGHT,
-        "unloading": lambda c: ELASTIC,
-        "opening": lambda c: OPEN,
-        "closing": lambda c: ELASTIC,
+    sliding = np.where(end.here.contacts.shear_force > 0, LEFT, RIGHT)
+    after = {"unloading": STICKS, "opening": OPEN, "closing": STICKS}
+    return {
+        item: int(after.get(kind, sliding[item])) for kind, item in end.fired if kind in CHANGES
     }
-    return {item: after[kind](item) for kind, item in end.fired if kind in after}
 
 
 def touched_pairs(end: SegmentEnd) -> Integers:

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import prod
 from typing import Literal
 
 import numpy as np
 
-from loops.arrays import ROUNDING, Flags, Floats, Integers
+from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.stress_strain import cauchy_rate
-from loops.symmetry import PointGroup, point_group
+from loops.symmetry import PointGroup, identity, point_group
 from stability.paths.model import PathModel, compressed_state
 from stability.paths.state import Mode, PathState, Rates, centres, contacts_at, unpack
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import NOTHING, Programme
 from stability.regimes import (
+    CHOICES,
     ENUMERATION_LIMIT,
     INSIDE,
-    Choice,
+    LEFT,
+    OPEN,
+    RIGHT,
     EdgeRates,
     FullProblem,
-    Regimes,
     agreeing,
+    combination_count,
     edge_options,
+    first_option,
     given_regimes,
+    sides,
 )
+from stability.regimes import Regimes as Found
 
 # Regimes that all contacts at the edge are told to have.
 Held = Literal["elastic", "sliding"]
@@ -68,10 +73,8 @@ class EdgeTrial:
         return cauchy_rate(H, P, self.strain_rate, self.stress_rate)
 
 
-def edge_choices(
-    model: PathModel, state: PathState, mode: Mode, fired: dict[int, Choice]
-) -> dict[int, tuple[Choice, ...]]:
-    """Contacts with more than one possible regime, and their options.
+def edge_choices(model: PathModel, state: PathState, mode: Mode, fired: Mapping[int, int]) -> Flags:
+    """Regimes that each contact may take, (C, 4) as `stability.regimes.CHOICES`; none without.
 
     Contacts whose event has `fired` are at the edge, however few digits their forces have left.
     """
@@ -80,22 +83,15 @@ def edge_choices(
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
     edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
     touching, at_yield = edge.touching.copy(), edge.at_yield.copy()
-    for c, choice in fired.items():
-        touching[c] |= choice.regime == Regime.OPEN or not closed[c]
-        at_yield[c] |= choice.regime == Regime.SLIDING and not edge.apex[c]
-    options: dict[int, tuple[Choice, ...]] = {}
-    for c in np.flatnonzero(touching | at_yield).tolist():
-        options[c] = edge_options(
-            touching=bool(touching[c]),
-            at_yield=bool(at_yield[c]),
-            apex=bool(edge.apex[c]),
-            frictionless=bool(model.mu[c] == 0.0),
-            side=float(contacts.shear_force[c]),
-        )
+    for c, regime in fired.items():
+        touching[c] |= regime == OPEN or not closed[c]
+        at_yield[c] |= regime in (LEFT, RIGHT) and not edge.apex[c]
+    at_edge = touching | at_yield
+    options = edge_options(touching, at_yield, edge.apex, model.mu == 0.0, contacts.shear_force)
+    options[~at_edge] = False
     if model.search_all:
-        for c in np.flatnonzero(closed & model.has_cone).tolist():
-            options.setdefault(c, INSIDE)
-    return dict(sorted(options.items()))
+        options[closed & model.has_cone & ~at_edge] = INSIDE
+    return options
 
 
 def edge_problem(
@@ -104,12 +100,12 @@ def edge_problem(
     mode: Mode,
     programme: Programme,
     *,
-    preferred: dict[int, Choice],
+    preferred: Mapping[int, int],
     direction: Floats | None,
     gauge: Floats = UNIT_PARAMETER,
     held: Held | None = None,
     in_full: int = ENUMERATION_LIMIT,
-) -> Regimes[EdgeTrial]:
+) -> Found[EdgeTrial]:
     """Rate problem of one state under a unit rate of the loading parameter.
 
     Contacts that the model's symmetry maps on each other take the same regime, so that only motions
@@ -120,10 +116,10 @@ def edge_problem(
     orbits = edge_orbits(model, options)
     closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
     contacts = contacts_at(model, state, closed)
-    inside = np.array([each == INSIDE for each in orbits.options], dtype=bool)
+    inside = (orbits.options == INSIDE).all(axis=1)
 
-    def rates_for(choices: tuple[Choice, ...]) -> EdgeTrial:
-        chosen = orbits.applied(mode, choices)
+    def rates_for(regimes: Regimes) -> EdgeTrial:
+        chosen = orbits.mode(mode, regimes)
         at = StateRates(model, state, chosen, programme, gauge)
         rates = at.raw_rates
         _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
@@ -139,22 +135,16 @@ def edge_problem(
         )
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted, at)
 
-    wanted = first_choices(model, orbits, preferred)
-    first = []
-    for c, can in zip(orbits.representatives.tolist(), orbits.options, strict=True):
-        regime = Regime(int(mode.regime[c]))
-        present = Choice(regime, float(mode.side[c]) if regime == Regime.SLIDING else 0.0)
-        choice = wanted.get(c, present)
-        first.append(choice if choice in can else can[0])
     problem = FullProblem(orbits.options, rates_for, in_full)
     if held is None:
+        wanted = first_regimes(orbits, mode, preferred)
+        first = first_option(orbits.options, CHOICES == wanted[:, None])
         found = agreeing(problem, preferred=first, direction=direction)
     else:
+        # A contact that cannot do that has the first of its options.
         wished = Regime.ELASTIC if held == "elastic" else Regime.SLIDING
-        # What a contact has where it cannot do that.
-        told = [next((c for c in can if c.regime == wished), can[0]) for can in orbits.options]
-        found = given_regimes(problem, told)
-    count = prod(float(len(can)) for can in options.values())
+        found = given_regimes(problem, first_option(orbits.options, np.abs(CHOICES) == wished))
+    count = combination_count(options[options.any(axis=1)])
     return replace(found, combinations=count, contacts=orbits.representatives)
 
 
@@ -230,63 +220,52 @@ def keeps_control(programme: Programme, maps: Floats) -> Flags:
 
 @dataclass(frozen=True, eq=False)
 class EdgeOrbits:
-    """Orbits of contacts at the edge: one contact of each takes a choice, the others follow.
+    """Orbits of contacts at the edge: one contact of each takes a regime, the others follow.
 
-    `representatives` (m,): First contact of every orbit; `options`: Its regimes; `contacts` (E,):
-    All contacts of these orbits; `orbit` (E,): Orbit of each; `sign` (E,): Factor from the side of
-    the orbit's first contact to its own.
+    `representatives` (m,): First contact of every orbit; `options` (m, 4): Its regimes;
+    `contacts` (E,): All contacts of these orbits; `orbit` (E,): Orbit of each; `sign` (E,): Factor
+    from the side of the orbit's first contact to its own.
     """
 
     representatives: Integers
-    options: tuple[tuple[Choice, ...], ...]
+    options: Flags
     contacts: Integers
     orbit: Integers
     sign: Floats
 
-    def applied(self, mode: Mode, choices: Sequence[Choice]) -> Mode:
-        """Regimes of all contacts for one choice per orbit."""
-        regime, side = mode.regime.copy(), mode.side.copy()
-        chosen = np.array([choice.regime for choice in choices], dtype=np.int8)
-        chosen_side = np.array([choice.side for choice in choices], dtype=float)
-        regime[self.contacts] = chosen[self.orbit]
-        side[self.contacts] = chosen_side[self.orbit] * self.sign
+    def mode(self, before: Mode, regimes: Regimes) -> Mode:
+        """Regimes of all contacts for one per orbit."""
+        regime, side = before.regime.copy(), before.side.copy()
+        chosen = regimes[self.orbit]
+        regime[self.contacts], side[self.contacts] = np.abs(chosen), sides(chosen) * self.sign
         return Mode(regime, side)
 
 
-def edge_orbits(model: PathModel, options: Mapping[int, tuple[Choice, ...]]) -> EdgeOrbits:
-    """Orbits of the contacts at the edge under the model's symmetry, if it has one."""
-    at_edge = np.array(list(options), dtype=np.int64)
-    if model.symmetry is None:
-        each = np.arange(len(at_edge))
-        return EdgeOrbits(at_edge, tuple(options.values()), at_edge, each, np.ones(len(each)))
-    first = model.symmetry.contact_orbits
+def edge_orbits(model: PathModel, options: Flags) -> EdgeOrbits:
+    """Orbits of the contacts at the edge, those with options, under the model's symmetry."""
+    group = model.symmetry or identity(model.grain_count, model.contact_count)
+    first, at_edge = group.contact_orbits, np.flatnonzero(options.any(axis=1))
     # A mirror turns the side; without friction there is none to turn.
-    parity = np.where(model.mu > 0, model.symmetry.contact_parity, 1.0)
-    allowed: dict[int, tuple[Choice, ...]] = {}
-    for c, can in options.items():
-        # As options of the orbit's first contact; on a mirror nothing slides.
-        sign = float(parity[c])
-        as_first = [
-            Choice(each.regime, sign * each.side) for each in can if each.side == 0.0 or sign != 0.0
-        ]
-        allowed.setdefault(int(first[c]), tuple(as_first))
-    representatives = np.array(list(allowed), dtype=np.int64)
+    parity = np.where(model.mu > 0, group.contact_parity, 1.0)
+    representatives, index = np.unique(first[at_edge], return_index=True)
+    one = at_edge[index]
+    # As options of the orbit's first contact; on a mirror nothing slides.
+    sticks, parts, left, right = options[one].T
+    turned, slides = parity[one] < 0.0, parity[one] != 0.0
+    left, right = slides & np.where(turned, [right, left], [left, right])
     contacts = np.flatnonzero(np.isin(first, representatives))
-    orbit = np.argsort(representatives)[np.searchsorted(np.sort(representatives), first[contacts])]
-    return EdgeOrbits(representatives, tuple(allowed.values()), contacts, orbit, parity[contacts])
+    orbit = np.searchsorted(representatives, first[contacts])
+    own = np.column_stack([sticks, parts, left, right])
+    return EdgeOrbits(representatives, own, contacts, orbit, parity[contacts])
 
 
-def first_choices(
-    model: PathModel, orbits: EdgeOrbits, preferred: Mapping[int, Choice]
-) -> dict[int, Choice]:
-    """Preferred choices of any contact of an orbit, as choices of its first contact."""
-    if model.symmetry is None:
-        return dict(preferred)
-    first: dict[int, Choice] = {}
-    for c, k, sign in zip(orbits.contacts, orbits.orbit, orbits.sign, strict=True):
-        choice = preferred.get(int(c))
-        if choice is not None:
-            first.setdefault(
-                int(orbits.representatives[k]), Choice(choice.regime, sign * choice.side)
-            )
-    return first
+def first_regimes(orbits: EdgeOrbits, mode: Mode, preferred: Mapping[int, int]) -> Regimes:
+    """Preferred regimes of any contact of an orbit as of its first one, (m,); else present ones."""
+    slides = mode.regime == Regime.SLIDING
+    own = np.where(slides, mode.side * LEFT, mode.regime).astype(np.int8)
+    wanted = own[orbits.representatives]
+    # Of several contacts of an orbit the first decides.
+    for c, k, sign in zip(*map(np.flip, (orbits.contacts, orbits.orbit, orbits.sign)), strict=True):
+        if (regime := preferred.get(int(c))) is not None:
+            wanted[k] = regime * sign if regime in (LEFT, RIGHT) else regime
+    return wanted

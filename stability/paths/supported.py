@@ -17,7 +17,14 @@ from loops.laws.frictional import edge_of, edge_rates, with_sides
 from loops.shown import Shown
 from stability.complementarity import Errors
 from stability.paths.state_rates import is_trusted
-from stability.regimes import ENUMERATION_LIMIT, Choice, EdgeRates, agreeing, edge_options
+from stability.regimes import (
+    ENUMERATION_LIMIT,
+    EdgeRates,
+    agreeing,
+    edge_options,
+    sides,
+    slip_sides,
+)
 from stability.regimes import Regimes as AgreeingRegimes
 
 # Rounding of rates over the largest motion, which soft clusters amplify.
@@ -64,16 +71,8 @@ class SupportedCluster:
         at_yield = edge.at_yield | small
         self.contacts = np.flatnonzero(at_yield | touching)
         self.base = np.where(at_yield | touching, Regime.ELASTIC, given).astype(np.int8)
-        self.options = [
-            edge_options(
-                touching=bool(touching[c]),
-                at_yield=bool(at_yield[c]),
-                apex=bool(edge.apex[c] and touching[c]),
-                frictionless=bool(mu[c] == 0.0),
-                side=float(self.state.shear_force[c]),
-            )
-            for c in self.contacts.tolist()
-        ]
+        own = touching, at_yield, edge.apex & touching, mu == 0.0, self.state.shear_force
+        self.options = edge_options(*own)[self.contacts]
         count, length = graph.grain_count, float(np.mean(graph.radii))
         # All centres, then all spins, in units in which every freedom is a length.
         self.unit = np.repeat([1.0, 1.0 / length], [2 * count, count])
@@ -107,12 +106,11 @@ class SupportedCluster:
         out[free] = found.x
         return out, is_trusted(found)
 
-    def rates(self, choices: tuple[Choice, ...]) -> SupportedRates:
+    def rates(self, regimes: Regimes) -> SupportedRates:
         """Solve for the free freedoms with these regimes."""
         graph, law, state, count = self.graph, self.law, self.state, self.graph.grain_count
         regime, side = self.base.copy(), np.zeros(graph.contact_count)
-        regime[self.contacts] = [choice.regime for choice in choices]
-        side[self.contacts] = [choice.side for choice in choices]
+        regime[self.contacts], side[self.contacts] = np.abs(regimes), sides(regimes)
         sided = with_sides(state, side)
         K = self._stiffness(regime, sided)
         moved, trusted = self._moved(K, -(K @ self.imposed)[:, None])
@@ -145,9 +143,9 @@ class SupportedCluster:
     @cached_property
     def condensed(self) -> tuple[Floats, Floats, Errors] | None:
         """Return `q`, `M` and its errors, one solve a slip with all contacts at yield sticking."""
-        if any([c.regime for c in can] != [Regime.ELASTIC, Regime.SLIDING] for can in self.options):
+        at, side = self.contacts, slip_sides(self.options)
+        if side is None:
             return None
-        at, side = self.contacts, np.array([can[1].side for can in self.options])
         K = self._stiffness(self.base, self.state)
         loads = np.column_stack([-K @ self.imposed, -(side[:, None] * self.push[at]).T])
         moved, trusted = self._moved(K, loads)
@@ -176,8 +174,7 @@ def supported_rates(
     if not support.motion.any():
         raise InputError("motion", "zero everywhere", "an imposed motion", "Move a held grain.")
     cluster = SupportedCluster(graph, law, support)
-    found = agreeing(cluster, preferred=[can[0] for can in cluster.options])
-    return replace(found, contacts=cluster.contacts)
+    return replace(agreeing(cluster), contacts=cluster.contacts)
 
 
 def slip_problem(graph: GrainGraph, law: ContactLaw, support: Support) -> tuple[Floats, Floats]:

@@ -21,6 +21,7 @@ from loops import (
 )
 from patterns import random_loop, regular_polygon
 from stability import Stage, directional_work, follow, programmes, rates_at
+from stability.regimes import CHOICES
 
 MU, UNITS = 0.5, (1e-9, 1.0, 1e9)
 CLOSURES = list(product(("affine", "traction"), ("blocked", "affine", "free")))
@@ -93,7 +94,7 @@ def told(found, contacts, sign, in_frame):
     answers = []
     for one in found.solutions:
         regimes = {
-            number[c]: frozenset(choice.regime for choice in can)
+            number[c]: frozenset(np.abs(CHOICES[can]).tolist())
             for c, can in zip(found.contacts.tolist(), one.agreeing, strict=True)
         }
         rates = np.empty((2, len(contacts)))

@@ -11,18 +11,26 @@ from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.packing.response import MECHANISM, TRUSTED, _status
 from stability.regimes import (
-    ELASTIC,
+    CHOICES,
     HELD_STUCK,
     LEFT,
     OPEN,
     RIGHT,
+    STICKS,
     EdgeRates,
     FullProblem,
     SlipProblem,
     agreeing,
 )
 
-SLIP = (ELASTIC, LEFT)
+
+def may(count, *regimes):
+    """Options of contacts that may all take these regimes."""
+    return np.tile(np.isin(CHOICES, regimes), (count, 1))
+
+
+def slips(count):
+    return may(count, STICKS, LEFT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +47,8 @@ def solved(options, rates_for, **given):
 def complementarity(M, q):
     """Rates of `w = q + M z`, `w, z >= 0`, `w.z = 0`: a contact with `z > 0` slides by z."""
 
-    def rates_for(choices):
-        sliding = np.array([choice == LEFT for choice in choices])
+    def rates_for(regimes):
+        sliding = regimes == LEFT
         z = np.zeros(len(q))
         if sliding.any():
             z[sliding] = np.linalg.solve(M[np.ix_(sliding, sliding)], -q[sliding])
@@ -68,7 +76,7 @@ def test_positive_definite_problems_have_one_solution(seed):
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(6, 6))
     M, q = B @ B.T + 0.1 * np.eye(6), rng.normal(size=6)
-    found = solved([SLIP] * 6, complementarity(M, q), preferred=[ELASTIC] * 6)
+    found = solved(slips(6), complementarity(M, q))
     assert (found.status, found.exhaustive) == ("unique", True)
     (z,) = solutions_by_brute_force(M, q)
     assert found.taken.rates.vector == pytest.approx(z, abs=1e-10)
@@ -78,7 +86,7 @@ def test_positive_definite_problems_have_one_solution(seed):
 def test_indefinite_problems_are_counted(seed):
     rng = np.random.default_rng(100 + seed)
     M, q = rng.normal(size=(5, 5)), rng.normal(size=5)
-    found = solved([SLIP] * 5, complementarity(M, q), preferred=[ELASTIC] * 5)
+    found = solved(slips(5), complementarity(M, q))
     count = len(solutions_by_brute_force(M, q))
     assert found.status == ("none", "unique", "several")[min(count, 2)]
     assert len(found.solutions) == count
@@ -89,7 +97,7 @@ def test_pivoting_solves_what_is_too_many_to_try(seed):
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(30, 30))
     M, q = B @ B.T / 30 + 0.3 * np.eye(30), rng.normal(size=30)
-    found = solved([SLIP] * 30, complementarity(M, q), preferred=[ELASTIC] * 30)
+    found = solved(slips(30), complementarity(M, q))
     assert (found.status, found.exhaustive) == ("one found", False)
     z = found.taken.rates.vector
     w = q + M @ z
@@ -106,8 +114,7 @@ def test_none_is_said_where_every_combination_was_tried(contacts, status):
     # w = -1 - z can never be positive.
     M, q = -np.eye(contacts), -np.ones(contacts)
     M[:, 0] -= 0.5
-    options = [SLIP] * contacts
-    found = solved(options, complementarity(M, q), preferred=[ELASTIC] * contacts)
+    found = solved(slips(contacts), complementarity(M, q))
     assert (found.status, found.exhaustive, found.solutions) == (status, True, ())
     proofs = {8: "", 17: "infeasible"}
     assert found.proof == proofs.get(contacts, "enumeration")
@@ -117,7 +124,7 @@ def test_without_a_proof_none_was_found():
     """Slips with `w >= 0` exist, but `w2 = 1 + z2` lets the second contact stick alone."""
     M, q = np.eye(17), np.ones(17)
     M[0, :2], q[0] = [-1.0, 2.0], -1.0
-    found = solved([SLIP] * 17, complementarity(M, q), preferred=[ELASTIC] * 17)
+    found = solved(slips(17), complementarity(M, q))
     assert (found.status, found.exhaustive, found.proof) == ("none found", False, "")
 
 
@@ -126,26 +133,25 @@ def test_slips_find_all_that_brute_force_finds(seed):
     """Ten contacts of an indefinite problem; pivoting alone stops at the first solution."""
     rng = np.random.default_rng(200 + seed)
     M, q = rng.normal(size=(10, 10)) + 1.5 * np.eye(10), rng.normal(size=10)
-    found = solved([SLIP] * 10, complementarity(M, q), preferred=[ELASTIC] * 10)
+    found = solved(slips(10), complementarity(M, q))
     wanted = solutions_by_brute_force(M, q)
     assert len(found.solutions) == len(wanted) and found.exhaustive
-    slips = [one.rates.vector for one in found.solutions]
+    rates = [one.rates.vector for one in found.solutions]
     np.testing.assert_allclose(
-        sorted(slips, key=tuple), sorted(wanted, key=tuple), rtol=0, atol=1e-9
+        sorted(rates, key=tuple), sorted(wanted, key=tuple), rtol=0, atol=1e-9
     )
 
 
 def test_other_regimes_are_pivoted_alone():
     """Nine contacts that may part, whose pivots cycle: more than the search tries."""
-    options = [(ELASTIC, OPEN, LEFT)] * 9
 
-    def rates_for(choices):
-        opens = np.array([choice == OPEN for choice in choices])
+    def rates_for(regimes):
+        opens = regimes == OPEN
         # An open contact would close, a closed one part.
         un = np.where(opens, -1.0, 1.0)
         return Trial(EdgeRates(un, np.zeros(9), np.ones(9)), un)
 
-    found = solved(options, rates_for, preferred=[ELASTIC] * 9)
+    found = solved(may(9, STICKS, OPEN, LEFT), rates_for)
     assert (found.status, found.exhaustive, found.combinations) == ("none found", False, 3.0**9)
 
 
@@ -163,45 +169,45 @@ def test_a_loop_of_14_at_yield_has_two_solutions():
 
 def test_neutral_contacts_are_one_solution_and_the_preference_names_it():
     rates_for = complementarity(np.eye(2), np.array([0.0, -1.0]))
-    for preferred in ([ELASTIC, LEFT], [LEFT, LEFT]):
-        found = solved([SLIP] * 2, rates_for, preferred=preferred)
+    for preferred in ([STICKS, LEFT], [LEFT, LEFT]):
+        found = solved(slips(2), rates_for, preferred=np.array(preferred))
         assert found.status == "unique"
-        assert found.taken.choices == tuple(preferred)
+        assert found.taken.regimes.tolist() == preferred
+        assert found.taken.agreeing.sum(axis=1).tolist() == [2, 1]
 
 
 def test_of_several_the_symmetric_one_comes_first_then_the_nearest():
     # w1 = 1 - 2 z2, w2 = 1 - 2 z1 and so on: stick, slide both, or either alone.
     M, q = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.array([1.0, 1.0])
-    found = solved([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2)
+    found = solved(slips(2), complementarity(M, q))
     assert found.status == "several"
-    assert [each.choices for each in found.solutions] == [(ELASTIC, ELASTIC), (LEFT, LEFT)]
+    assert [each.regimes.tolist() for each in found.solutions] == [[STICKS] * 2, [LEFT] * 2]
     sliding = np.array([1.0, 1.0])
-    near = solved([SLIP] * 2, complementarity(M, q), preferred=[ELASTIC] * 2, direction=sliding)
-    assert near.taken.choices == (LEFT, LEFT)
+    near = solved(slips(2), complementarity(M, q), direction=sliding)
+    assert near.taken.regimes.tolist() == [LEFT] * 2
 
 
 def test_untrusted_combinations_are_counted_apart():
-    def rates_for(choices):
+    def rates_for(regimes):
         return Trial(EdgeRates(np.zeros(1), np.ones(1), np.zeros(1)), np.zeros(1), trusted=False)
 
-    found = solved([SLIP], rates_for, preferred=[ELASTIC])
+    found = solved(slips(1), rates_for)
     assert (found.status, found.singular) == ("none", 2)
 
 
 @pytest.mark.parametrize(
     ("un", "shear", "expected"),
-    [(1.0, 0.0, OPEN), (-1.0, 0.05, ELASTIC), (-1.0, 0.5, LEFT), (-1.0, -0.5, RIGHT)],
+    [(1.0, 0.0, OPEN), (-1.0, 0.05, STICKS), (-1.0, 0.5, LEFT), (-1.0, -0.5, RIGHT)],
 )
 def test_a_touching_contact_parts_sticks_or_slides_either_way(un, shear, expected):
-    def rates_for(choices):
+    def rates_for(regimes):
         return Trial(
             EdgeRates(np.array([un]), np.array([shear]), np.array([-0.1 * un])), np.ones(1)
         )
 
-    options = [(ELASTIC, OPEN, LEFT, RIGHT)]
-    found = solved(options, rates_for, preferred=[ELASTIC])
+    found = solved(may(1, *CHOICES), rates_for)
     assert found.status == "unique"
-    assert found.taken.choices == (expected,)
+    assert found.taken.regimes.tolist() == [expected]
 
 
 @pytest.mark.parametrize("closure", ["affine", "traction"])
@@ -288,7 +294,7 @@ def test_sets_that_slide_are_sought_by_the_same_search(problem, status, proof, s
     assert found.exhaustive == (status not in ("none found", "one found"))
     assert found.combinations == 2.0 ** len(problem.q)
     for one in found.solutions:
-        assert [choice == LEFT for choice in one.choices] == one.rates.tolist()
+        assert (one.regimes == LEFT).tolist() == one.rates.tolist()
     if sliding is not None:
         assert [int(one.rates.sum()) for one in found.solutions] == sliding
 

@@ -13,7 +13,7 @@ from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
 from stability.paths.state import Mode, contacts_at, pack, scales, unpack
 from stability.paths.state_rates import UNIT_PARAMETER
-from stability.regimes import ELASTIC, LEFT, OPEN
+from stability.regimes import LEFT, OPEN, STICKS
 from tests.stability.paths.test_loop_path import STAGE, UNITS, solver_of, square
 
 UNIQUE = SimpleNamespace(status="unique")
@@ -45,7 +45,7 @@ def with_segments(monkeypatch, solver, moves, fired=("yield", 0), here=None):
 
     monkeypatch.setattr(solver.record, "event", told)
     monkeypatch.setattr(loop_path, "record_fired", lambda *event: None)
-    monkeypatch.setattr(loop_path, "expected_choices", lambda end: {2: LEFT, 0: OPEN})
+    monkeypatch.setattr(loop_path, "expected_regimes", lambda end: {2: LEFT, 0: OPEN})
     return given
 
 
@@ -215,7 +215,7 @@ def test_a_control_that_turns_back_has_an_extremum(monkeypatch, agrees):
 
     monkeypatch.setattr(loop_path, "edge_problem", backwards)
     none = SimpleNamespace(singular=0, exhaustive=True, combinations=2.0)
-    expected = {0: OPEN, 1: ELASTIC} if agrees else {0: OPEN, 1: LEFT}
+    expected = {0: OPEN, 1: STICKS} if agrees else {0: OPEN, 1: LEFT}
     status, message = solver._no_continuation(STAGE, none, expected)
     assert (status, "extremum" in message) == (
         ("control_limit", True) if agrees else ("no_solution", False)

@@ -13,13 +13,13 @@ from stability.paths.regimes import (
     edge_choices,
     edge_orbits,
     edge_problem,
-    first_choices,
+    first_regimes,
     path_symmetry,
     rate_vector,
 )
 from stability.paths.state import Mode, initial_state, pack, unpack
 from stability.paths.state_rates import StateRates
-from stability.regimes import ELASTIC, INSIDE, LEFT, OPEN, RIGHT, Choice
+from stability.regimes import CHOICES, LEFT, OPEN, RIGHT, STICKS
 
 STICK, SLIDE, APART = (int(r) for r in (Regime.ELASTIC, Regime.SLIDING, Regime.OPEN))
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
@@ -47,18 +47,32 @@ def mode_of(*regimes, side=1.0):
 def test_options_of_contacts_at_the_edge(length, kn):
     model, state = loaded(length, kn)
     mode = mode_of(STICK, STICK, STICK, SLIDE)
-    at_edge = {1: (ELASTIC, LEFT), 2: (ELASTIC, RIGHT)}
-    assert edge_choices(model, state, mode, {}) == at_edge
+    at_edge = {1: {STICKS, LEFT}, 2: {STICKS, RIGHT}}
+
+    def chosen(*of):
+        return named(edge_choices(*of))
+
+    assert chosen(model, state, mode, {}) == at_edge
     # Contacts whose event fired are at the edge, whatever their forces.
-    assert edge_choices(model, state, mode, {0: LEFT}) == {0: (ELASTIC, LEFT), **at_edge}
-    assert edge_choices(model, state, mode, {0: OPEN}) == {0: (ELASTIC, OPEN), **at_edge}
-    assert edge_choices(model, state, mode, {0: ELASTIC}) == at_edge
+    assert chosen(model, state, mode, {0: LEFT}) == {0: {STICKS, LEFT}, **at_edge}
+    assert chosen(model, state, mode, {0: OPEN}) == {0: {STICKS, OPEN}, **at_edge}
+    assert chosen(model, state, mode, {0: STICKS}) == at_edge
     searched = replace(model, search_all=True)
-    assert edge_choices(searched, state, mode, {}) == {0: INSIDE, **at_edge}
+    assert chosen(searched, state, mode, {}) == {0: {STICKS, LEFT, RIGHT}, **at_edge}
     gone = mode_of(APART, STICK, STICK, SLIDE)
-    assert edge_choices(model, state, gone, {}) == at_edge
-    assert edge_choices(searched, state, gone, {}) == at_edge
-    assert edge_choices(model, state, gone, {0: ELASTIC}) == {0: (ELASTIC, OPEN), **at_edge}
+    assert chosen(model, state, gone, {}) == at_edge
+    assert chosen(searched, state, gone, {}) == at_edge
+    assert chosen(model, state, gone, {0: STICKS}) == {0: {STICKS, OPEN}, **at_edge}
+
+
+def named(options):
+    """Options of the contacts that have some."""
+    return {c: set(CHOICES[can].tolist()) for c, can in enumerate(options) if can.any()}
+
+
+def options_of(contacts):
+    """Options (4, 4) of some of four contacts."""
+    return np.array([np.isin(CHOICES, contacts.get(c, ())) for c in range(4)])
 
 
 def symmetric(mu):
@@ -81,24 +95,26 @@ def test_contacts_of_an_orbit_take_one_choice(mu):
     sign = parity if mu else np.ones(4)
     assert sorted(parity.tolist()) == [-1.0, -1.0, 1.0, 1.0]
     turned = int(np.flatnonzero(parity < 0)[0])
-    options = {turned: (ELASTIC, LEFT, OPEN)}
+    options = options_of({turned: [STICKS, LEFT, OPEN]})
     orbits = edge_orbits(model, options)
     first = LEFT if sign[turned] > 0 else RIGHT
     assert orbits.representatives.tolist() == [0]
-    assert orbits.options == ((ELASTIC, first, OPEN),)
+    assert named(orbits.options) == {0: {STICKS, first, OPEN}}
     assert orbits.contacts.tolist() == [0, 1, 2, 3] and orbits.orbit.tolist() == [0] * 4
     before = mode_of(STICK, STICK, STICK, STICK, side=0.0)
-    taken = orbits.applied(before, (LEFT,))
+    taken = orbits.mode(before, np.array([LEFT]))
     assert taken.regime.tolist() == [SLIDE] * 4
     np.testing.assert_array_equal(taken.side, sign)
-    assert first_choices(model, orbits, {turned: LEFT}) == {0: first}
-    assert first_choices(model, orbits, {turned: ELASTIC}) == {0: ELASTIC}
-    assert first_choices(model, orbits, {}) == {}
+    assert first_regimes(orbits, before, {turned: LEFT}).tolist() == [first]
+    assert first_regimes(orbits, before, {0: RIGHT, turned: LEFT}).tolist() == [RIGHT]
+    assert first_regimes(orbits, taken, {turned: STICKS}).tolist() == [STICKS]
+    assert first_regimes(orbits, taken, {}).tolist() == [LEFT]
     plain = replace(model, symmetry=None)
     alone = edge_orbits(plain, options)
-    assert alone.representatives.tolist() == [turned] and alone.options == (options[turned],)
-    assert alone.applied(before, (RIGHT,)).side[turned] == -1.0
-    assert first_choices(plain, alone, {turned: LEFT}) == {turned: LEFT}
+    assert alone.representatives.tolist() == [turned]
+    np.testing.assert_array_equal(alone.options, options[[turned]])
+    assert alone.mode(before, np.array([RIGHT])).side[turned] == -1.0
+    assert first_regimes(alone, before, {turned: LEFT}).tolist() == [LEFT]
 
 
 def test_nothing_slides_on_a_mirror():
@@ -108,9 +124,10 @@ def test_nothing_slides_on_a_mirror():
         model.symmetry, contacts=np.array([[0, 1, 2, 3], [0, 3, 2, 1]]),
         maps=np.array([np.eye(2), np.diag([-1.0, 1.0])]), grains=model.symmetry.grains[:2],
     )  # fmt: skip
-    orbits = edge_orbits(replace(model, symmetry=vertical), {0: (ELASTIC, LEFT, OPEN), 3: (LEFT,)})
+    options = options_of({0: [STICKS, LEFT, OPEN], 3: [LEFT]})
+    orbits = edge_orbits(replace(model, symmetry=vertical), options)
     assert orbits.representatives.tolist() == [0, 1]
-    assert orbits.options == ((ELASTIC, OPEN), (RIGHT,))
+    assert named(orbits.options) == {0: {STICKS, OPEN}, 1: {RIGHT}}
     assert orbits.contacts.tolist() == [0, 1, 3] and orbits.orbit.tolist() == [0, 1, 1]
 
 
@@ -157,9 +174,7 @@ def test_a_present_regime_is_tried_first():
     )
     again = edge_problem(
         model, state, first.taken.rates.mode, shear,
-        preferred={c: Choice(Regime(int(first.taken.rates.mode.regime[c])),
-                             float(first.taken.rates.mode.side[c])) for c in (1, 2)},
-        direction=None,
+        preferred=dict(zip((1, 2), first.taken.regimes, strict=True)), direction=None,
     )  # fmt: skip
     np.testing.assert_array_equal(again.taken.rates.vector, first.taken.rates.vector)
     np.testing.assert_array_equal(again.taken.rates.mode.regime, first.taken.rates.mode.regime)

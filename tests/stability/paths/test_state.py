@@ -21,7 +21,7 @@ from stability.paths.model import pair_keys, path_model, with_contact
 from stability.paths.record import (
     Record,
     Searches,
-    expected_choices,
+    expected_regimes,
     record_changes,
     record_fired,
     record_jumps,
@@ -48,7 +48,7 @@ from stability.paths.state import (
     velocities,
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
-from stability.regimes import ELASTIC, LEFT, OPEN, RIGHT
+from stability.regimes import LEFT, OPEN, RIGHT, STICKS
 
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
 CLOSURES = ("affine", "traction")
@@ -373,7 +373,7 @@ def test_events_at_the_end_of_a_segment():
 def test_regimes_that_events_let_expect():
     fired = [("yield", 0), ("yield", 1), ("unloading", 2), ("opening", 3), ("closing", 4)]
     end = end_of(*fired, ("stage_end", -1), shear=[0.2, -0.2, 0.1, 0.0, 0.0])
-    assert expected_choices(end) == {0: LEFT, 1: RIGHT, 2: ELASTIC, 3: OPEN, 4: ELASTIC}
+    assert expected_regimes(end) == {0: LEFT, 1: RIGHT, 2: STICKS, 3: OPEN, 4: STICKS}
 
 
 def test_changes_of_regime_are_told_by_their_kind():
