@@ -46,7 +46,7 @@ def follow(
 
     Spheres that barely touch have no stiffness (Hertz), and no rate problem has an answer there:
     such a path starts at an isotropic strain of 1e-8, and ends that far from the path that starts
-    at rest; `atol` is 1e-12 at least.
+    at rest, to 1e-12 in natural units.
 
     Parameters
     ----------
@@ -72,10 +72,6 @@ def follow(
         What to do where grains without a contact touch: report it and let them overlap (the
         paper), stop, or add the contact, with the parameters of contact 0. Not looked for in
         periodic cells.
-    rtol, atol : float
-        Tolerances of the integrator; `atol` in natural units of each variable.
-    max_step : float
-        Longest step in the space of `H`; events are looked for four times a step.
     max_steps : int
         Accepted steps after which the path is given up.
     rows : int

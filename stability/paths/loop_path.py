@@ -10,7 +10,7 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.closures import Spins
-from loops.errors import InputError, check_choice, number
+from loops.errors import InputError, check_choice
 from loops.laws.frictional import TOUCHING_RTOL, Regime
 from loops.symmetry import PointGroup
 from stability.path import CAUSES, FINISHED, Cause, ModelOption, PathStatus, reason
@@ -44,11 +44,12 @@ from stability.spectra import subspace_basis
 
 # Statuses of a rate problem without regimes to go on with.
 UNANSWERED: tuple[RateStatus, ...] = ("none", "none found")
-# Steps that a stage takes at least, if it is as long as its start promises.
-MIN_STEPS = 8
+# Longest step in the space of `H`, and steps that a stage takes at least, if it is as long as its
+# start promises; events are looked for four times a step.
+LONGEST_STEP, MIN_STEPS = 0.05, 8
 # Rate problems in a row without progress after which the stage ends without a solution.
 CHATTER = 12
-# Longest steps to try, over the option, where a singular state is in the way.
+# Longest steps to try, over the first one, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
 # A target this close, in strain or in stress over kn, is reached.
 REACHED = 1e-15
@@ -69,18 +70,12 @@ class LoopPathOptions:
     spins: Spins = "blocked"
     subspace: str | Sequence[str] = "diagonal"
     contact_on_touch: OnTouch = "ignore"
-    rtol: float = 1e-12
-    atol: float = 1e-14
-    max_step: float = 0.05
     model: ModelOption = "auto"
 
     def __post_init__(self) -> None:
         check_choice("spins", self.spins, get_args(Spins))
         check_choice("contact_on_touch", self.contact_on_touch, get_args(OnTouch))
         check_choice("model", self.model, get_args(ModelOption))
-        number("rtol", self.rtol, 0.0)
-        number("atol", self.atol, 0.0)
-        number("max_step", self.max_step, 0.0, open_low=True)
         for subspace in self.subspaces:
             subspace_basis(subspace)
         if not self.subspaces:
@@ -293,9 +288,8 @@ class LoopPathSolver:
         segment = Segment(
             *about,
             functions,
-            rtol=self.options.rtol,
             atol=self.atol * size * scales(self.model),
-            max_step=min(self.options.max_step, reach / MIN_STEPS),
+            max_step=min(LONGEST_STEP, reach / MIN_STEPS),
             row_step=min(reach, 1.0) / self.rows if self.rows else np.inf,
             size=size,
         )

@@ -13,6 +13,7 @@ from stability.paths.loop_path import LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
 from stability.paths.record import model_choice
 from stability.paths.regimes import EdgeTrial, Held, edge_problem
+from stability.paths.segment import ATOL
 from stability.paths.state import first_state, initial_state, start_mode, unpack
 from stability.programmes import Programme, Stage
 from stability.regimes import ENUMERATION_LIMIT, Regimes
@@ -40,7 +41,7 @@ def follow_loop(
         y=y,
         mode=mode,
         options=options,
-        atol=max(options.atol, least),
+        atol=max(ATOL, least),
         rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),

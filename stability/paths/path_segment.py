@@ -191,7 +191,7 @@ def _spectra(here: StateRates, subspace: str) -> Floats:
 class Segment:
     """Integration of one segment: model, regimes, event functions and tolerances.
 
-    `functions`: Event functions; `rtol`, `atol` (Y,): Tolerances of the integrator; `max_step`:
+    `functions`: Event functions; `atol` (Y,): Absolute tolerances of the integrator; `max_step`:
     Longest step in `|H|`; `row_step`: Length in `|H|` between two rows, infinite for a row at every
     step; `size`: Size of the strains of the stage, at most 1.
     """
@@ -200,7 +200,6 @@ class Segment:
     mode: Mode
     stage: Stage
     functions: EventFunctions
-    rtol: float
     atol: Floats
     max_step: float
     row_step: float
@@ -241,8 +240,8 @@ def follow_segment(
     """Integrate from `y` to the first event."""
     functions = segment.functions
     how = Steps(
-        float(segment.rtol), np.array(segment.atol), float(segment.max_step),
-        float(segment.row_step), float(segment.size), steps_left,
+        np.array(segment.atol), float(segment.max_step), float(segment.row_step),
+        float(segment.size), steps_left,
     )  # fmt: skip
     mode, programme = segment.mode, segment.stage.programme
     ring = ring_under(segment.model, mode.regime, programme)

@@ -49,8 +49,6 @@ from studies.paths.options import DiamondOptions, PolygonOptions
 SUBSPACES = ("diagonal", "symmetric", "full")
 # States named in every study: det K = 0 in the confinement, its end, the first yield.
 NAMED = ("I", "A", "B")
-# A tenth of the default tolerances of a path: strains and energies to 2e-15, for 5 % more steps.
-TOLERANCES: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-15}
 # A path of so many steps is given up with the status `lost`.
 PATH_STEPS = 2000
 # Contacts are at yield if |T| lacks at most this share of mu N.
@@ -318,7 +316,7 @@ def follow_path(
         stages,
         subspace=subspaces,
         max_steps=PATH_STEPS,
-        **TOLERANCES | values_of(options, "closure", "spins", "contact_on_touch", "rows", "model"),
+        **values_of(options, "closure", "spins", "contact_on_touch", "rows", "model"),
     )
     return path, names
 

@@ -7,12 +7,12 @@ import numpy as np
 from stability.paths.calls import Callback
 from stability.paths.kernels import follow
 from stability.paths.ring_rates import RATES, VALUES
-from stability.paths.segment import EVENT, ROW, Steps, System
+from stability.paths.segment import ATOL, EVENT, ROW, Steps, System
 
 
 def drive(
     rates, values, y=(0.0,), *, tolerance=1e-12, two_sided=False, balance=lambda y: np.nan,
-    max_step=1.0, row_step=np.inf, rtol=1e-12, most=200, condition=1.0,
+    max_step=1.0, row_step=np.inf, most=200, condition=1.0,
 ):  # fmt: skip
     """Integrate `y' = rates(y)` to the first event of `values(y)`, negative before it.
 
@@ -39,7 +39,7 @@ def drive(
     limits = np.stack([np.broadcast_to(each, count) for each in (tolerance, two_sided)]) * 1.0
     call, width = Callback(reply, out), np.array([shared.shape[1]])
     system = System(call, call, shared.ravel(), width, limits)
-    how = Steps(rtol, np.full(size, 1e-14), max_step, row_step, 1.0, most)
+    how = Steps(np.full(size, ATOL), max_step, row_step, 1.0, most)
     code, steps, end, _, fired, record = follow()(system, y, np.zeros(5), how)
     if system.call.raised is not None:
         raise system.call.raised

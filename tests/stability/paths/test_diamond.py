@@ -26,6 +26,7 @@ from patterns.diamond import (
 )
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, drained_slope
 from stability import Stage, follow, programmes
+from stability.paths import loop_path, of_graph
 from tests.oracles.diamond_forces import contact_forces
 from tests.oracles.diamond_general import drained_states
 from tests.oracles.drained import drained_path as exact_drained_path
@@ -303,21 +304,23 @@ def test_stiff_grains_scale_like_the_linear_diamond(closure):
 FLAT = DiamondParameters(np.radians(4.0), 0.2, np.radians(10.0), 0.1)
 
 
-def error_at_yield(**accuracy):
-    path = drained_biaxial(FLAT, "affine", 0.3, **accuracy)
+def error_at_yield(monkeypatch, step, atol):
+    monkeypatch.setattr(loop_path, "LONGEST_STEP", step)
+    monkeypatch.setattr(of_graph, "ATOL", atol)
+    path = drained_biaxial.__wrapped__(FLAT, "affine", 0.3)
     exact = exact_drained_path(FLAT).end
     (event,) = path.of_kind("control_limit")
     return np.hypot(*(path.H[event.index, [0, 3]] - [float(exact.E1), float(exact.E2)]))
 
 
-def test_error_falls_with_the_eighth_order_of_the_step():
-    coarse, fine = (error_at_yield(rtol=1.0, atol=1.0, max_step=step) for step in (0.2, 0.1))
+def test_error_falls_with_the_eighth_order_of_the_step(monkeypatch):
+    coarse, fine = (error_at_yield(monkeypatch, step, 1.0) for step in (0.2, 0.1))
     # 2^7 and 2^7.8 are measured; order 7 would leave 2^6.5 barely out of reach.
     assert np.log2(coarse / fine) > 6.5
 
 
-def test_error_follows_the_tolerance():
+def test_error_follows_the_tolerance(monkeypatch):
     tolerances = (1e-8, 1e-10, 1e-12)
-    errors = [error_at_yield(rtol=each, atol=each, max_step=10.0) for each in tolerances]
+    errors = [error_at_yield(monkeypatch, 10.0, each) for each in tolerances]
     assert all(error < each for error, each in zip(errors, tolerances, strict=True))
     assert errors[0] > 10 * errors[1] > 30 * errors[2]

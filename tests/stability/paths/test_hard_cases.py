@@ -115,18 +115,20 @@ def test_shortest_and_longest_loops(order):
         (10, "vertex", 0.4, 0.05),
     ],
 )
-def test_through_a_singular_threshold_there_is_always_an_answer(order, orientation, end, max_step):
+def test_through_a_singular_threshold_there_is_always_an_answer(
+    monkeypatch, order, orientation, end, max_step
+):
     """Relaxed rings compressed through kappa/(1 + kappa), where the balance is singular.
 
     Whether a step lands on the singular state is chance; the path goes on or says where it ends,
     and the loss it has met is the threshold.
     """
     kappa = 0.3
+    monkeypatch.setattr("stability.paths.loop_path.LONGEST_STEP", max_step)
     path = follow(
         Scene(regular_polygon(order, orientation=orientation), LinearFrictional(1.0, kappa)),
         [Stage(programmes.isotropic_strain(), "H11", end)],
         closure="traction",
-        max_step=max_step,
     )
     assert path.status in ("finished", "control_limit", "lost")
     assert path.status == "finished" or path.message
