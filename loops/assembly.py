@@ -43,7 +43,7 @@ def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) 
         sliding   k = kn n(x)n + s mu kn t(x)n - (N/l) t(x)t + (T/l) n(x)t
 
     (Nicot et al. 2016, equations 13-19, for one branch). The terms with `N/l` and `T/l` arise
-    because the frame turns with the branch.
+    because the frame turns with the branch; where it keeps its direction there are none.
 
     Parameters
     ----------
@@ -160,8 +160,8 @@ def local_blocks(state: ContactState, law: ContactLaw, regime: Regimes) -> Float
     g, _, _ = law.shear_kinematics(state)
     local = law.local_stiffness(state, regime)
     local[..., :, 1] *= g[..., None]
-    local[..., 1, 1] -= state.normal_force / state.length
-    local[..., 0, 1] += state.shear_force / state.length
+    local[..., 1, 1] -= state.turns * state.normal_force / state.length
+    local[..., 0, 1] += state.turns * state.shear_force / state.length
     return local
 
 
@@ -169,7 +169,7 @@ def local_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats
     """Sums of the sizes of the terms of `local_blocks`, where `kt` and `N/l` may cancel."""
     local = local_blocks(state, law, regime)
     for entry, force in (((1, 1), state.normal_force), ((0, 1), -state.shear_force)):
-        turning = force / state.length
+        turning = state.turns * force / state.length
         at = (..., *entry)
         local[at] = np.abs(local[at] + turning) + np.abs(turning)
     return np.abs(local)

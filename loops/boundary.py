@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import contact_tangent
+from loops.assembly import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.faces import FaceKind, Faces
 from loops.graph import ContactState, GrainGraph
@@ -45,8 +46,8 @@ class PlaneContacts(Shown):
         Friction; without it a contact that has a shear stiffness never slides. Where it is zero,
         the rate problem takes no shear force into account.
     force : (W, 2) array, optional
-        Force of the wall on the grain (force). Without it no contact of the rate problem stands at
-        its strength, and in paths and motions each pushes by its overlap.
+        Force of the wall on the grain (force). Without it each pushes by its overlap, and none
+        stands at its strength in the rate problem.
     sliding : (W,) array of bool, optional
         Contacts that slide, and keep to it.
     fixed : (2,) array, optional
@@ -76,25 +77,6 @@ class PlaneContacts(Shown):
         """(W,) friction; where none is known, what has a shear stiffness never slides."""
         return np.where(self.kt > 0, np.inf, 0.0) if self.mu is None else self.mu
 
-    def springs(self, radii: Floats) -> Floats:
-        """Return `kn`, `kt`, friction, overlaps and normal forces (5, W) of grains with `radii`.
-
-        The forces are those of the overlaps where none are given.
-        """
-        distance = np.linalg.norm(self.branch, axis=1)
-        overlap = np.maximum(radii - distance, 0.0)
-        push = self.kn * overlap
-        if self.force is not None:
-            push = -np.sum(self.force * self.branch, axis=1) / distance
-        return np.array([self.kn, self.kt, self.friction, overlap, push])
-
-    def take(self, rows: Flags) -> PlaneContacts:
-        """Return the picked contacts."""
-        mu, force = (None if a is None else a[rows] for a in (self.mu, self.force))
-        sliding = None if self.sliding is None else self.sliding[rows]
-        given = self.grain[rows], self.branch[rows], self.kn[rows], self.kt[rows]
-        return PlaneContacts(*given, mu, force, sliding, self.fixed)
-
     def to_plates(self, x: Floats) -> Floats:
         """Return (W, 2) from the centres of the grains, at `x` (G, 2), to the plates' points."""
         n = self.branch / np.linalg.norm(self.branch, axis=1, keepdims=True)
@@ -105,21 +87,25 @@ class PlaneContacts(Shown):
         return np.asarray(self.branch + along)
 
     def state(self, radii: Floats) -> ContactState:
-        """Return the contacts as those with grains of no radius; `radii` (G,)."""
-        length = np.linalg.norm(self.branch, axis=1)
-        n = self.branch / length[:, None]
+        """Return the contacts as those with grains of no radius, whose frames keep their direction.
+
+        `radii` (G,) are those of the grains. Without given forces each pushes by its overlap.
+        """
+        length, touching = np.linalg.norm(self.branch, axis=1), radii[self.grain]
+        n, none = self.branch / length[:, None], 0.0 * length
         t = np.column_stack([-n[:, 1], n[:, 0]])
-        force = np.zeros_like(n) if self.force is None else -self.force
+        push = self.kn * np.maximum(touching - length, 0.0)
+        force = push[:, None] * n if self.force is None else -self.force
         N, T = np.sum(force * n, axis=1), np.sum(force * t, axis=1)
         if self.mu is not None:
             T = np.where(self.mu > 0, T, 0.0)
-        return ContactState(length, n, t, N, T, radii[self.grain], 0.0 * length, self.regime)
+        return ContactState(length, n, t, N, T, touching, none, self.regime, none)
 
-    def law(self, law: ContactLaw) -> LinearFrictional:
-        """Return springs and friction of the plates, with the shear increment of a law."""
-        return LinearFrictional(
-            self.kn, self.kt, self.friction, getattr(law, "shear_increment", "branch")
-        )
+    def springs(self, radii: Floats) -> Floats:
+        """Return `kn`, `kt`, friction, overlaps and normal forces (5, W); `radii` (G,)."""
+        at = self.state(radii)
+        overlap = np.maximum(at.overlap, 0.0)
+        return np.array([self.kn, self.kt, self.friction, overlap, at.normal_force])
 
 
 class Walls(NamedTuple):
@@ -175,14 +161,6 @@ class Boundary(Shown):
         if self.walls is not None and len(self.walls.grain):
             return "walls"
         return "free" if self.held is None or not self.held.any() else "outline"
-
-    def supports(self, grain_count: int) -> Integers:
-        """Return (G,) the contacts with walls of each grain, and two of a held grain."""
-        fixed = np.zeros(grain_count, dtype=bool) if self.held is None else self.held
-        supports = 2 * fixed.astype(np.int64)
-        if self.walls is not None:
-            supports += np.bincount(self.walls.grain, minlength=grain_count)
-        return supports
 
     def box(self, graph: GrainGraph) -> Walls:
         """Return the four walls along the axes that the contacts touch; they may move.
@@ -317,13 +295,43 @@ def outline_grains(graph: GrainGraph, faces: Faces) -> Flags:
     return grains
 
 
-def plane_stiffness(planes: PlaneContacts, radii: Floats, law: ContactLaw) -> Floats:
-    """Return blocks `S` (W, 4, 4) in the regimes of the contacts; `law` is that between grains.
+class Rows(NamedTuple):
+    """All contacts of a scene in one table: between grains (C,), then with walls.
 
-    Frames keep their directions: of the geometry the growth of the arm alone is left.
+    `ends` (E, 2) are bodies: beyond the grains each contact with a wall has a body of its own,
+    which follows the mean strain. `branches` (E, 2) go to the other grain, or to the point of the
+    wall that does. `laws` are those of parts of the rows, `state` has the regimes known of all.
     """
-    state = replace(planes.state(radii), normal_force=np.zeros(len(planes.kn)))
-    blocks = contact_tangent(state, planes.law(law), planes.regime)
-    turning = (state.shear_force / state.length)[:, None, None]
-    blocks[:, :2, :2] -= turning * state.n[:, :, None] * state.t[:, None, :]
-    return blocks
+
+    laws: tuple[tuple[ContactLaw, slice], ...]
+    state: ContactState
+    ends: Integers
+    branches: Floats
+
+    def each(self, ask: Callable[..., Sequence[Any]], *given: Any) -> tuple[Any, ...]:
+        """Return arrays (E, ...) that a function gives for a law, its contacts and their rows."""
+        found = (ask(law, self.state.take(c), *(a[c] for a in given)) for law, c in self.laws)
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+    def tangents(self, regimes: Regimes) -> Floats:
+        """Return blocks `S` (E, 4, 4) in these regimes."""
+        (blocks,) = self.each(lambda law, state, r: (contact_tangent(state, law, r),), regimes)
+        return np.asarray(blocks)
+
+
+def rows_of(graph: GrainGraph, law: ContactLaw, boundary: Boundary, state: ContactState) -> Rows:
+    """Return the contacts of a packing, `state` with one another, then with its walls."""
+    state, walls = replace(state, regime=contact_regime(state, law)), boundary.walls
+    between = (law, slice(graph.contact_count))
+    if walls is None:
+        return Rows((between,), state, graph.contacts, graph.branches)
+    increment: Any = getattr(law, "shear_increment", "branch")
+    springs = LinearFrictional(walls.kn, walls.kt, walls.friction, increment)
+    parts = replace(state, turns=np.ones(graph.contact_count)), walls.state(graph.radii)
+    beyond = graph.grain_count + np.arange(len(walls.grain))
+    return Rows(
+        (between, (springs, slice(graph.contact_count, None))),
+        ContactState(*(np.concatenate([getattr(of, k) for of in parts]) for k in vars(state))),
+        np.concatenate([graph.contacts, np.column_stack([walls.grain, beyond])]),
+        np.concatenate([graph.branches, walls.to_plates(graph.x)]),
+    )

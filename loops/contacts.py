@@ -25,6 +25,7 @@ PAIR = np.dtype(
         ("d", "f8", 2),  # from the first centre to the second, or to the point of the wall
         ("n", "f8", 2),
         ("t", "f8", 2),
+        ("turns", "f8"),  # 1 where the frame turns with the branch, 0 where it keeps its direction
         ("turning", "f8"),  # the shear rate is `turning` times `t . d'`
         ("lever", "f8", 2),  # minus `lever` times the spins
         ("arm", "f8", 2),  # levers of the shear force
@@ -319,9 +320,9 @@ class Contacts(PackingState):
         frame["turning"] = radii.sum(axis=1) / length if law.by_radii else 1.0
         frame["lever"] = (radii if law.by_radii else arms) / unit
         frame["arm"] = arms / unit
-        frame["rotation"] = (N[:, None] * t - T[:, None] * n) / length[:, None]
-        # A wall keeps its direction.
-        frame["rotation"][self.at_wall] = 0.0
+        frame["turns"] = ~self.at_wall
+        turned = frame["turns"][:, None] * (N[:, None] * t - T[:, None] * n)
+        frame["rotation"] = turned / length[:, None]
         frame["growth"] = 0.5 * T / unit
         for name, values in law.tangent(law.touching - length, T, reach).items():
             frame[name] = values
@@ -363,20 +364,14 @@ def start_state(
     else:
         planes = boundary.walls
         normals, points, wall, cell = boundary.standing(graph) if still else boundary.box(graph)
-        count, n = graph.grain_count, normals[wall]
+        count = graph.grain_count
         x, none = np.concatenate([x, points]), np.zeros(len(points))
         radii, angle = np.append(radii, none), np.append(angle, none)
         contacts = np.vstack([graph.contacts, np.column_stack([planes.grain, count + wall])])
         images = np.zeros_like(contacts)
-        push = planes.springs(graph.radii[planes.grain])[4]
-        force = push[:, None] * n if planes.force is None else planes.force
-        # The normal of a contact points from the grain to the wall.
-        frame = n, np.column_stack([-n[:, 1], n[:, 0]])
-        N, T = (
-            np.append(old, np.sum(force * way, axis=1))
-            for old, way in zip((N, T), frame, strict=True)
-        )
-        M = np.append(M, 0.0 * push)
+        at_walls = planes.state(graph.radii)
+        N, T = np.append(N, at_walls.normal_force), np.append(T, at_walls.shear_force)
+        M = np.append(M, 0.0 * at_walls.length)
     return PackingState(
         radii=radii,
         x=x,
@@ -410,7 +405,7 @@ def contacts_of(start: PackingState, law: MovableLaw, boundary: Boundary | None 
     radii = np.ascontiguousarray(start.radii[start.contacts].T)
     planes, springs = None if boundary is None else boundary.walls, None
     if len(start.walls) and planes is not None:
-        springs = planes.springs(start.radii[planes.grain])
+        springs = planes.springs(start.radii)
     of_start = {field.name: getattr(start, field.name) for field in fields(PackingState)}
     contacts = Contacts(**of_start, law=PairLaw.made(law, radii, wall, springs))
     return contacts.parted(contacts.overlap == 0)

@@ -86,10 +86,9 @@ def regular_matrix(
     ring[nearly] = np.arange(len(nearly))
     label = np.full(size + 1, -1)
     label[spins] = ring[column]
-    state, growth = system.state, np.zeros((len(system.ends), 2))
-    moments = 0.5 / system.length * state.shear_force[:, None] * state.n
-    growth[: len(system.contacts)] = moments[system.contacts]
-    forces = _slip_forces(part, growth[touched], label, np.append(motion, 0.0), len(nearly))
+    state = system.rows.state.take(system.kept[touched])
+    growth = 0.5 / system.length * state.shear_force[:, None] * state.n
+    forces = _slip_forces(part, growth, label, np.append(motion, 0.0), len(nearly))
     border = sparse.csr_array((system.unit * motion[spins], (spins, column)), (size, len(modes)))
     beside, below = sparse.hstack([forces.right.T, border]), sparse.vstack([forces.left, border.T])
     corner = sparse.diags_array(np.append(forces.work, np.zeros(len(modes))))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -378,6 +378,8 @@ class ContactState(Shown):
         Radii of the two grains (length).
     regime : (..., C) array of Regime, or None
         Regime of the contacts where the source told it.
+    turns : (..., C) array, optional
+        1 where the frame turns with the branch, 0 where it keeps its direction, as at a wall.
     """
 
     length: Floats
@@ -388,6 +390,12 @@ class ContactState(Shown):
     radii_i: Floats
     radii_j: Floats
     regime: Regimes | None = None
+    turns: Floats | float = 1.0
+
+    def take(self, contacts: Integers | slice) -> ContactState:
+        """Return some contacts of one state."""
+        values = (getattr(self, one.name) for one in fields(self))
+        return ContactState(*(one[contacts] if np.ndim(one) else one for one in values))
 
     @property
     def touching_length(self) -> Floats:

@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
 from loops.arrays import one_blas_thread
-from loops.boundary import Boundary, boundary_of
+from loops.boundary import Boundary, Rows, boundary_of, rows_of
 from loops.errors import InputError, check_type
 from loops.faces import Faces, find_faces
 from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
@@ -69,6 +69,11 @@ class Scene(Shown):
         """Return the contacts as the law sees them, made when first asked for; of one state."""
         require_one_state(self.graph)
         return contact_state(self.graph)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Return all contacts in one table, those with walls included, made when asked for."""
+        return rows_of(self.graph, self.law, self.boundary, self.contact_state)
 
     def facts(self) -> dict[str, object]:
         """Return the facts that the prompt and a notebook show."""

@@ -23,16 +23,15 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import assembled_sparse, contact_regime, contact_tangent
-from loops.boundary import PlaneContacts, plane_stiffness
+from loops.assembly import assembled_sparse, contact_regime
+from loops.boundary import Rows
 from loops.compiled import WIDTH
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph
+from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene
 from loops.shown import Shown
-from loops.stress_strain import contact_forces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,18 +127,17 @@ class System(Shown):
     """Carrying contacts of a packing and the freedoms of their grains.
 
     `freedom` (G, 3) numbers the unknowns of each grain (x, y, spin times `length`), -1 where it
-    has none; `state` has all contacts of the graph; `ends` (E, 6) those of each contact in the
-    order x_i, y_i, x_j, y_j, w_i, w_j.
-    `contacts` (C',) are the contacts of the graph, wall contacts follow behind them in all arrays
-    of length E. `branches` (E, 2) go to the other grain, or to the point of the plate that moves
-    with the strain. `unit` is a typical stiffness, `volume` the area that stresses refer to.
+    has none; `rows` are all contacts, `kept` (E,) those that carry. `ends` (E, 6) are the freedoms
+    of each in the order x_i, y_i, x_j, y_j, w_i, w_j, `branches` (E, 2) go to the other grain or to
+    the point of the wall that moves with the strain. `unit` is a typical stiffness, `volume` the
+    area that stresses refer to.
     """
 
     graph: GrainGraph
     law: ContactLaw
-    state: ContactState
+    rows: Rows
     carrying: Carrying
-    contacts: Integers
+    kept: Integers
     branches: Floats
     stiffness: Floats
     regime: Regimes
@@ -149,14 +147,19 @@ class System(Shown):
     length: float
     unit: float
     volume: float
-    planes: PlaneContacts | None
     held: int
+
+    @cached_property
+    def contacts(self) -> Integers:
+        """(C',) contacts between grains that carry, the first ones of the system's."""
+        return self.kept[self.kept < self.graph.contact_count]
 
     @property
     def boundary(self) -> str:
         """Return in words what drives the packing: periodic cell, walls, held grains."""
         ends = [] if self.graph.cell is None else ["periodic cell"]
-        ends += [] if self.planes is None else [f"{len(self.planes.grain)} wall contacts"]
+        walls = len(self.kept) - len(self.contacts)
+        ends += [f"{walls} wall contacts"] if walls else []
         ends += [f"{self.held} grains held to the affine motion"] if self.held else []
         return ", ".join(ends)
 
@@ -176,38 +179,34 @@ class System(Shown):
 
 def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
     """Prune, number the freedoms and evaluate the contacts, in other regimes if they are given."""
-    state = scene.contact_state
-    return system_of(scene, state, contact_regime(state, scene.law, regime))
+    regimes, state = scene.rows.state.regime, scene.contact_state
+    assert regimes is not None
+    if regime is not None:
+        between = contact_regime(state, scene.law, regime)
+        regimes = np.append(between, regimes[len(between) :])
+    return system_of(scene, regimes)
 
 
-def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
-    """Return the system of a scene whose contacts are in this state and have these regimes."""
-    graph, law, boundary = scene.graph, scene.law, scene.boundary
-    regimes = np.broadcast_to(regimes, graph.contacts.shape[:1])
+def system_of(scene: Scene, regimes: Regimes) -> System:
+    """Return the system of a scene whose contacts have these regimes (E,)."""
+    graph, boundary, rows = scene.graph, scene.boundary, scene.rows
+    count = graph.contact_count
     fixed = np.zeros(graph.grain_count, dtype=bool) if boundary.held is None else boundary.held
-    carrying = carrying_grains(graph, regimes != Regime.OPEN, boundary.supports(len(fixed)))
-    kept = np.flatnonzero(carrying.contacts)
+    closed = regimes != Regime.OPEN
+    supports = 2 * fixed + np.bincount(rows.ends[count:][closed[count:], 0], minlength=len(fixed))
+    carrying = carrying_grains(graph, closed[:count], supports)
+    bodies = np.append(carrying.grains, np.ones(len(closed) - count, dtype=bool))
+    kept = np.flatnonzero(closed & bodies[rows.ends].all(axis=1))
     moves = np.repeat(carrying.grains[:, None], 3, axis=1)
     moves[fixed, :2] = False
-    freedom, size = np.full(moves.shape, -1), int(np.count_nonzero(moves))
-    freedom[moves] = np.arange(size)
-    branches, pairs = graph.branches[kept], graph.contacts[kept]
+    # Bodies beyond the grains move with the strain alone.
+    freedom, size = np.full((len(bodies), 3), -1), int(np.count_nonzero(moves))
+    freedom[: len(moves)][moves] = np.arange(size)
+    pairs = rows.ends[kept]
     ends = np.column_stack([freedom[pairs[:, 0], :2], freedom[pairs[:, 1], :2], freedom[pairs, 2]])
-    planes, at_planes = boundary.walls, np.zeros((0, 4, 4))
-    if planes is not None:
-        to_plates = planes.to_plates(graph.x)[carrying.grains[planes.grain]]
-        planes = planes.take(carrying.grains[planes.grain])
-        at_planes = plane_stiffness(planes, graph.radii, law)
-        own, none = freedom[planes.grain], np.full((len(planes.grain), 2), -1)
-        plate_ends = np.column_stack([own[:, :2], none, own[:, 2], none[:, 0]])
-        branches, ends = np.concatenate([branches, to_plates]), np.concatenate([ends, plate_ends])
-    blocks = np.concatenate([contact_tangent(state, law, regimes)[kept], at_planes])
-    regimes = regimes[kept]
-    if planes is not None:
-        regimes = np.concatenate([regimes, planes.regime])
     length = float(graph.radii[carrying.grains].mean())
     scale = np.array([1.0, 1.0, 1.0 / length, 1.0 / length])
-    blocks = scale[:, None] * blocks * scale
+    blocks = scale[:, None] * rows.tangents(regimes)[kept] * scale
     unit = float(np.abs(blocks[:, :2, :2]).sum(axis=(1, 2)).mean()) / 2.0 if len(blocks) else 0.0
     if not unit > 0:
         expected = "contacts with stiffness"
@@ -217,20 +216,19 @@ def system_of(scene: Scene, state: ContactState, regimes: Regimes) -> System:
         raise InputError("volume", repr(volume), "a positive area", "Give the sample's area.")
     return System(
         graph=graph,
-        law=law,
-        state=state,
+        law=scene.law,
+        rows=rows,
         carrying=carrying,
-        contacts=kept,
-        branches=branches,
+        kept=kept,
+        branches=rows.branches[kept],
         stiffness=blocks,
-        regime=np.asarray(regimes, dtype=np.int8),
-        freedom=freedom,
+        regime=np.asarray(regimes[kept], dtype=np.int8),
+        freedom=freedom[: len(moves)],
         ends=ends,
         size=size,
         length=length,
         unit=unit,
         volume=volume,
-        planes=planes,
         held=int(np.count_nonzero(fixed & carrying.grains)),
     )
 
@@ -282,14 +280,9 @@ def packing_stress_rate(system: System, s: Floats) -> Floats:
 
 def packing_stress(system: System) -> Floats:
     """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
-    graph, planes = system.graph, system.planes
-    total = contact_forces(graph).T @ graph.branches
-    if planes is not None:
-        distance = np.linalg.norm(planes.branch, axis=1, keepdims=True)
-        push = planes.springs(graph.radii[planes.grain])[4][:, None] * planes.branch / distance
-        forces = push if planes.force is None else -planes.force
-        total = total + forces.T @ system.branches[len(system.contacts) :]
-    return np.asarray(total / system.volume)
+    state = system.rows.state
+    forces = state.normal_force[:, None] * state.n + state.shear_force[:, None] * state.t
+    return np.asarray(forces.T @ system.rows.branches / system.volume)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

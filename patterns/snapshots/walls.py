@@ -101,7 +101,7 @@ def wall_plates(
     planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
     if isinstance(law, MovableLaw) and graph.contact_count:
         # Tangents are those of the law under these forces: 3/2 of force over overlap under Hertz's.
-        springs, count = planes.springs(graph.radii[planes.grain]), graph.contact_count
+        springs, count = planes.springs(graph.radii), graph.contact_count
         on_plates = graph.radii[planes.grain] * np.array([[1.0], [0.0]])
         radii = np.hstack([graph.radii[graph.contacts].T, on_plates])
         wall = np.repeat([-1, 0], [count, len(planes.grain)])

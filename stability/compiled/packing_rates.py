@@ -178,7 +178,6 @@ def add_work(
     pairs: NDArray[Any],
     regime: Regimes,
     touching: Floats,
-    walls: Floats,
     normal: Floats,
     load: Floats,
     unit: float,
@@ -201,7 +200,7 @@ def add_work(
     """
     if step <= 0.0:
         return
-    first_wall, force = len(released) - len(walls), np.empty((2, len(u)))
+    force = np.empty((2, len(u)))
     times = step * GAUSS, step * (1.0 - GAUSS)
     turns = (_velocity_gradient(strain, h, times[0]), _velocity_gradient(strain, h, times[1]))
     for k in range(len(u)):
@@ -222,9 +221,8 @@ def add_work(
         for q in range(2):
             b0, b1 = start0 + times[q] * r0, start1 + times[q] * r1
             e0, e1 = b0, b1
-            if pair["grains"][1] >= first_wall:
-                wall = pair["grains"][1] - first_wall
-                n0, n1 = walls[wall, 0], walls[wall, 1]
+            if pair["turns"] == 0.0:
+                n0, n1 = pair["n"][0], pair["n"][1]
                 away = n0 * b0 + n1 * b1
                 b0, b1 = away * n0, away * n1
             square = b0 * b0 + b1 * b1
@@ -286,8 +284,6 @@ def _release(
 def overlaps_on_the_way(
     pairs: NDArray[Any],
     touching: Floats,
-    walls: Floats,
-    first_wall: int,
     strain: Floats,
     u: Floats,
     h: Floats,
@@ -300,9 +296,8 @@ def overlaps_on_the_way(
     for p in range(len(pairs)):
         pair = pairs[p]
         b0, b1, r0, r1 = _branch(pair, strain, u, h, v)
-        if pair["grains"][1] >= first_wall:
-            wall = pair["grains"][1] - first_wall
-            n0, n1 = walls[wall, 0], walls[wall, 1]
+        if pair["turns"] == 0.0:
+            n0, n1 = pair["n"][0], pair["n"][1]
             away, rate = n0 * b0 + n1 * b1, n0 * r0 + n1 * r1
             b0, b1, r0, r1 = away * n0, away * n1, rate * n0, rate * n1
         for q in range(4):

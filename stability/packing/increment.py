@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats
 from loops.assembly import contact_kinematics
 from loops.errors import number
-from loops.laws.frictional import Regime, edge_rates
+from loops.graph import ContactState
+from loops.laws.frictional import ContactLaw, Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
 from stability.complementarity import positive_definite, raise_load
@@ -38,7 +39,6 @@ from stability.packing.response import (
 from stability.packing.yielding import (
     YieldResponse,
     forces_with_slip,
-    taken,
     yield_response,
 )
 
@@ -99,20 +99,24 @@ class PackingIncrements:
         return relative, forces_with_slip(self.yielding, relative, slip)
 
     def _beyond(self, relative: Floats) -> Flags:
-        """Return contacts between grains, no candidates, that end beyond their strength (C',)."""
-        system, rows, own = self.yielding.system, self.yielding.rows, self.yielding.system.contacts
-        state, law, n = taken(system.state, own), system.law.take(own), len(own)
-        motion = relative[:n] / np.array([1.0, 1.0, system.length, system.length])
-        un, ut = np.einsum("cij,cj->ic", contact_kinematics(state, law), motion)
-        _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
-        strength = law.strength(state)
-        with np.errstate(invalid="ignore"):
-            beyond = (
-                np.abs(state.shear_force + shear) > (strength + grown) + BEYOND_STRENGTH * strength
-            )
-        beyond &= system.regime[:n] == Regime.ELASTIC
-        beyond[rows[rows < n]] = False
+        """Return contacts, no candidates, that end beyond their strength (E,)."""
+        system = self.yielding.system
+        motion = np.zeros((len(system.rows.ends), 4))
+        motion[system.kept] = relative / np.array([1.0, 1.0, system.length, system.length])
+        (beyond,) = system.rows.each(_beyond_strength, motion)
+        beyond = beyond[system.kept] & (system.regime == Regime.ELASTIC)
+        beyond[self.yielding.rows] = False
         return np.asarray(beyond)
+
+
+def _beyond_strength(law: ContactLaw, state: ContactState, motion: Floats) -> tuple[Flags]:
+    """Return contacts (C,) that end beyond their strength under motions `r` (C, 4)."""
+    un, ut = np.einsum("cij,cj->ic", contact_kinematics(state, law), motion)
+    _, shear, grown = edge_rates(law, state, np.sign(state.shear_force), un, ut)
+    strength = law.strength(state)
+    with np.errstate(invalid="ignore"):
+        most = (strength + grown) + BEYOND_STRENGTH * strength
+        return (np.abs(state.shear_force + shear) > most,)
 
 
 def nearest_candidates(yielding: YieldResponse) -> YieldResponse:

@@ -17,13 +17,12 @@ from scipy.sparse.linalg import eigsh
 from scipy.spatial import Delaunay
 
 from loops.arrays import Flags, Floats, available_cores
-from loops.assembly import contact_tangent
 from loops.contacts import PackingState
 from loops.errors import check_type
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, contact_state
 from loops.in_place import inverse_at_contacts
 from loops.laws.frictional import Regime
 from loops.loop_batches import loop_batches
@@ -110,7 +109,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     graph = response.system.graph
     carries = np.zeros(graph.contact_count, dtype=bool)
     carries[response.system.contacts] = True
-    state, branch, force = response.system.state, response.branch_rate, response.force_rate
+    state, branch, force = contact_state(graph), response.branch_rate, response.force_rate
     turn = np.sum(state.t * branch, axis=1) / state.length
     normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
     losing = _time(state.normal_force, normal)
@@ -299,12 +298,10 @@ def indicators(
     # No stress is asked for.
     whole = replace(scene.boundary, volume=1.0)
     system = packing_system(Scene(graph, law, whole))
-    state, closed = system.state, np.zeros(graph.contact_count, dtype=bool)
+    state, closed = scene.contact_state, np.zeros(graph.contact_count, dtype=bool)
     closed[system.contacts] = True
-    coordination = np.bincount(graph.contacts[closed].ravel(), minlength=graph.grain_count)
-    if whole.walls is not None:
-        at_walls = np.bincount(whole.walls.grain, minlength=graph.grain_count)
-        coordination = coordination + at_walls
+    ends = system.rows.ends[system.kept].ravel()
+    coordination = np.bincount(ends, minlength=graph.grain_count)[: graph.grain_count]
     strength = law.strength(state)
     mobilised = np.where(closed, 0.0, np.nan)
     np.divide(np.abs(state.shear_force), strength, out=mobilised, where=closed & (strength > 0))
@@ -360,8 +357,8 @@ def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
     compliance = G @ Z[:inner] @ G.T
     own = system.stiffness[:inner]
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
-    state, regimes = system.state, np.full(graph.contact_count, Regime.SLIDING, np.int8)
-    slid = scale[:, None] * contact_tangent(state, system.law, regimes)[system.contacts] * scale
+    slides = np.full(len(system.rows.ends), Regime.SLIDING, dtype=np.int8)
+    slid = scale[:, None] * system.rows.tangents(slides)[system.contacts] * scale
     slip, opening = (np.full(graph.contact_count, np.nan) for _ in range(2))
     one = np.eye(4)
     sticks = system.regime[:inner] == Regime.ELASTIC

@@ -18,9 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from loops.arrays import Flags, Floats, frobenius
-from loops.assembly import contact_regime
 from loops.in_place import Method, OfOrder, loop_loads, operators_in_place, polygons_of
-from loops.laws import Regime
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.system import in_freedoms
@@ -141,14 +139,9 @@ def loops_at_yield(
 
 def candidates(scene: Scene, band: float) -> YieldResponse:
     """Contacts from a share of their strength on, by their forces alone."""
-    state, law, boundary = scene.contact_state, scene.law, scene.boundary
-    known = contact_regime(state, law)
-    graph = scene.graph.replace(regime=np.where(known == Regime.SLIDING, law.regime(state), known))
     # No stress is asked for.
-    boundary = replace(boundary, volume=1.0)
-    if boundary.walls is not None:
-        boundary = replace(boundary, walls=replace(boundary.walls, sliding=None))
-    return yield_response(Scene(graph, law, boundary), yield_band=band)
+    whole = replace(scene, boundary=replace(scene.boundary, volume=1.0))
+    return yield_response(whole, yield_band=band, by_forces=True)
 
 
 def loop_slips(

@@ -330,7 +330,7 @@ class PackingRates:
         self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: MixedControl
     ) -> PackingResponse:
         yielding = self.yielding
-        system, graph = yielding.system, yielding.system.graph
+        system = yielding.system
         H = control.strains(answer.stress).reshape(2, 2)
         relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
         wrong = complementary_rates(yielding, active, relative)
@@ -357,8 +357,7 @@ class PackingRates:
         moves = float(np.linalg.norm(left_over @ H.ravel())) / size
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
-        walls = np.arange(len(forces) - len(system.contacts)) + graph.contact_count
-        at_yield = np.append(system.contacts, walls)[yielding.rows]
+        at_yield = system.kept[yielding.rows]
         stuck = int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two))
         return response_of(
             yielding,
@@ -421,10 +420,7 @@ def regimes_by_parts(
     Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
     a complementarity problem of these and those near them, with the others as they are.
     """
-    system, graph = yielding.system, yielding.system.graph
-    contacts = graph.contacts[system.contacts]
-    if system.planes is not None:
-        contacts = np.concatenate([contacts, np.tile(system.planes.grain[:, None], 2)])
+    contacts = yielding.system.rows.ends[yielding.system.kept]
     active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
@@ -440,7 +436,7 @@ def regimes_by_parts(
             return active, answer, True
         active = active.copy()
         # Candidates within a few contacts of the wrong ones.
-        reached = np.zeros(graph.grain_count, dtype=bool)
+        reached = np.zeros(int(contacts.max()) + 1, dtype=bool)
         reached[contacts[yielding.rows[wrong]]] = True
         for _ in range(RINGS):
             reached[contacts[reached[contacts].any(axis=1)]] = True

@@ -153,9 +153,8 @@ class StrainIncrement:
         if not law.linear:
             # Of such forces the energies at both ends are exact, whatever the rule in between.
             overlap = np.empty((4, count))
-            grains = self.touching, self.state.walls, self.state.count
-            frame = packing.frame[:count]
-            overlaps_on_the_way(frame, *grains, self.strain, self.u, h, v, step, overlap)
+            moved = self.touching, self.strain, self.u, h, v
+            overlaps_on_the_way(packing.frame[:count], *moved, step, overlap)
             normal = law.normal_force(overlap[1:3])
             before, after = (law.normal_energy(overlap[k]) for k in (0, 3))
             self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
@@ -164,7 +163,7 @@ class StrainIncrement:
         forces = (self.T, self.rates, self.work, self.released)
         # Rates are constant: the mean load does the work of the decreasing one.
         load = self.load - (self.time + 0.5 * step) * self.relief
-        add_work(*pairs, self.touching, self.state.walls, normal, load, *motion, *forces)
+        add_work(*pairs, self.touching, normal, load, *motion, *forces)
         advance(*pairs, step, self.rates, self.N, self.T, self.gap, self.work)
         self.strain += step * h[:4]
         self.u += step * v

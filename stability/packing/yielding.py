@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
-from loops.assembly import contact_kinematics, contact_regime, contact_tangent
-from loops.boundary import plane_stiffness
+from loops.assembly import contact_kinematics, contact_tangent
 from loops.contacts import AT_YIELD
 from loops.errors import number
 from loops.graph import ContactState
@@ -76,100 +76,75 @@ class LinearAnswer:
 
 
 @one_blas_thread()
-def yield_response(scene: Scene, *, yield_band: float) -> YieldResponse:
-    """Find the contacts within the yield band, and those whose known regime is sliding."""
-    graph, law, boundary = scene.graph, scene.law, scene.boundary
+def yield_response(scene: Scene, *, yield_band: float, by_forces: bool = False) -> YieldResponse:
+    """Find the contacts within the yield band, and those whose known regime is sliding.
+
+    With `by_forces` closed contacts have regimes by their forces, whatever is known of them.
+    """
     number("yield_band", yield_band, 0.0, 1.0, open_low=True)
-    state = scene.contact_state
-    given = contact_regime(state, law, None)
-    regimes = np.where(given == Regime.ELASTIC, law.regime(state), given).astype(np.int8)
-    near = [_near_yield(law, state, regimes, yield_band)]
-    base = np.where(near[0].may_slide, Regime.ELASTIC, near[0].regimes).astype(np.int8)
-    planes, ends, count = boundary.walls, graph.contacts, graph.contact_count
-    if planes is not None:
-        at_walls = _near_yield(
-            planes.law(law), planes.state(graph.radii), planes.regime, yield_band
-        )
-        at_walls = at_walls._replace(may_slide=at_walls.may_slide & (planes.kt > 0))
-        near.append(at_walls)
-        slides = (at_walls.regimes == Regime.SLIDING) & ~at_walls.may_slide
-        boundary = replace(boundary, walls=replace(planes, sliding=slides))
-        ends = np.concatenate([ends, np.tile(planes.grain[:, None], 2)])
-    system = system_of(replace(scene, boundary=boundary), state, base)
-    # All contacts of the system; those with walls have one grain.
-    carrying = system.carrying
-    picked = np.flatnonzero(np.append(carrying.contacts, carrying.grains[ends[count:, 0]]))
-    degree = np.bincount(ends[picked, 0], minlength=graph.grain_count)
-    degree += np.bincount(ends[system.contacts, 1], minlength=graph.grain_count)
-    two = (degree[ends] == 2).any(axis=1)
-    may_slide, full = (
-        np.concatenate(flags) for flags in zip(*(one[3:] for one in near), strict=True)
-    )
-    inside = may_slide & two & ~full
-    rows = np.flatnonzero((may_slide & ~inside)[picked])
-    chosen = picked[rows]
-    own = chosen[chosen < count], chosen[chosen >= count] - count
+    rows = scene.rows
+    near = NearYield(*rows.each(partial(_near_yield, yield_band, by_forces)))
+    system = system_of(scene, np.where(near.may_slide, Regime.ELASTIC, near.regimes))
+    kept = system.kept
+    degree = np.bincount(rows.ends[kept].ravel(), minlength=int(rows.ends.max(initial=0)) + 1)
+    two = (degree[rows.ends] == 2).any(axis=1)
+    inside = near.may_slide & two & ~near.full
+    found = np.flatnonzero((near.may_slide & ~inside)[kept])
+    chosen = NearYield._make(one[kept[found]] for one in near)
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
-    gauge, push, sliding, distance = (
-        np.concatenate(parts) for parts in zip(*map(_NearYield.slips, near, own), strict=True)
-    )
-    if planes is not None:
-        slide = replace(planes, sliding=np.ones(len(planes.grain), dtype=bool))
-        sliding[len(own[0]) :] = plane_stiffness(slide, graph.radii, law)[own[1]]
     return YieldResponse(
         system,
-        rows,
-        gauge * scale,
-        push * scale,
-        scale[:, None] * sliding * scale,
-        distance,
-        two[chosen],
-        int(np.count_nonzero(inside[picked])),
+        found,
+        chosen.gauge * scale,
+        chosen.push * scale,
+        scale[:, None] * chosen.sliding * scale,
+        chosen.distance,
+        two[kept[found]],
+        int(np.count_nonzero(inside[kept])),
     )
 
 
-class _NearYield(NamedTuple):
-    """Contacts of one kind, (C,) each: which may slide, which stand at their strength in full."""
+class NearYield(NamedTuple):
+    """Contacts (E,) by their law: regimes; which may slide, which are at their strength in full.
 
-    law: ContactLaw
-    state: ContactState
+    The others are arrays of `YieldResponse`, without its scale.
+    """
+
     regimes: Regimes
     may_slide: Flags
     full: Flags
-
-    def slips(self, c: Integers) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return gauge (m, 4), push (m, 4), sliding block (m, 4, 4), distance (m,) of contacts."""
-        state, law, regimes = taken(self.state, c), self.law.take(c), self.regimes[c]
-        sign = np.sign(state.shear_force)[:, None]
-        stuck = np.full(len(sign), Regime.ELASTIC, dtype=np.int8)
-        change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
-        gauge = np.einsum("ci,cij->cj", change, contact_kinematics(state, law))
-        push = np.column_stack([state.t, -state.arm_i, -state.arm_j])
-        distance = np.maximum(law.strength(state) - np.abs(state.shear_force), 0.0)
-        return (
-            sign * gauge,
-            sign * push,
-            contact_tangent(state, law, regimes),
-            np.where(np.isfinite(distance), distance, 0.0),
-        )
+    gauge: Floats
+    push: Floats
+    sliding: Floats
+    distance: Floats
 
 
-def taken(state: ContactState, c: Integers) -> ContactState:
-    """Return some of the contacts, without what the source told of their regimes."""
-    names = [one.name for one in fields(state) if one.name != "regime"]
-    return ContactState(*(getattr(state, name)[c] for name in names))
-
-
-def _near_yield(law: ContactLaw, state: ContactState, given: Regimes, band: float) -> _NearYield:
+def _near_yield(band: float, by_forces: bool, law: ContactLaw, state: ContactState) -> NearYield:
     """Return contacts that may slide: from a share of their strength on, or said to slide."""
+    known = state.regime
+    assert known is not None
+    judged = known != Regime.OPEN if by_forces else known == Regime.ELASTIC
+    given = np.where(judged, law.regime(state), known)
     near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
     regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
+    strength, size = law.strength(state), np.abs(state.shear_force)
     # Without a shear force there is no side to slide to. Frictionless contacts always slide: the
     # shear that they carry is rounding.
-    rough = (np.asarray(law.mu) > 0) | (law.strength(state) > 0)
+    rough = (np.asarray(law.mu) > 0) | (strength > 0)
     may_slide = rough & (state.shear_force != 0) & (regimes == Regime.SLIDING)
     full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
-    return _NearYield(law, state, regimes, may_slide, full)
+    sign, stuck = np.sign(state.shear_force)[:, None], np.full_like(regimes, Regime.ELASTIC)
+    change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
+    distance = np.where(np.isfinite(strength), np.maximum(strength - size, 0.0), 0.0)
+    return NearYield(
+        regimes,
+        may_slide,
+        full,
+        sign * np.einsum("ci,cij->cj", change, contact_kinematics(state, law)),
+        sign * np.column_stack([state.t, -state.arm_i, -state.arm_j]),
+        contact_tangent(state, law, regimes),
+        distance,
+    )
 
 
 def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:

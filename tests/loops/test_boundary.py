@@ -34,10 +34,16 @@ def test_the_volume_is_that_of_the_cell_or_the_given_one():
     assert boundary_of(graph, volume=3.0).volume == 3.0 and boundary_of(SQUARE).volume is None
 
 
-def test_a_held_grain_counts_as_two_supports_and_a_wall_as_one():
-    some = PlaneContacts(np.array([0, 0]), np.eye(2), np.ones(2), np.zeros(2))
-    both = boundary_of(SQUARE, walls=some, held=[False, True])
-    assert both.supports(2).tolist() == [2, 2] and Boundary().supports(2).tolist() == [0, 0]
+def test_contacts_with_walls_are_rows_behind_those_of_grains():
+    """Each ends at a body beyond the grains, which carries; its frame keeps its direction."""
+    some = PlaneContacts(np.array([1, 1]), np.array([[0.5, 0], [0, -0.4]]), np.ones(2), np.zeros(2))
+    rows = Scene(SQUARE, gl.LinearFrictional(1.0, 0.5, 0.2), boundary_of(SQUARE, walls=some)).rows
+    assert rows.ends.tolist() == [[0, 1], [1, 2], [1, 3]]
+    assert rows.state.turns.tolist() == [1, 0, 0] and rows.state.regime.tolist() == [1, 2, 2]
+    # Without forces they push by their overlap.
+    np.testing.assert_allclose(rows.state.normal_force, [0.1, 0.0, 0.1], atol=1e-15)
+    (kn,) = rows.each(lambda law, state: (law.kn * state.length,))
+    np.testing.assert_allclose(kn, [0.9, 0.5, 0.4])
 
 
 @pytest.mark.parametrize("which", JAMMED[:2])

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import Boundary, PlaneContacts, outline_grains, plane_contacts
+from loops.boundary import Boundary, outline_grains, plane_contacts
 from loops.in_place import loops_in_place
 from loops.multifrontal import Front, _tasks, frontal_lu
 from loops.system import Factor, Mechanisms, carrying_grains, factorised, packing_system
@@ -151,11 +151,3 @@ def test_a_singular_front_is_held_by_a_small_share_of_the_largest_entry():
     fronts = [Front(np.arange(3), np.zeros(0, int), ())]
     found = frontal_lu(dense, fronts, np.arange(3)[:, None]).solve(np.ones((3, 1)))
     assert found.ravel() == pytest.approx([0.5, 1.0 / 4e-12, 0.25], rel=1e-10)
-
-
-def test_planes_are_picked_with_their_friction():
-    planes = PlaneContacts(
-        np.arange(3), np.ones((3, 2)), np.arange(3.0), np.arange(3.0), np.array([0.1, 0.2, 0.3])
-    )
-    some = planes.take(np.array([True, False, True]))
-    assert some.mu.tolist() == [0.1, 0.3] and some.kn.tolist() == some.kt.tolist() == [0.0, 2.0]

@@ -48,15 +48,13 @@ def loop_of(scene, row):
 def with_sliding(scene, yielding, sliding):
     """The scene with the regimes of its contacts: these candidates slide, the others stick."""
     system, boundary = yielding.system, scene.boundary
-    regimes, count = system.regime.copy(), len(system.contacts)
-    regimes[yielding.rows[sliding]] = Regime.SLIDING
-    regime = system.state.regime.copy()
-    regime[system.contacts] = regimes[:count]
+    regimes, count = system.rows.state.regime.copy(), scene.graph.contact_count
+    regimes[system.kept] = system.regime
+    regimes[system.kept[yielding.rows[sliding]]] = Regime.SLIDING
     if boundary.walls is not None:
-        slides = np.zeros(len(boundary.walls.grain), dtype=bool)
-        slides[system.carrying.grains[boundary.walls.grain]] = regimes[count:] == Regime.SLIDING
+        slides = regimes[count:] == Regime.SLIDING
         boundary = replace(boundary, walls=replace(boundary.walls, sliding=slides))
-    return Scene(scene.graph.replace(regime=regime), scene.law, boundary)
+    return Scene(scene.graph.replace(regime=regimes[:count]), scene.law, boundary)
 
 
 def rates_of(scene, regimes, row, strain):
@@ -71,25 +69,20 @@ def rates_of(scene, regimes, row, strain):
 
 def growth_beyond_strength(scene, system, motion):
     """`s T' - mu N'` of each contact if it stuck, by its law."""
-    count, planes, out = len(system.contacts), system.planes, []
-    parts = [(contact_state(scene.graph), scene.law, system.contacts, motion[:count])]
-    if planes is not None:
-        at_plates = planes.state(scene.graph.radii), planes.law(scene.law)
-        parts.append((*at_plates, slice(None), motion[count:]))
-    for state, law, c, r in parts:
+    r = np.zeros((len(system.rows.ends), 4))
+    r[system.kept] = motion
+
+    def growth(law, state, r):
         g, b_i, b_j = law.shear_kinematics(state)
         turns = r[:, 2:] / system.length
-        ut = (
-            g[c] * np.sum(r[:, :2] * state.t[c], axis=1)
-            - b_i[c] * turns[:, 0]
-            - b_j[c] * turns[:, 1]
-        )
-        un = np.sum(r[:, :2] * state.n[c], axis=1)
-        D = law.local_stiffness(state, np.full(len(state.length), Regime.ELASTIC))[c]
+        ut = g * np.sum(r[:, :2] * state.t, axis=1) - b_i * turns[:, 0] - b_j * turns[:, 1]
+        un = np.sum(r[:, :2] * state.n, axis=1)
+        D = law.local_stiffness(state, np.full(len(state.length), Regime.ELASTIC))
         normal, shear = -np.einsum("cij,jc->ic", D, [un, ut])
-        mu = np.broadcast_to(law.mu, state.length.shape)[c]
-        out.append(np.sign(state.shear_force[c]) * shear - mu * normal)
-    return np.concatenate(out)
+        mu = np.broadcast_to(law.mu, state.length.shape)
+        return (np.sign(state.shear_force) * shear - mu * normal,)
+
+    return system.rows.each(growth, r)[0][system.kept]
 
 
 @pytest.mark.parametrize("which", SMALL)

@@ -9,7 +9,7 @@ import pytest
 from loops import GrainGraph, LinearFrictional, Scene
 from loops.boundary import PlaneContacts
 from stability import Stage, follow, programmes, rates_at
-from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
+from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box, some_of
 
 ROUGH = [which for which in JAMMED if which[3][1] > 0]
 STRAINS = [np.diag([1.0, 0.0]), np.diag([-0.7, 1.0]), np.array([[0.2, 0.5], [-0.3, 0.1]])]
@@ -184,10 +184,10 @@ def test_frame_numbers_and_units_change_nothing(which, H):
         normal_force=unit * length * graph.normal_force[rows],
         shear_force=unit * length * graph.shear_force[rows],
     )  # fmt: skip
-    plates = PlaneContacts(
+    plates = some_of(PlaneContacts(
         back[planes.grain], length * planes.branch @ R.T, unit * planes.kn, unit * planes.kt,
         planes.mu, unit * length * force @ R.T, None, length * R @ low + 7.0,
-    ).take(feet)  # fmt: skip
+    ), feet)  # fmt: skip
     volume = first.system.volume * length**2
     found = response(turned, law, plates, R @ H @ R.T, volume=volume)
     size = unit * np.abs(first.stress_rate).max()

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
-from loops.boundary import PlaneContacts
+from loops.boundary import Boundary, PlaneContacts
 from loops.contacts import start_state
 from loops.in_place import loops_in_place
-from loops.system import plane_stiffness
 from patterns import random_loop
 from stability import Stage, follow, programmes, rates_at
 from stability.packing import (
@@ -343,7 +342,9 @@ def test_walls_resist_along_and_across():
     branch = rng.normal(size=(2, 2))
     branch *= (radii[grain] / np.hypot(*branch.T))[:, None]
     planes = PlaneContacts(grain, branch, np.array([3.0, 5.0]), np.array([0.7, 1.1]))
-    S = plane_stiffness(planes, radii, LinearFrictional(1.0, 0.5, 0.5, "branch"))
+    graph = GrainGraph(np.zeros((3, 2)), radii, np.empty((0, 2), dtype=int))
+    rows = Scene(graph, LinearFrictional(1.0, 0.5, 0.5), Boundary(walls=planes)).rows
+    S = rows.tangents(np.ones(2, dtype=np.int8))
     for c in range(2):
         n = planes.branch[c] / np.hypot(*planes.branch[c])
         t = np.array([-n[1], n[0]])

@@ -32,6 +32,12 @@ def between(planes, force=None, **volume):
     return Boundary(walls=planes, **volume)
 
 
+def some_of(planes, rows):
+    """Some contacts with walls, and their forces."""
+    by_contact = {k: v[rows] for k, v in vars(planes).items() if v is not None and k != "fixed"}
+    return replace(planes, **by_contact)
+
+
 def jammed_in_box(grains, seed, law=LAW, wall=SMOOTH):
     """A jammed packing between walls with `kn`, `kt` and `mu`: graph, planes and their forces."""
     with np.load(STORED) as stored:
