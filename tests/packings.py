@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import fsolve
 
+from grainloops import replay
 from loops import GrainGraph, LinearFrictional, Regime, Scene, branch_vectors, contact_state
-from patterns import read_snapshot, sample_path
-from patterns.synthetic import synthetic_network
+from patterns import read_snapshot, sample_path, synthetic_network
 from stability import Programme, Stage
-from stability.packing import replay
 from tests.oracles.lattices import lattice
 
 LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")

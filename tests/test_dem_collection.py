@@ -24,8 +24,7 @@ from loops import (
     traction_tangent,
 )
 from patterns import read_snapshot
-from stability import restrict
-from stability.spectra import symmetric_spectrum
+from stability import restrict, symmetric_spectrum
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = sorted(Path(FOLDER).glob("yade-*/grains_*")) if FOLDER else []

@@ -11,13 +11,14 @@ import grainloops as gl
 import loops
 import patterns
 import stability.packing
-from loops import Scene
-from loops.boundary import PlaneContacts, plane_contacts
+from grainloops import replay
+from loops import PlaneContacts, Scene
+from loops.boundary import plane_contacts
 from loops.in_place import LoopsInPlace, loops_in_place
 from loops.shown import LONGEST_REPR, Shown
 from loops.system import Carrying, Changed, Factor, System
 from stability import rates_at
-from stability.packing import loop_rates, replay
+from stability.packing import loop_rates
 from studies.reading import rows_by_number
 from tests.packings import LAW, jammed
 

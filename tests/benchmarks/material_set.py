@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 
+from grainloops import LoopMaterial, oriented
 from loops import LinearFrictional
 from patterns import regular_polygon
-from stability.material import LoopMaterial, oriented
 
 POINTS, ORIENTATIONS = 2778, 36
 LAW = LinearFrictional(1.0, 0.5, np.tan(np.radians(30)))

@@ -9,10 +9,10 @@ import time
 
 import numpy as np
 
+from grainloops import LoopMaterial
 from loops import LinearFrictional, Scene
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
-from stability.material import LoopMaterial
 from studies.style import BLUE, VERMILION, new_figure, styled
 
 LAW = LinearFrictional(1.0, 0.5, np.tan(np.radians(30)))

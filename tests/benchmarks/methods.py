@@ -18,16 +18,17 @@ from unittest.mock import patch
 import numpy as np
 
 from loops import (
+    Closure,
     GrainGraph,
     LinearFrictional,
     Regime,
     Scene,
+    Spins,
     boundary_of,
     find_faces,
     macroscopic_tangent,
 )
 from loops.arrays import Floats, Regimes
-from loops.closures import Closure, Spins
 from patterns import diamond, regular_polygon, synthetic_network
 from patterns.diamond import TABLE_1
 from stability import (

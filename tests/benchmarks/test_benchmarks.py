@@ -17,6 +17,7 @@ from tests.benchmarks.methods import (
     irregular_rings,
 )
 from tests.benchmarks.run import chosen_groups, run_bench
+from tests.command import run
 from tests.oracles.fifty_digits import (
     as_array,
     compliance_tangent_50,
@@ -24,7 +25,6 @@ from tests.oracles.fifty_digits import (
     traction_tangent_50,
 )
 from tests.oracles.hard_cases import hard_case
-from tests.studies.snapshot.test_run import run
 
 
 def test_two_ways_to_fifty_digits_agree():
@@ -108,12 +108,12 @@ def test_a_quick_run_writes_everything(tmp_path):
     ]
 
 
-def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
+def test_the_command_refuses_unknown_groups(tmp_path, capsys):
     out = tmp_path / "o"
-    assert run(monkeypatch, "bench", "--out", out, "--only", "speed") == 2
+    assert run("bench", "--out", out, "--only", "speed") == 2
     assert "speed" in capsys.readouterr().err
     assert not out.exists()
-    assert run(monkeypatch, "bench", "--out", out, "--quick", "--only", "closures") == 0
+    assert run("bench", "--out", out, "--quick", "--only", "closures") == 0
     assert "closures, n = 6" in capsys.readouterr().out
     closures = json.loads((tmp_path / "o" / "summary.json").read_text())["groups"]
     assert closures["closures, n = 6"]["defaults"][0]["method"] == "numpy"
@@ -121,7 +121,7 @@ def test_the_command_refuses_unknown_groups(tmp_path, monkeypatch, capsys):
 
 def test_outside_a_checkout_the_command_says_so_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("studies.commands.loops.__file__", str(tmp_path / "a" / "b" / "loops.py"))
-    assert run(monkeypatch, "bench", "--out", tmp_path / "o") == 2
+    assert run("bench", "--out", tmp_path / "o") == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1
     assert "checkout of the project" in said.err

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
+from grainloops import hold, replay
 from loops import (
     CohesiveFrictional,
     FrictionalLaw,
@@ -19,7 +20,6 @@ from loops import (
 from loops.in_place import loops_in_place
 from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
-from stability.packing import hold, replay
 from stability.packing.amplitudes import probe_to
 from stability.packing.probe import probe_edge
 from studies.series.evolution import track_loops

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import Scene
-from loops.boundary import boundary_of, outline_grains
+from loops import Scene, boundary_of
+from loops.boundary import outline_grains
 from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.snapshot import sample_boundary

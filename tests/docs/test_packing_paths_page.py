@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import replay
 from loops import Scene
 from stability import follow
 from stability.packing import (
@@ -14,7 +15,6 @@ from stability.packing import (
     point,
     rattlers,
     regime_factor,
-    replay,
     strain_increment,
 )
 from stability.packing.path import PackingPathOptions

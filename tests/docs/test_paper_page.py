@@ -9,7 +9,8 @@ import pytest
 
 import grainloops as gl
 from loops import LinearFrictional, Regime, Scene, boundary_of
-from patterns.diamond import TABLE_1, PrintedRule, diamond, isotropic_tangent
+from patterns import diamond
+from patterns.diamond import TABLE_1, PrintedRule, isotropic_tangent
 from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
 from stability import Stage, bromwich_margin, follow, programmes
 from studies.commands.loops import diamond_command

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, affine_tangent, traction_tangent
-from patterns import regular_polygon
+from patterns import diamond, regular_polygon
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
     determinant_elastic,
     determinant_sliding,
-    diamond,
     external_forces,
     isotropic_strain_of_stress,
     isotropic_tangent,

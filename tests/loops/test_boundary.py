@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from loops import Boundary, GrainGraph, Scene, boundary_of
-from loops.boundary import PlaneContacts, plane_contacts
+from loops import Boundary, GrainGraph, PlaneContacts, Scene, boundary_of
+from loops.boundary import plane_contacts
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, euler_check, find_crossings, find_faces
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 
 
 def network(x, contacts, images=None, cell=None):

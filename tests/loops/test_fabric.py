@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from loops import GrainGraph, InputError, branch_vectors, find_faces, polygon_shape
-from loops.fabric import axial_mean, direction_tensors, edge_tensors, mean_tensor, principal
+from loops import (
+    GrainGraph,
+    InputError,
+    axial_mean,
+    branch_vectors,
+    direction_tensors,
+    edge_tensors,
+    find_faces,
+    mean_tensor,
+    polygon_shape,
+    principal,
+)
 from patterns import synthetic_network
 
 # So many grains fill their lattice: every loop is a triangle.

@@ -6,10 +6,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from loops import FaceKind, GrainGraph, InputError, euler_check, faces_by_order, find_faces
+from loops import (
+    FaceKind,
+    GrainGraph,
+    InputError,
+    euler_check,
+    faces_by_order,
+    find_faces,
+    prune_dangling,
+)
 from loops.faces import ANGLE_STEPS, cycles, half_edges_by_grain, next_half_edge
-from loops.pruning import prune_dangling, winding_ranks
-from patterns.synthetic import synthetic_network
+from loops.pruning import winding_ranks
+from patterns import synthetic_network
 from tests.loops.test_crossings import network
 from tests.oracles.faces import half_edge_cycles
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from loops import FaceKind, euler_check, find_faces
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from tests.loops.test_crossings import network
 from tests.oracles.faces import half_edge_cycles, reference_faces
 

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from loops import GrainGraph, InputError, find_faces
+from loops import GrainGraph, InputError, OrderKinetics, find_faces, order_kinetics
 from loops.kinetics import (
     FATES,
     OrderEvents,
-    OrderKinetics,
     order_events,
-    order_kinetics,
     order_neighbours,
     over_packings,
     poisson_limits,

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 from mpmath import matrix, mp
 
-from loops import InputError
-from loops.stress_strain import (
-    best_fit_strain,
-    loop_strain,
-    rotation_and_stretch,
-    rotation_minus_one,
-)
+from loops import InputError, best_fit_strain, loop_strain, rotation_and_stretch
+from loops.stress_strain import rotation_minus_one
 from patterns import random_loop
 
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from loops import FaceKind, GrainGraph, InputError, find_faces, quadrons
-from patterns import regular_polygon
-from patterns.synthetic import synthetic_network
+from patterns import regular_polygon, synthetic_network
 from tests.oracles.lattices import lattice
 from tests.packings import jammed, packing
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from loops import InputError
-from loops.boundary import boundary_of
+from grainloops import replay
+from loops import InputError, boundary_of
 from loops.scene import scene_of
 from patterns.snapshots.snapshot import sample_boundary
-from stability.packing import probe, replay
+from stability.packing import probe
 from tests.packings import jammed
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)

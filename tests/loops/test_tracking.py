@@ -4,8 +4,17 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from loops import FaceKind, GrainGraph, InputError, find_faces
-from loops.tracking import Fate, exchange_counts, exchange_matrix, loop_fates, match_contacts
+from loops import (
+    FaceKind,
+    Fate,
+    GrainGraph,
+    InputError,
+    exchange_counts,
+    exchange_matrix,
+    find_faces,
+    loop_fates,
+    match_contacts,
+)
 from patterns import synthetic_network
 
 SQUARE = [[0, 1], [1, 2], [2, 3], [3, 0]]

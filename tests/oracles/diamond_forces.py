@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from loops import InputError
 from loops.arrays import Floats
-from loops.errors import InputError
 from loops.validation import acute_angle, finite, nonnegative, positive
 from patterns.diamond.closed_form import external_forces, matrix
 

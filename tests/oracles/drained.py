@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from loops import InputError
 from loops.arrays import Flags, Floats
-from loops.errors import InputError
 from loops.validation import acute_angle, confining_strain, drained_kappa, finite, friction_angle
 from patterns.diamond.states import DiamondParameters
 

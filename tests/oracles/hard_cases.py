@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime
-from patterns.diamond import TABLE_1, DiamondParameters, diamond
-from patterns.polygons import polydisperse_polygon, regular_polygon
+from patterns import diamond, polydisperse_polygon, regular_polygon
+from patterns.diamond import TABLE_1, DiamondParameters
 from tests.oracles.drained import drained_path
 
 # Letters of an answer, one for each value.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from loops import InputError, branch_vectors, euler_check, find_faces
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 
 FIELDS = ("x", "radii", "contacts", "normal_force", "shear_force", "images", "cell")
 

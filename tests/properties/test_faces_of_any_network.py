@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from loops import FaceKind, GrainGraph, euler_check, find_faces
-from loops.pruning import component_labels, prune_dangling, winding_ranks
+from loops import FaceKind, GrainGraph, euler_check, find_faces, prune_dangling
+from loops.pruning import component_labels, winding_ranks
 from patterns import synthetic_network
 
 MATRICES = st.sampled_from([np.eye(2), np.diag([1.0, -1.0]), np.array([[0.0, -1.0], [1.0, 0.0]])])

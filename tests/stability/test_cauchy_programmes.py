@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from grainloops import replay
 from loops import LinearFrictional, Scene, boundary_of
-from patterns import regular_polygon
-from patterns.diamond import diamond
-from stability import Stage, follow, programmes
-from stability.packing import replay
-from stability.path import Path
+from patterns import diamond, regular_polygon
+from stability import Path, Stage, follow, programmes
 from tests.packings import LAW as PACKED
 from tests.packings import jammed
 

@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from loops.errors import InputError
+from loops import InputError
 from stability import plane_cone, second_order_work, symmetric_spectrum, unstable_fraction
 from tests.oracles.stability_operators import isotropic_diamond
 

@@ -4,23 +4,20 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, Scene, boundary_of, macroscopic_tangent
-from patterns import regular_polygon
-from patterns.diamond import (
-    TABLE_1,
-    TABLE_2,
-    diamond,
-    elastic_moduli,
-    stress_of_isotropic_strain,
-    tangent,
-)
-from stability import Stage, follow, plane_cone, restrict, symmetric_modes, symmetric_spectrum
-from stability.destabilising import (
-    constrained_tangent,
-    control_status,
+from patterns import diamond, regular_polygon
+from patterns.diamond import TABLE_1, TABLE_2, elastic_moduli, stress_of_isotropic_strain, tangent
+from stability import (
+    Stage,
     destabilising_control,
+    follow,
+    plane_cone,
+    restrict,
     softening_control,
     strain_driven,
+    symmetric_modes,
+    symmetric_spectrum,
 )
+from stability.destabilising import constrained_tangent, control_status
 
 
 def random_operators(seed, count, m):

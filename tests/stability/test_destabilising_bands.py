@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stability.destabilising import control_status, softening_control
+from stability import softening_control
+from stability.destabilising import control_status
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 

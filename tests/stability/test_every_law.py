@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
+from grainloops import LoopMaterial, hold, oriented, replay
 from loops import (
     CohesiveFrictional,
     FrictionalLaw,
@@ -30,8 +31,6 @@ from loops.system import packing_stress
 from patterns import Snapshot, WallContacts, regular_polygon
 from patterns.snapshots.walls import wall_plates
 from stability import Stage, follow, programmes
-from stability.material import LoopMaterial, oriented
-from stability.packing import hold, replay
 from tests.packings import BRANCH, jammed
 from tests.stability.packing.walled_packings import ROUGH, between, jammed_in_box
 

@@ -5,7 +5,8 @@ from dataclasses import fields
 
 import pytest
 
-from stability.path import CAUSES, Event, describe
+from stability import Event
+from stability.path import CAUSES, describe
 
 MODE = {"taking_part": 7.4, "sign_changes": True}
 HELD = {"cause": "none_found", "taking_part": 1.6, "sign_changes": False, "passed": "held"}

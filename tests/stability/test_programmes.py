@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from stability import Programme, Stage, programmes
-from stability.spectra import COMPONENTS
+from stability import COMPONENTS, Programme, Stage, programmes
 
 ZERO = np.zeros(4)
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from loops.errors import InputError
+from loops import InputError
 from stability import (
     alpha_e,
     normalised_second_order_work,

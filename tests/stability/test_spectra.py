@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from loops.errors import InputError
+from loops import InputError
 from stability import (
     bromwich_margin,
     flutter_pairs,

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from loops.errors import InputError
+from loops import InputError
 from stability import restrict, rotate_tangent, subspace_basis, symmetric_part, symmetric_spectrum
 
 SUBSPACES = ("diagonal", "symmetric", "full")

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from loops.errors import InputError
+from loops import InputError
 from stability import unstable_fraction
 from tests.oracles import stability_fraction as oracle
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from loops import LinearFrictional, affine_tangent
-from loops.errors import InputError
+from loops import InputError, LinearFrictional, affine_tangent
 from patterns import regular_polygon
 from stability import RTOL, judge, operator_norm, restrict, statuses, symmetric_spectrum
 from tests.oracles.stability_operators import PAIRWISE_POSITIVE, isotropic_diamond, rotation

@@ -13,8 +13,8 @@ from studies.commands.snapshot import _snapshot_lines
 from studies.series.run import LONG_STEP, long_steps
 from studies.snapshot import run_snapshot
 from studies.snapshot.summary import main_judge, verdict_shares
+from tests.command import run
 from tests.docs.pages import page
-from tests.studies.snapshot.test_run import run
 
 SAMPLE = gl.sample_path()
 
@@ -142,22 +142,22 @@ def test_a_series_says_that_it_wants_a_list(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["polygon", "domain"])
-def test_a_law_is_listed_once_and_serves_both_kinds_of_loops(command, monkeypatch, capsys):
-    assert run(monkeypatch, command, "--help") == 0
+def test_a_law_is_listed_once_and_serves_both_kinds_of_loops(command, capsys):
+    assert run(command, "--help") == 0
     assert len(re.findall(r"^.{0,4}--law\b", capsys.readouterr().out, re.MULTILINE)) == 1
     asked = (command, "--order", "5", "--law", "bonded", "--out", "none")
-    assert run(monkeypatch, *asked) == 2
+    assert run(*asked) == 2
     assert "--law: got 'bonded', expected linear or hertz" in capsys.readouterr().err
 
 
-def test_a_domain_of_a_snapshot_takes_its_law(monkeypatch, capsys, tmp_path):
+def test_a_domain_of_a_snapshot_takes_its_law(capsys, tmp_path):
     out = tmp_path / "out"
     asked = ("domain", "--snapshot", SAMPLE, "--loop", 230, "--law", "linear", "--directions", 25)
-    assert run(monkeypatch, *asked, "--out", out) == 0
+    assert run(*asked, "--out", out) == 0
     assert (out / "summary.json").is_file()
 
 
-def test_sustain_takes_its_snapshot_by_place(monkeypatch, capsys):
-    assert run(monkeypatch, "sustain", "--help") == 0
+def test_sustain_takes_its_snapshot_by_place(capsys):
+    assert run("sustain", "--help") == 0
     said = capsys.readouterr().out
     assert "--path" not in said and "PATH" in said

@@ -4,19 +4,14 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot, sample_path
-from studies.cli import main
+from tests.command import refusal
 
 
 @pytest.mark.parametrize("law", ["bonded", "cohesive"])
 @pytest.mark.parametrize("command", ["snapshot", "probe", "check"])
-def test_a_law_with_a_pull_asks_for_it(command, law, tmp_path, capsys, monkeypatch):
+def test_a_law_with_a_pull_asks_for_it(command, law, tmp_path, capsys):
     out = [] if command == "check" else ["--out", str(tmp_path / "out")]
-    asked = ["grainloops", command, str(sample_path()), "--law", law, *out]
-    monkeypatch.setattr("sys.argv", asked)
-    with pytest.raises(SystemExit) as end:
-        main()
-    told = capsys.readouterr().err
-    assert end.value.code == 2 and told.count("\n") == 1 and "Give --adhesion" in told
+    assert "Give --adhesion" in refusal(capsys, command, sample_path(), "--law", law, *out)
     assert not (tmp_path / "out").exists()
 
 

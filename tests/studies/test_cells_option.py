@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from patterns import sample_path, synthetic_network
-from studies.cli import main
+from tests import command
 from tests.patterns.dump_writers import Packing, write_lammps
 
 CELLS = sample_path("slow/cells.csv")
@@ -16,18 +16,8 @@ CELL = "0.914723458490276,0,0,0.897826511170329"  # the row of snapshot 10
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["grainloops", *map(str, arguments)])
-        try:
-            main()
-            status = 0
-        except SystemExit as stop:
-            status = stop.code or 0
-        said = capsys.readouterr()
-        return status, said.out + said.err
-
-    return run
+def run(capsys):
+    return lambda *words: (command.run(*words), "".join(capsys.readouterr()))
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import grainloops as gl
-from studies.cli import COMMANDS, main
+from studies.cli import COMMANDS
 from studies.commands import Answer, out_or
-from tests.studies.snapshot.test_run import run
+from tests.command import run
 
 SAMPLE = str(gl.sample_path())
 ROOT = str(gl.sample_path().parents[3])
@@ -24,7 +24,7 @@ def said(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def say(*arguments):
-        status = run(monkeypatch, *arguments)
+        status = run(*arguments)
         return status, *capsys.readouterr()
 
     return say
@@ -76,10 +76,7 @@ def test_in_packing_may_stand_alone(given, asked, monkeypatch):
     )
     monkeypatch.setattr("studies.commands.answer", lambda *_: Answer([]))
     monkeypatch.setattr("studies.commands.snapshot._series_lines", lambda _: [])
-    monkeypatch.setattr("sys.argv", ["grainloops", "series", *given])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0 and seen["in_packing"] == asked
+    assert run("series", *given) == 0 and seen["in_packing"] == asked
     assert [str(path) for path in seen["paths"]] == ["a.csv", "b.csv"]
 
 
@@ -95,7 +92,7 @@ def test_whole_numbers_are_not_rounded(said, given):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_is_two_screens_everyday_options_first(command, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
-    assert run(monkeypatch, command, "--help") == 0
+    assert run(command, "--help") == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 90 and max(map(len, lines)) <= 80
     titles = [line.strip("╭╮─ ") for line in lines if line.startswith("╭")]

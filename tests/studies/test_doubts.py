@@ -8,8 +8,8 @@ import pytest
 
 import grainloops as gl
 from patterns import write_snapshot
+from tests.command import run
 from tests.packings import LAW, jammed
-from tests.studies.snapshot.test_run import run
 from tests.studies.test_wrong_arguments import made
 
 WRONG = {
@@ -49,11 +49,9 @@ def ask(command, grains, *more):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_strict_refuses_before_anything_is_written(
-    command, doubtful, monkeypatch, capsys, tmp_path
-):
+def test_strict_refuses_before_anything_is_written(command, doubtful, capsys, tmp_path):
     out = tmp_path / "out"
-    status = run(monkeypatch, *ask(command, doubtful["exchanged"], "--strict", "--out", out))
+    status = run(*ask(command, doubtful["exchanged"], "--strict", "--out", out))
     said = capsys.readouterr()
     assert status == 2 and said.out == "" and said.err.count("\n") == 1
     assert WRONG["exchanged"][1] in said.err and "no doubt under --strict" in said.err
@@ -61,9 +59,9 @@ def test_strict_refuses_before_anything_is_written(
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_a_check_that_is_strict_exits_with_two(wrong, doubtful, monkeypatch, capsys):
-    assert run(monkeypatch, "check", doubtful[wrong]) == 0
-    assert run(monkeypatch, "check", doubtful[wrong], "--strict") == 2
+def test_a_check_that_is_strict_exits_with_two(wrong, doubtful, capsys):
+    assert run("check", doubtful[wrong]) == 0
+    assert run("check", doubtful[wrong], "--strict") == 2
     assert WRONG[wrong][1] in capsys.readouterr().out
 
 
@@ -76,9 +74,9 @@ def test_a_check_that_is_strict_exits_with_two(wrong, doubtful, monkeypatch, cap
         ("polygon --snapshot", "exchanged"),
     ],
 )
-def test_doubts_are_the_first_lines(command, wrong, doubtful, monkeypatch, capsys, tmp_path):
+def test_doubts_are_the_first_lines(command, wrong, doubtful, capsys, tmp_path):
     out, says = tmp_path / "out", WRONG[wrong][1]
-    assert run(monkeypatch, *ask(command, doubtful[wrong], "--no-figures", "--out", out)) == 0
+    assert run(*ask(command, doubtful[wrong], "--no-figures", "--out", out)) == 0
     lines = capsys.readouterr().out.splitlines()
     doubts = [place for place, line in enumerate(lines) if line.startswith("doubt: ")]
     assert says in lines[0] and doubts == [*range(len(doubts))]
@@ -86,9 +84,9 @@ def test_doubts_are_the_first_lines(command, wrong, doubtful, monkeypatch, capsy
     assert [note for note in notes if note.startswith("doubt: ")] == lines[: len(doubts)]
 
 
-def test_a_file_without_doubts_is_taken(monkeypatch, capsys, tmp_path):
+def test_a_file_without_doubts_is_taken(capsys, tmp_path):
     args = ("snapshot", gl.sample_path(), "--strict", "--no-figures", "--out", tmp_path / "out")
-    assert run(monkeypatch, *args) == 0
+    assert run(*args) == 0
     assert "doubt: " not in capsys.readouterr().out
 
 
@@ -124,14 +122,14 @@ def across(tmp_path_factory):
     ],
 )
 def test_the_major_stress_is_driven_unless_an_axis_is_named(
-    across, major, command, monkeypatch, capsys, tmp_path
+    across, major, command, capsys, tmp_path
 ):
     name, *more = command
     other = f"axis {3 - major}; the major stress is along axis {major}"
     for axis, said in ((None, f"axis {major}, of the major stress"), (3 - major, other)):
         out = tmp_path / f"{axis}"
         given = () if axis is None else ("--axis", axis)
-        assert run(monkeypatch, name, across[major], *more, *given, "--no-figures",
+        assert run(name, across[major], *more, *given, "--no-figures",
                    "--shear-increment", "radii", "--out", out) == 0  # fmt: skip
         first = next(
             line for line in capsys.readouterr().out.splitlines() if not line.startswith("doubt")

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from loops import find_faces
-from loops.tracking import Fate, loop_fates, match_contacts
+from grainloops import evolve
+from loops import Fate, find_faces, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from studies.calibration import (
     KINDS,
@@ -20,12 +20,12 @@ from studies.calibration import (
     parts_cells,
     parts_of,
 )
-from studies.evolve import Evolution, evolve
+from studies.evolve import Evolution
 from studies.forecast import forecast_reach, next_of, opening_places, places, since, spread_of
 from studies.reading import rows_by_number
 from studies.series.skill import score_skill
+from tests.command import run
 from tests.packings import LAW, jammed
-from tests.studies.snapshot.test_run import run
 from tests.tools.forecasting import SERIES, counted, measured
 from tests.unsaved import leave_files_empty
 from tests.yade_slow import COLLECTION, in_collection
@@ -297,7 +297,7 @@ def test_the_command_writes_what_the_call_returns(grains, found, tmp_path, monke
     leave_files_empty(monkeypatch)
     out = tmp_path / "out"
     asked = ["--to", "-3e-3", "--axis", "2", "--interval", "1e-4", "--inertial-number", "1e-5"]
-    status = run(monkeypatch, "forecast", grains, *asked, "--shear-increment", "radii", "--csv",
+    status = run("forecast", grains, *asked, "--shear-increment", "radii", "--csv",
                  "--out", out)  # fmt: skip
     assert status == 0
     said = capsys.readouterr().out
@@ -324,7 +324,7 @@ def test_a_lost_path_says_so_and_gives_no_numbers(sample, grains, tmp_path, monk
     monkeypatch.setattr("studies.evolve.require_reach", lambda *_: None)
     asked = ["--to", "1e-3", "--interval", "2e-5", "--no-spread", "--no-figures", "--rows", "4"]
     asked += ["--inertial-number", "1e-4", "--out"]
-    assert run(monkeypatch, "forecast", grains, *asked, tmp_path / "out") == 0
+    assert run("forecast", grains, *asked, tmp_path / "out") == 0
     said = capsys.readouterr().out
     assert "note: path lost at 3.93e-05: 2 intervals were not enough" in said
     assert "by the path no answer, by the replay " in said
@@ -366,9 +366,9 @@ def test_farther_than_was_counted_there_are_no_probabilities(sample):
         ([], "Missing option '--to'"),
     ],
 )
-def test_bad_options_are_one_clear_line(grains, monkeypatch, capsys, tmp_path, arguments, said):
+def test_bad_options_are_one_clear_line(grains, capsys, tmp_path, arguments, said):
     out = tmp_path / "out"
-    assert run(monkeypatch, "forecast", grains, "--out", out, *arguments) == 2
+    assert run("forecast", grains, "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
 

@@ -9,8 +9,14 @@ import pytest
 from matplotlib.axes import Axes
 
 import grainloops as gl
-from loops import branch_vectors, contact_forces, lazy, love_weber_stress
-from loops.fabric import direction_tensors, mean_tensor
+from loops import (
+    branch_vectors,
+    contact_forces,
+    direction_tensors,
+    lazy,
+    love_weber_stress,
+    mean_tensor,
+)
 from loops.shown import Shown
 from patterns.snapshots.walls import box_area
 from studies.snapshot.fabric import axes_rose, axis_errors

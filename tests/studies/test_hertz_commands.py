@@ -5,13 +5,13 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
+from grainloops import hold, replay
 from loops import HertzMindlin, Scene
 from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
 from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
-from stability.packing import hold, replay
-from studies.cli import main
+from tests.command import run
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split
 
 LAW = HertzMindlin(20.0, 0.2, 0.5, "radii")
@@ -42,13 +42,9 @@ def files(tmp_path_factory):
     return first, written(folder / "grains_1.parquet", *split(end, SMOOTH))
 
 
-def run(monkeypatch, command, *arguments):
+def run_hertz(*words):
     """Exit status of the command, which draws nothing."""
-    words = ["grainloops", command, *arguments, *READ, "--no-figures", "--force"]
-    monkeypatch.setattr("sys.argv", [str(word) for word in words])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
+    return run(*words, *READ, "--no-figures", "--force")
 
 
 def read(path):
@@ -56,8 +52,8 @@ def read(path):
     return read_snapshot(path, shear_increment="radii", **how)
 
 
-def test_the_table_of_loops_is_that_of_the_law(monkeypatch, tmp_path, files):
-    assert run(monkeypatch, "snapshot", files[0], "--in-packing", "whole", "--out", tmp_path) == 0
+def test_the_table_of_loops_is_that_of_the_law(tmp_path, files):
+    assert run_hertz("snapshot", files[0], "--in-packing", "whole", "--out", tmp_path) == 0
     table, one = pd.read_parquet(tmp_path / "loops.parquet"), read(files[0])
     assert isinstance(one.law, HertzMindlin) and len(table) == 11
     np.testing.assert_allclose(
@@ -66,16 +62,16 @@ def test_the_table_of_loops_is_that_of_the_law(monkeypatch, tmp_path, files):
     assert np.isfinite(table["packing_lambda_min"]).any()
 
 
-def test_rates_are_those_of_the_law(monkeypatch, tmp_path, files):
-    assert run(monkeypatch, "probe", files[0], "--directions", 4, "--out", tmp_path) == 0
+def test_rates_are_those_of_the_law(tmp_path, files):
+    assert run_hertz("probe", files[0], "--directions", 4, "--out", tmp_path) == 0
     table, found = pd.read_parquet(tmp_path / "probe.parquet"), gl.probe(read(files[0]), 4)
     rates = table[["P11", "P12", "P21", "P22"]].to_numpy()
     np.testing.assert_allclose(rates, found.stress_rate.reshape(4, 4), rtol=1e-9, atol=1e-12)
 
 
-def test_a_path_is_that_of_the_law(monkeypatch, tmp_path, files):
+def test_a_path_is_that_of_the_law(tmp_path, files):
     ways = ("--to", 2e-3, "--rows", 2, "--interval", 2e-5)
-    assert run(monkeypatch, "evolve", files[0], *ways, "--out", tmp_path) == 0
+    assert run_hertz("evolve", files[0], *ways, "--out", tmp_path) == 0
     one, table = read(files[0]), pd.read_parquet(tmp_path / "path.parquet")
     boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 2e-3)
@@ -88,10 +84,10 @@ def test_a_path_is_that_of_the_law(monkeypatch, tmp_path, files):
 
 
 @pytest.mark.slow
-def test_loads_are_sustained_between_walls(monkeypatch, tmp_path, files):
+def test_loads_are_sustained_between_walls(tmp_path, files):
     """Brought to rest and loaded in two directions, as in Python."""
     ways = ("--directions", 2, "--largest", 1e-3, "--workers", 1)
-    assert run(monkeypatch, "sustain", files[0], *ways, "--out", tmp_path) == 0
+    assert run_hertz("sustain", files[0], *ways, "--out", tmp_path) == 0
     table = pd.read_parquet(tmp_path / "sustain.parquet")
     found = gl.sustain(read(files[0]), 2, largest=1e-3)
     assert table["status"].tolist() == found.status.tolist()
@@ -99,10 +95,10 @@ def test_loads_are_sustained_between_walls(monkeypatch, tmp_path, files):
     assert (table["balance_error"] < 1e-9).all()
 
 
-def test_a_series_is_predicted_by_paths_and_replays(monkeypatch, tmp_path, files):
+def test_a_series_is_predicted_by_paths_and_replays(tmp_path, files):
     """The strain between the two is small and slow: both come to the work that was done."""
     ways = ("--in-packing", "events", "--inertial-number", 2e-7, "--workers", 1)
-    assert run(monkeypatch, "series", *files, *ways, "--out", tmp_path) == 0
+    assert run_hertz("series", *files, *ways, "--out", tmp_path) == 0
     found = pd.read_parquet(next((tmp_path / "packing").glob("*.parquet"))).set_index("loop")
     made = pd.read_parquet(next((tmp_path / "increments").glob("*.parquet")))
     made = made.set_index("loop_before")["w2"]

@@ -7,23 +7,13 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
+from grainloops import LoopMaterial, loops_of, march, oriented
 from loops import LinearFrictional
 from patterns import read_snapshot, regular_polygon, sample_path
 from stability import COMPONENTS, Stage, programmes
-from stability.material import LoopMaterial, loops_of, march, oriented
-from studies.cli import main
 from studies.material import MaterialOptions, run_material
 from studies.output import field_metadata
-
-
-def run(monkeypatch, *arguments):
-    """Exit status of the command."""
-    monkeypatch.setattr("sys.argv", ["grainloops", *map(str, arguments)])
-    try:
-        main()
-    except SystemExit as stopped:
-        return stopped.code or 0
-    return 0
+from tests.command import run
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +69,10 @@ def test_files_hold_units_meanings_and_provenance(hexagons):
     assert set(kept["mean"]) <= told
 
 
-def test_loops_of_a_snapshot_and_the_printed_lines(tmp_path, capsys, monkeypatch):
+def test_loops_of_a_snapshot_and_the_printed_lines(tmp_path, capsys):
     given = [str(sample_path()), "--orders", "3,4", "--count", "20", "--closure", "affine"]
     out = ["--out", str(tmp_path / "out"), "--no-figures", "--steps", "5"]
-    assert run(monkeypatch, "material", *given, *out) == 0
+    assert run("material", *given, *out) == 0
     said = capsys.readouterr().out
     assert "20 loops (" in said and "of order 3" in said and "half in each" in said
     loops = pd.read_parquet(tmp_path / "out" / "loops.parquet")
@@ -161,9 +151,9 @@ def test_options_that_are_refused(options, words):
         (["--single", "36"], "--single: got 36, expected a number from 0 to 35"),
     ],
 )
-def test_arguments_that_are_refused(tmp_path, arguments, words, capsys, monkeypatch):
+def test_arguments_that_are_refused(tmp_path, arguments, words, capsys):
     out = tmp_path / "out"
-    assert run(monkeypatch, "material", *arguments, "--out", out) == 2
+    assert run("material", *arguments, "--out", out) == 2
     assert words in capsys.readouterr().err and not out.exists()
 
 

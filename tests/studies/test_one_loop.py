@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from tests.studies.snapshot.test_run import run
+from tests.command import run
 
 NUMBER = 62
 
@@ -55,12 +55,12 @@ def test_the_domain_is_that_of_the_loop_by_itself(snapshot, found):
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_page(tmp_path, monkeypatch, found):
+def test_the_command_writes_the_page(tmp_path, found):
     out = tmp_path / "loop"
-    assert run(monkeypatch, "loop", gl.sample_path(), "--id", NUMBER, "--out", out) == 0
+    assert run("loop", gl.sample_path(), "--id", NUMBER, "--out", out) == 0
     asked = ("--loop", NUMBER, "--closure", "traction", "--figures", "determinant")
     words = ("polygon", "--snapshot", gl.sample_path(), *asked, "--out", tmp_path / "p")
-    assert run(monkeypatch, *words) == 0
+    assert run(*words) == 0
     for table in ("path", "polar"):
         of_polygon = pd.read_parquet(tmp_path / "p" / f"{table}.parquet")
         pd.testing.assert_frame_equal(pd.read_parquet(out / f"{table}.parquet"), of_polygon)
@@ -79,9 +79,9 @@ def test_the_command_writes_the_page(tmp_path, monkeypatch, found):
     (("--id", NUMBER, "--figures", "rose"), "--figures: got 'rose', expected none, closures"),
     ((), "--id"),
 ])  # fmt: skip
-def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, words, said):
+def test_bad_input_is_told_in_one_line(tmp_path, capsys, words, said):
     out = tmp_path / "loop"
-    assert run(monkeypatch, "loop", gl.sample_path(), *words, "--out", out) == 2
+    assert run("loop", gl.sample_path(), *words, "--out", out) == 2
     told = capsys.readouterr().err
     assert said in told and told.count("\n") == 1
     assert not out.exists()

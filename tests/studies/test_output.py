@@ -12,8 +12,8 @@ import pytest
 from loops import InputError
 from patterns import sample_path
 from studies import output
-from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
+from tests.command import run
 
 
 def write(out, *names, force=False, value=0):
@@ -179,15 +179,8 @@ def test_a_place_whose_name_is_no_text(tmp_path):
         write(tmp_path / os.fsdecode(b"out\xfe"))
 
 
-def in_process(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["grainloops", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return ended.value.code
-
-
-def test_the_version(monkeypatch, capsys):
-    assert in_process(monkeypatch, "--version") == 0
+def test_the_version(capsys):
+    assert run("--version") == 0
     assert capsys.readouterr().out.startswith("grainloops ")
 
 
@@ -216,9 +209,9 @@ def test_no_command_loads_rooms_that_it_does_not_use(tmp_path, asked, unused):
     assert done.stderr.splitlines()[-1] == "[]"
 
 
-def test_no_error_is_longer_than_a_screen(monkeypatch, capsys, tmp_path):
+def test_no_error_is_longer_than_a_screen(capsys, tmp_path):
     place = "x" * 4000
-    assert in_process(monkeypatch, "polygon", "--compare", place, "--out", tmp_path / "o") == 2
+    assert run("polygon", "--compare", place, "--out", tmp_path / "o") == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert len(said) < 1100
@@ -230,7 +223,7 @@ def test_what_the_system_refuses_is_one_line(monkeypatch, capsys):
         raise MemoryError
 
     monkeypatch.setattr("studies.domain.run_domain", refuse)
-    assert in_process(monkeypatch, "domain") == 1
+    assert run("domain") == 1
     assert capsys.readouterr().err == "grainloops: out of memory\n"
 
 
@@ -261,7 +254,7 @@ def test_threads_and_libraries_without_room_are_out_of_memory(monkeypatch, capsy
             raise kind(words)
 
         monkeypatch.setattr("studies.domain.run_domain", refuse)
-        assert in_process(monkeypatch, "domain") == 1
+        assert run("domain") == 1
         assert capsys.readouterr().err == f"grainloops: out of memory. {words}\n"
 
     def fault(*args, **how):
@@ -269,7 +262,7 @@ def test_threads_and_libraries_without_room_are_out_of_memory(monkeypatch, capsy
 
     monkeypatch.setattr("studies.domain.run_domain", fault)
     with pytest.raises(RuntimeError, match="a fault"):
-        in_process(monkeypatch, "domain")
+        run("domain")
 
 
 def test_a_small_snapshot_loads_no_pandas(tmp_path):

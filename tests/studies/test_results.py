@@ -17,8 +17,8 @@ from loops.shown import Shown
 from patterns import Snapshot, write_snapshot
 from stability import Path
 from stability.material import MaterialPath
+from tests.command import run
 from tests.packings import LAW, jammed
-from tests.studies.snapshot.test_run import run
 
 NO_FIGURES = ("--figures", "none", "--shear-increment", "radii")
 PROGRAMME = ("--programme", "oedometric", "--to", -2e-3, "--interval", 1e-4, "--rows", 4)
@@ -266,11 +266,11 @@ NAMED_BY_THE_COMMAND = {"check": ["path", "snapshot"], "march": ["set"], "paths"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_table_is_the_commands(name, answers, state, tmp_path, monkeypatch):
+def test_the_table_is_the_commands(name, answers, state, tmp_path):
     command, table, *options = COMMANDS[name]
     figures = NO_FIGURES if command != "check" else NO_FIGURES[2:]
     asked = (command, state[0], *options, *figures, "--out", tmp_path / "out")
-    assert run(monkeypatch, *asked) == 0
+    assert run(*asked) == 0
     for result, file in ((name, table), *([BESIDE[name]] if name in BESIDE else [])):
         written = pd.read_parquet(tmp_path / "out" / f"{file}.parquet")
         if name == "march" and file == "path":
@@ -291,28 +291,28 @@ def assert_same(table, written):
         assert all(same), (key, values, stored)
 
 
-def test_loops_in_their_packing_are_those_of_the_command(answers, state, tmp_path, monkeypatch):
+def test_loops_in_their_packing_are_those_of_the_command(answers, state, tmp_path):
     asked = ("--in-packing", "auto", *NO_FIGURES, "--out", tmp_path / "out")
-    assert run(monkeypatch, "snapshot", state[0], *asked) == 0
+    assert run("snapshot", state[0], *asked) == 0
     written = pd.read_parquet(tmp_path / "out" / "loops.parquet")
     assert_same(gl.loop_table(answers["snapshot"], in_packing=True), written)
 
 
 @pytest.mark.slow
-def test_the_domain_is_that_of_the_command(answers, state, tmp_path, monkeypatch):
+def test_the_domain_is_that_of_the_command(answers, state, tmp_path):
     """Lengths over l0 and stresses over kn there: within rounding."""
     asked = ("--loop", 3, "--closure", "traction", "--directions", 3, *NO_FIGURES)
-    assert run(monkeypatch, "domain", "--snapshot", state[0], *asked, "--out", tmp_path / "d") == 0
+    assert run("domain", "--snapshot", state[0], *asked, "--out", tmp_path / "d") == 0
     written, snapshot = pd.read_parquet(tmp_path / "d/boundary.parquet"), answers["snapshot"]
     table, kn = gl.loop_domain(answers["loop"], "traction", directions=3), snapshot.mean_kn
     rows = table.table().assign(s1=lambda one: one.s1 / kn, s2=lambda one: one.s2 / kn)
     pd.testing.assert_frame_equal(rows, written, check_exact=False, rtol=1e-12, atol=1e-15)
 
 
-def test_what_became_of_loops_is_that_of_the_command(state, tmp_path, monkeypatch):
+def test_what_became_of_loops_is_that_of_the_command(state, tmp_path):
     """Files of a series name the snapshots too."""
     asked = ("--workers", 1, *NO_FIGURES, "--out", tmp_path / "out")
-    assert run(monkeypatch, "series", *state, *asked) == 0
+    assert run("series", *state, *asked) == 0
     before, after = (gl.read_snapshot(path, shear_increment="radii") for path in state)
     pairs = {"fates": gl.fates, "increments": gl.increments}
     for name, ask in pairs.items():

@@ -10,7 +10,7 @@ from PIL import Image
 import grainloops as gl
 from studies import style
 from studies.output import words
-from tests.studies.snapshot.test_run import run
+from tests.command import run
 
 
 def drawn(panels):
@@ -73,17 +73,17 @@ def test_no_figure_is_drawn_if_none_is_wanted(command, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "drawn_file", None)
     for number, none in enumerate((("--figures", "none"), ("--no-figures",))):
         out = tmp_path / f"{number}"
-        assert run(monkeypatch, *command, *none, "--out", out) == 0
+        assert run(*command, *none, "--out", out) == 0
         assert {file.suffix for file in out.iterdir()} <= TABLES
 
 
 @pytest.mark.parametrize("command", LOOPS)
-def test_every_figure_has_a_name_that_can_be_asked_for(command, tmp_path, monkeypatch, unsaved):
-    assert run(monkeypatch, *command, "--out", tmp_path / "all") == 0
+def test_every_figure_has_a_name_that_can_be_asked_for(command, tmp_path, unsaved):
+    assert run(*command, "--out", tmp_path / "all") == 0
     drawn = {file.stem for file in (tmp_path / "all").glob("*.png")}
     assert drawn and drawn <= words("captions")[command[0]].keys()
     one = min(drawn)
-    assert run(monkeypatch, *command, "--figures", one, "--out", tmp_path / "one") == 0
+    assert run(*command, "--figures", one, "--out", tmp_path / "one") == 0
     assert [file.name for file in (tmp_path / "one").glob("*.png")] == [f"{one}.png"]
 
 
@@ -92,7 +92,7 @@ def test_wanted_figures_alone_are_made_and_stand_on_the_page(tmp_path, monkeypat
     monkeypatch.setattr("studies.snapshot.figures.loop_map", None)
     out = tmp_path / "out"
     asked = snapshot("--figures", "orders,in_packing", "--figure-format", kind, "--out", out)
-    assert run(monkeypatch, *asked) == 0
+    assert run(*asked) == 0
     drawn = {file.name for file in out.iterdir() if file.suffix not in TABLES}
     assert drawn == {f"orders.{kind}", "report.html"}
     page = (out / "report.html").read_text()
@@ -111,6 +111,6 @@ def test_wanted_figures_alone_are_made_and_stand_on_the_page(tmp_path, monkeypat
         (("--figures", "map", "--no-figures"), "--figures, --no-figures: got both"),
     ],
 )
-def test_other_words_are_refused(asked, said, tmp_path, monkeypatch, capsys):
-    assert run(monkeypatch, *snapshot(*asked, "--out", tmp_path / "out")) == 2
+def test_other_words_are_refused(asked, said, tmp_path, capsys):
+    assert run(*snapshot(*asked, "--out", tmp_path / "out")) == 2
     assert said in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -1,6 +1,5 @@
 """Widths of figures: those of a journal's columns, by one setting for commands and front door."""
 
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +10,7 @@ from PIL import Image
 
 import grainloops as gl
 from studies import style
-from studies.cli import main
+from tests.command import run
 
 SINGLE, DOUBLE = 86 / 25.4, 178 / 25.4
 
@@ -63,13 +62,10 @@ def test_another_word_is_refused():
 
 
 @pytest.mark.parametrize("option", [("--figure-width", "single"), ("--figure-width=single",)])
-def test_the_option_stands_anywhere_in_the_line(tmp_path, monkeypatch, option):
+def test_the_option_stands_anywhere_in_the_line(tmp_path, option):
     out = tmp_path / "out"
     line = ("domain", "--directions", "5", *option, "--alpha0", "45", "--out", str(out))
-    monkeypatch.setattr(sys, "argv", ["grainloops", *line])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    assert run(*line) == 0
     width = Image.open(out / "domain.png").width
     assert width == pytest.approx(300 * SINGLE, abs=1)
     assert np.isclose(width / 300 * 25.4, 86, atol=0.1)

@@ -10,16 +10,15 @@ import pytest
 import grainloops as gl
 from loops import InputError, Regime
 from loops.contacts import start_state
-from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from patterns.snapshots import WallContacts
+from patterns import Snapshot, WallContacts, read_snapshot, sample_path, write_snapshot
 from stability.packing import sustain as sustain_packing
 from studies import sustain as study_module
 from studies.commands.packing import _sustain_lines
 from studies.sustain import run_sustain
+from tests.command import run
 from tests.docs.test_columns_page import files_say
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
-from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
 HOW = {"directions": 4, "largest": 0.0022, "interval": 1e-4, "shear_increment": "radii"}
@@ -47,7 +46,7 @@ def results(state, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
         status = run(
-            patch, "sustain", state, "--directions", "4", "--largest", "0.0022",
+            "sustain", state, "--directions", "4", "--largest", "0.0022",
             "--interval", "1e-4", "--shear-increment", "radii", "--workers", "1", "--out", out,
         )  # fmt: skip
     assert status == 0
@@ -197,7 +196,7 @@ def test_a_sample_between_rough_walls_is_loaded_with_their_friction(tmp_path):
     assert (other.limit < 0.6 * found.limit).all()
 
 
-def test_refusals(state, tmp_path, monkeypatch, capsys):
+def test_refusals(state, tmp_path, capsys):
     with pytest.raises(InputError, match="diagonal"):
         run_sustain(sample_path(), tmp_path / "walls", subspace="symmetric", figures=False)
     with pytest.raises(InputError, match="between walls"):
@@ -207,5 +206,5 @@ def test_refusals(state, tmp_path, monkeypatch, capsys):
         run_sustain(state, tmp_path / "a", largest=0.0, shear_increment="radii", figures=False)
     with pytest.raises(InputError, match="subspace"):
         run_sustain(state, tmp_path / "b", subspace="full", shear_increment="radii", figures=False)
-    assert run(monkeypatch, "sustain", state, "--directions", "0", "--out", tmp_path / "c") == 2
+    assert run("sustain", state, "--directions", "0", "--out", tmp_path / "c") == 2
     assert "directions" in capsys.readouterr().err and list(tmp_path.iterdir()) == []

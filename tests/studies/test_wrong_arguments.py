@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from loops.tracking import loop_fates, match_contacts
+from loops import loop_fates, match_contacts
 from tests.packings import LAW, jammed
 
 RAGGED, NAN = [[1.0], [1.0, 2.0]], float("nan")

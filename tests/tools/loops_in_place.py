@@ -13,7 +13,7 @@ import numpy as np
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces, loop_batches
 from loops.arrays import frobenius
 from loops.in_place import loops_in_place
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from stability import restrict, symmetric_part
 from studies.snapshot.in_packing import place_columns
 from tests.oracles.exact_loops import Loops, exact_tangent

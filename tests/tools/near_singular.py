@@ -17,8 +17,7 @@ from loops import (
     macroscopic_tangent,
     polygon_area,
 )
-from stability import restrict, statuses
-from stability.spectra import operator_norm, symmetric_spectrum
+from stability import operator_norm, restrict, statuses, symmetric_spectrum
 from tests.oracles.exact_loops import Loops, exact_tangent, positive_definite
 from tests.oracles.rings import ring
 

@@ -11,6 +11,7 @@ from loops import (
     assemble_tangent,
     find_faces,
     loop_batches,
+    loop_strain,
     macroscopic_tangent,
     polygon_area,
     traction_tangent,
@@ -19,7 +20,6 @@ from loops.arrays import ROUNDING
 from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import _spin_error, affine_spin, spin_of_gradient
 from loops.closures.system import boundary_matrix
-from loops.stress_strain import loop_strain
 from patterns import (
     loop_of_snapshot,
     polydisperse_polygon,

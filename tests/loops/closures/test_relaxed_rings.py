@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from loops import polygon_area
 from loops.closures import ring as equations
-from loops.geometry import polygon_area
 
 
 def linear_ring(kinds, seed):

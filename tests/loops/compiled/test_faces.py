@@ -8,7 +8,7 @@ import pytest
 from loops import InputError, euler_check, find_faces
 from loops.compiled import given
 from loops.compiled.network import UNDECIDED, following_half_edges, spatial_order, turn
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from tests.loops.test_crossings import network, wheel
 from tests.loops.test_faces_compared import renumbered
 

@@ -5,9 +5,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from loops import GrainGraph, contact_frame, find_faces, force_chains
+from loops import GrainGraph, contact_frame, edge_tensors, find_faces, force_chains
 from loops.compiled import on_parts
-from loops.fabric import edge_tensors
 from loops.graph import branches_between
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
 from patterns.snapshots import checks, missing

@@ -16,7 +16,7 @@ from loops import (
     macroscopic_tangent,
 )
 from loops.loop_batches import TANGENTS, loops_of_packing
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from stability.verdict import loop_spectra
 from tests.oracles.fifty_digits import affine_tangent_50, as_array, traction_tangent_50
 from tests.oracles.rings import random_rings, slide

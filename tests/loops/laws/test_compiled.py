@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional, contact_state
-from loops.graph import GrainGraph
+from loops import (
+    CohesiveFrictional,
+    FrictionalLaw,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    contact_state,
+)
 from loops.laws.compiled import answer_of, compiled
 from loops.laws.of_pairs import PairLaw
 

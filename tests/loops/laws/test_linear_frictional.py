@@ -1,8 +1,15 @@
 import numpy as np
 import pytest
 
-from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime, contact_state
-from loops.assembly import translational_blocks
+from loops import (
+    ContactLaw,
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    contact_state,
+    translational_blocks,
+)
 
 
 def one_contact(angle=0.0, length=0.9, normal=0.1, shear=0.0, radii=(0.5, 0.5)):

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Scene, assemble_tangent, find_faces, in_place
+from loops import (
+    Boundary,
+    GrainGraph,
+    LinearFrictional,
+    Scene,
+    assemble_tangent,
+    find_faces,
+    in_place,
+)
 from loops.arrays import frobenius
-from loops.boundary import Boundary
 from loops.in_place import (
     _edges,
     _truncation,
@@ -15,7 +22,7 @@ from loops.in_place import (
     polygons_of,
 )
 from loops.system import packing_system
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from tests.packings import LAW, packing
 
 UNITS = [1.0, 2.0**20, 2.0**-20]

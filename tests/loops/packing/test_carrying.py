@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import PlaneContacts
+from loops import GrainGraph, InputError, LinearFrictional, PlaneContacts, Scene, find_faces
 from loops.in_place import loops_in_place
 from loops.system import Factor, carrying_grains, factorised, packing_system
 from tests.stability.packing.walled_packings import between

@@ -14,17 +14,18 @@ from loops import (
     Regime,
     Scene,
     assemble_tangent,
+    boundary_of,
+    boundary_vectors,
     contact_state,
     find_faces,
     in_place,
     loop_batches,
     multifrontal,
+    polygon_area,
     traction_tangent,
 )
 from loops.arrays import frobenius
-from loops.boundary import boundary_of
 from loops.gears import NEARLY, UNKNOWN, spin_modes
-from loops.geometry import boundary_vectors, polygon_area
 from loops.in_place import (
     SWEPT,
     OfOrder,
@@ -38,8 +39,7 @@ from loops.in_place import (
 )
 from loops.multifrontal import _vertex_cover, dissection, frontal_lu, solve_sketches
 from loops.system import packing_system
-from patterns import read_snapshot, sample_path
-from patterns.synthetic import synthetic_network
+from patterns import read_snapshot, sample_path, synthetic_network
 from tests.loops.packing.whole_operators import CASES
 from tests.oracles import eighty_bits
 from tests.packings import LAW, packing, with_idle_triangle

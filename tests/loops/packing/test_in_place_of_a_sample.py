@@ -6,10 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import LinearFrictional, Regime, Scene, find_faces, loop_batches
+from loops import (
+    LinearFrictional,
+    Regime,
+    Scene,
+    boundary_vectors,
+    find_faces,
+    loop_batches,
+    polygon_area,
+)
 from loops.arrays import frobenius
 from loops.gears import spin_modes
-from loops.geometry import boundary_vectors, polygon_area
 from loops.in_place import inverted, loops_in_place, polygons_of
 from loops.system import factorised, packing_system
 from patterns import read_snapshot, sample_cell, sample_path

@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import Boundary, PlaneContacts, outline_grains, plane_contacts
-from patterns.synthetic import synthetic_network
+from loops import (
+    Boundary,
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    PlaneContacts,
+    Scene,
+    find_faces,
+)
+from loops.boundary import outline_grains, plane_contacts
+from patterns import synthetic_network
 from stability import rates_at
 from tests.stability.packing.walled_packings import between
 

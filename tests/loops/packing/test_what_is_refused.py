@@ -8,8 +8,8 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from loops import GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import Boundary, outline_grains, plane_contacts
+from loops import Boundary, GrainGraph, InputError, LinearFrictional, Scene, find_faces
+from loops.boundary import outline_grains, plane_contacts
 from loops.in_place import loops_in_place
 from loops.multifrontal import Front, _tasks, frontal_lu
 from loops.system import Factor, Mechanisms, carrying_grains, factorised, packing_system

@@ -11,8 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
-from loops.boundary import Boundary, PlaneContacts, boundary_of, outline_grains, plane_contacts
+from loops import (
+    Boundary,
+    GrainGraph,
+    LinearFrictional,
+    PlaneContacts,
+    Regime,
+    Scene,
+    boundary_of,
+    find_faces,
+)
+from loops.boundary import outline_grains, plane_contacts
 from loops.gears import spin_modes
 from loops.in_place import inverse_at_contacts, loops_in_place
 from loops.system import (
@@ -24,7 +33,7 @@ from loops.system import (
     relative_motion,
     stiffness_matrix,
 )
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from tests.packings import LAW, packing, with_idle_triangle
 
 WORDS, NUMBERS = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".npz"))

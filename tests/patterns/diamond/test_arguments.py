@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns import diamond
 from patterns.diamond import (
     DiamondParameters,
     critical_strain,
     determinant_sliding,
-    diamond,
     elastic_moduli,
     isotropic_strain_of_stress,
     overlap_ratio,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, Regime, affine_tangent, nominal_stress, traction_tangent
-from patterns.diamond import diamond, elastic_moduli, sliding_moduli, tangent
+from patterns import diamond
+from patterns.diamond import elastic_moduli, sliding_moduli, tangent
 from stability import restrict
 
 COUNT = 1200

@@ -13,9 +13,9 @@ from loops import (
     reference_branch_vectors,
     traction_tangent,
 )
+from patterns import diamond
 from patterns.diamond import (
     angle_from_strains,
-    diamond,
     elastic_moduli,
     external_forces,
     sliding_moduli,

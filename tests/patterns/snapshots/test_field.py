@@ -15,7 +15,7 @@ import pytest
 import grainloops as gl
 from loops import InputError
 from patterns import count_frames, read_frames, read_snapshot, snapshot_from_tables
-from studies.cli import main
+from tests.command import run
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
 from tests.patterns.resting import KN, resting
 
@@ -52,17 +52,6 @@ def read(path, sample, **how):
     cell = sample.cell if any(sample.periodic) else None
     given = {"cell": cell, **LAW, **how}
     return read_snapshot(path, **given)
-
-
-def run(*words):
-    """Exit status of a command."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("sys.argv", ["grainloops", *map(str, words)])
-        try:
-            main()
-        except SystemExit as left:
-            return left.code
-    return 0
 
 
 def same(found, sample, rtol=1e-12, forces=True, clean=True):

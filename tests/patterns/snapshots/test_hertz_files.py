@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loops import HertzMindlin, InputError, Regime, Scene, contact_state
+from loops import HertzMindlin, InputError, Regime, Scene, contact_state, match_contacts
 from loops.laws.hertz_mindlin import HERTZ
-from loops.tracking import match_contacts
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checks import SLIDING_SHARE
 from patterns.snapshots.snapshot import sample_boundary

@@ -14,13 +14,12 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from patterns import read_snapshot, sample_path
+from patterns import read_snapshot, sample_path, synthetic_network
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
 from patterns.snapshots.laws import Parameters
-from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,

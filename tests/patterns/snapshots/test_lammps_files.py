@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from loops import InputError
+from patterns import synthetic_network
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.columns import names_beside
 from patterns.snapshots.dump_files import dump_frames
@@ -14,7 +15,6 @@ from patterns.snapshots.files import beside
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
 from patterns.snapshots.laws import Parameters
-from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
 
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
-from patterns import count_frames, read_frames, read_snapshot
+from patterns import count_frames, read_frames, read_snapshot, synthetic_network
 from patterns.snapshots import frame as listing
-from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from loops import InputError, contact_forces, euler_check, find_faces, love_weber_stress
-from patterns import sample_path
+from patterns import sample_path, synthetic_network
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import is_lammps, lammps_frames
 from patterns.snapshots.laws import Parameters
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
-from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
 
 RECIPE = ("pos", "id", "force")  # 12 columns

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
-from patterns import read_snapshot, sample_path
+from patterns import read_snapshot, sample_path, synthetic_network
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.formats import FORMATS
 from patterns.snapshots.frame import Source
 from patterns.snapshots.laws import Parameters
 from patterns.snapshots.mercury import is_mercury, mercury_frames
-from patterns.synthetic import synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,

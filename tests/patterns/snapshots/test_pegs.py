@@ -4,15 +4,13 @@ Files are written by the descriptions in PeGS2's `particleTrack` and `adjacencyM
 between commas, no header, y downwards in pixels, a row for each of the two grains of a contact.
 """
 
-import sys
-
 import numpy as np
 import pytest
 
+from grainloops import loop_table
 from loops import InputError
 from patterns import count_frames, read_frames, read_snapshot, sample_path
-from studies.cli import main
-from studies.frames import loop_table
+from tests.command import run
 
 PIXELS = 2000.0  # per unit of length
 NOISE = 0.5
@@ -133,16 +131,10 @@ def test_what_is_none_of_it_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("command", "status"), [("check", 0), ("snapshot", 0), ("probe", 2)], ids=str
 )
-def test_commands_take_it_or_name_the_imbalance(command, status, tmp_path, monkeypatch, capsys):
+def test_commands_take_it_or_name_the_imbalance(command, status, tmp_path, capsys):
     path, *_ = write(tmp_path, 0.2)
     options = [] if command == "check" else ["--no-figures"]
     options += ["--out", str(tmp_path / "out"), "--kn", "1", "--kt", "0.5"]
-    monkeypatch.setattr(sys, "argv", ["grainloops", command, str(path), *options])
-    try:
-        main()
-        code = 0
-    except SystemExit as stop:
-        code = stop.code or 0
+    assert run(command, path, *options) == status
     said = capsys.readouterr()
-    assert code == status, said
     assert "of the mean contact force" in said.out + said.err

@@ -6,9 +6,9 @@ import polars
 import pyarrow
 import pytest
 
+from grainloops import loop_table
 from loops import InputError, branch_vectors
 from patterns import read_snapshot, sample_cell, sample_path, snapshot_from_tables
-from studies.frames import loop_table
 
 SLOW = np.diag([0.914723458490276, 0.897826511170329])
 SAMPLES = {

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import chain_table, loop_table
 from loops import InputError
 from patterns import read_snapshot, sample_path, snapshot_from_tables
-from studies.cli import main
-from studies.frames import chain_table, loop_table
+from tests.command import refusal, run
 
 DUMPS = {"LAMMPS": "lammps/dump.atoms.0.gz", "LIGGGHTS": "liggghts/atoms.0.dump.gz"}
 
@@ -93,23 +93,13 @@ def test_columns_of_both_tables_are_named_at_once():
 
 
 @pytest.mark.parametrize("name", DUMPS)
-def test_commands_run_or_name_what_is_missing(name, tmp_path, capsys, monkeypatch):
+def test_commands_run_or_name_what_is_missing(name, tmp_path, capsys):
     path = str(sample_path(DUMPS[name]))
 
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["grainloops", *arguments])
-        try:
-            main()
-            status = 0
-        except SystemExit as ended:
-            status = ended.code or 0
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    status, out, _ = run("check", path)
-    assert status == 0 and "forces and overlaps need kn = 1e+06" in out
-    status, out, _ = run("snapshot", path, "--out", str(tmp_path / "geometry"), "--no-figures")
-    assert status == 0 and "forces without kn and kt: no stability of the loops" in out
-    status, _, err = run("probe", path, "--out", str(tmp_path / "probe"), "--no-figures")
-    assert status == 2 and "got no kn, no kt" in err and "need kn = 1e+06" in err
+    assert run("check", path) == 0
+    assert "forces and overlaps need kn = 1e+06" in capsys.readouterr().out
+    assert run("snapshot", path, "--out", tmp_path / "geometry", "--no-figures") == 0
+    assert "forces without kn and kt: no stability of the loops" in capsys.readouterr().out
+    told = refusal(capsys, "probe", path, "--out", tmp_path / "probe", "--no-figures")
+    assert "got no kn, no kt" in told and "need kn = 1e+06" in told
     assert not (tmp_path / "probe").exists()

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from loops import find_faces
+from patterns import read_snapshot
 from patterns.snapshots.build import build_snapshot
-from patterns.snapshots.formats import read_snapshot
 from patterns.snapshots.frame import Source
 from patterns.snapshots.laws import Parameters
 from patterns.snapshots.snapshot import SAMPLE

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional
-from patterns import regular_polygon
-from patterns.diamond import TABLE_1, diamond
-from stability.directional import directional_work
+from patterns import diamond, regular_polygon
+from patterns.diamond import TABLE_1
+from stability import directional_work
 from stability.directional.branches import line_angles
 from stability.directional.work import law_branches
 from tests.oracles.drained import drained_path

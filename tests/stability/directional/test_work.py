@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, macroscopic_tangent
-from patterns import regular_polygon
-from patterns.diamond import TABLE_1, TABLE_2, diamond, elastic_moduli, sliding_moduli, tangent
+from patterns import diamond, regular_polygon
+from patterns.diamond import TABLE_1, TABLE_2, elastic_moduli, sliding_moduli, tangent
 from stability import (
+    branch_fraction,
+    directional_work,
     plane_cone,
     programmes,
     rates_at,
@@ -18,7 +20,7 @@ from stability import (
     symmetric_spectrum,
     unstable_fraction,
 )
-from stability.directional import branch_fraction, directional_work, edge_contacts
+from stability.directional import edge_contacts
 from stability.directional.branches import edges_of
 from tests.oracles.drained import drained_path
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from grainloops import LoopMaterial, loops_of, march, oriented
 from loops import InputError, LinearFrictional, Scene, affine_tangent, love_weber_stress
 from patterns import hexagon, read_snapshot, sample_cell, sample_path
 from stability import Stage
-from stability.material import LoopMaterial, loops_of, march, oriented
 
 MU = np.tan(np.radians(30))
 ONE = np.eye(2)[None]

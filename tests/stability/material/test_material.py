@@ -5,7 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from grainloops import LoopMaterial, march, oriented
 from loops import (
+    CohesiveFrictional,
     FrictionalLaw,
     GrainGraph,
     HertzMindlin,
@@ -15,10 +17,8 @@ from loops import (
     contact_state,
     polygon_area,
 )
-from loops.laws import CohesiveFrictional
 from patterns import hexagon, polydisperse_polygon, random_loop, regular_polygon
 from stability import Stage, follow, programmes
-from stability.material import LoopMaterial, march, oriented
 
 MU, ONE = np.tan(np.radians(30)), np.eye(2)[None]
 LAW = LinearFrictional(kn=1.0, kt=0.5, mu=MU)

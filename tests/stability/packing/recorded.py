@@ -13,30 +13,28 @@ from unittest.mock import patch
 
 import numpy as np
 
-from loops import LinearFrictional, Scene, find_faces
-from loops.boundary import boundary_of
+from grainloops import hold, indicators, replay
+from loops import LinearFrictional, Scene, boundary_of, find_faces
 from loops.contacts import PackingState, start_state
-from stability import Stage, complementarity, follow, programmes, rates_at
+from stability import Event, Stage, complementarity, follow, programmes, rates_at
 from stability.packing import (
     HeldPacking,
     PackingResponse,
     Probe,
     equations_of_motion,
-    hold,
     loop_changes,
     loop_rates,
     pivots,
     probe,
     regime_regions,
-    replay,
     response,
     strain_increment,
     sustain,
 )
 from stability.packing.amplitudes import probe_to
-from stability.packing.loop_quantities import indicators, least_squares_nonaffinity
-from stability.path import Event, describe
+from stability.packing.loop_quantities import least_squares_nonaffinity
 from stability.path import Path as AnyPath
+from stability.path import describe
 from tests.packings import BRANCH, LAW, LIMITS, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.test_statuses import small

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from grainloops import hold, replay
 from loops import (
     CohesiveFrictional,
     GrainGraph,
@@ -17,7 +18,7 @@ from loops.contacts import contacts_of, start_state
 from loops.laws.of_pairs import require_movable
 from patterns import Snapshot
 from stability import Stage, follow, programmes
-from stability.packing import hold, loop_changes, replay, sustain
+from stability.packing import loop_changes, sustain
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions

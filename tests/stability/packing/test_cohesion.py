@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainloops import hold, replay
 from loops import FrictionalLaw, GrainGraph, RollingResistance, Scene, contact_state
 from loops.contacts import contacts_of, start_state
 from stability import follow
-from stability.packing import hold, replay
 from stability.packing.rattlers import carrying_nothing
 from tests.packings import LAW, jammed, strained
 

@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from grainloops import replay
 from loops import GrainGraph, HertzMindlin, LinearFrictional, Scene, contact_state
 from stability import Stage, follow, programmes, rates_at
-from stability.packing import replay
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 

@@ -6,18 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from grainloops import hold
 from loops import (
     GrainGraph,
     InputError,
     LinearFrictional,
+    PlaneContacts,
     Scene,
     contact_forces,
     love_weber_stress,
     match_contacts,
 )
-from loops.boundary import PlaneContacts
 from patterns import read_snapshot, sample_path
-from stability.packing import equations_of_motion, hold
+from stability.packing import equations_of_motion
 from studies.snapshot.in_packing import box_area
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import between

@@ -10,7 +10,7 @@ import pytest
 
 from loops import LinearFrictional, RollingResistance, Scene, find_faces
 from loops.contacts import start_state
-from stability import Stage, follow
+from stability import Event, Programme, Stage, follow
 from stability.packing import loop_changes, strain_increment, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
@@ -44,8 +44,6 @@ from stability.packing.sustain import (
     move,
 )
 from stability.packing.yielding import forces_of_motion, yield_response
-from stability.path import Event
-from stability.programmes import Programme
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
 

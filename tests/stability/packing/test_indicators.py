@@ -3,22 +3,22 @@
 import numpy as np
 import pytest
 
+from grainloops import indicators
 from loops import (
     GrainGraph,
     LinearFrictional,
     Regime,
     Scene,
     branch_vectors,
+    contact_state,
+    contact_tangent,
     find_faces,
     loop_batches,
 )
-from loops.assembly import contact_tangent
-from loops.graph import contact_state
 from loops.in_place import inverse_at_contacts
 from loops.system import packing_system, stiffness_matrix
 from stability.packing.loop_quantities import (
     EXPECTED,
-    indicators,
     least_squares_nonaffinity,
     local_density,
     soft_participation,

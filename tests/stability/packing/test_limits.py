@@ -9,10 +9,11 @@ import sys
 import numpy as np
 import pytest
 
+from grainloops import replay
 from loops import GrainGraph, Scene, find_faces
 from loops.contacts import contacts_at_start, start_state
 from stability import Programme, Stage, follow
-from stability.packing import rattlers, regime_factor, replay, strain_increment, sustain
+from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.amplitudes import stage_along
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.sustain import (

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from grainloops import replay
 from loops import (
     LinearFrictional,
     Scene,
@@ -12,7 +13,7 @@ from loops import (
     love_weber_stress,
 )
 from stability import rates_at
-from stability.packing import loop_changes, loop_rates, replay
+from stability.packing import loop_changes, loop_rates
 from tests.packings import (
     LAW,
     balanced,

@@ -17,10 +17,9 @@ from loops.system import (
     stiffness_matrix,
 )
 from patterns import read_snapshot, sample_path
-from stability import restrict
+from stability import restrict, subspace_basis
 from stability.complementarity import solve_from
 from stability.packing import loops_at_yield
-from stability.spectra import subspace_basis
 from tests.packings import LAW, packing
 
 ROUGH = Path(__file__).parents[2] / "studies/series/rough/grains_04.csv.gz"

@@ -10,8 +10,15 @@ from functools import partial
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, Scene, contact_state
-from loops.boundary import PlaneContacts
+from loops import (
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    PlaneContacts,
+    Regime,
+    Scene,
+    contact_state,
+)
 from stability import Stage, follow
 from stability.programmes import drained_biaxial
 from tests.oracles.lattices import lattice

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from grainloops import hold, replay
 from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from loops.laws.of_pairs import require_movable
 from stability import Stage, follow, programmes
-from stability.packing import hold, replay
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box

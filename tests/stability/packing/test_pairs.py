@@ -7,8 +7,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import CohesiveFrictional, GrainGraph, HertzMindlin, LinearFrictional, RollingResistance
-from loops.boundary import PlaneContacts
+from loops import (
+    CohesiveFrictional,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    PlaneContacts,
+    RollingResistance,
+)
 from loops.contacts import AT_YIELD, contacts_of, start_state
 from loops.laws.of_pairs import law_of
 from loops.neighbours import codes, near_pairs, ordered

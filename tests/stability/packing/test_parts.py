@@ -6,10 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError
-from loops.graph import contact_state
+from loops import GrainGraph, InputError, Scene, contact_state
 from loops.laws.of_pairs import as_known, require_movable
-from loops.scene import Scene
 from stability.complementarity import principal_transform, scaled_definite
 from stability.packing import regime_regions
 from stability.packing.regime_regions import RegimeRegions, cones

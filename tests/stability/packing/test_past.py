@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainloops import replay
 from loops import InputError, Scene
 from loops.contacts import contacts_of, start_state
-from stability import Stage, follow
-from stability.packing import equations_of_motion, replay
+from stability import Programme, Stage, follow
+from stability.packing import equations_of_motion
 from stability.packing import past as past_module
 from stability.packing.equations_of_motion import (
     Moving,
@@ -21,7 +22,6 @@ from stability.packing.equations_of_motion import (
     step_of,
 )
 from stability.packing.past import OTHER_WAYS, Dynamic, past_of
-from stability.programmes import Programme
 from tests.packings import BRANCH, jammed, strained
 from tests.stability.packing.test_path import H, followed, unaccounted
 

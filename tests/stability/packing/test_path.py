@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from grainloops import replay
 from loops import (
     GrainGraph,
     InputError,
@@ -18,13 +19,9 @@ from loops import (
     find_faces,
 )
 from loops.neighbours import near_pairs, ordered
-from stability import Stage, follow, rates_at
-from stability.packing import (
-    loop_changes,
-    loop_rates,
-    replay,
-)
-from stability.programmes import Programme, drained_biaxial
+from stability import Programme, Stage, follow, rates_at
+from stability.packing import loop_changes, loop_rates
+from stability.programmes import drained_biaxial
 from tests.packings import BRANCH, JAMMED, LAW, diamonds, jammed, strained
 from tests.stability.packing.recorded import PURE, hertz_of
 from tests.yade_slow import in_collection, predicted, slow, strain_between

@@ -6,8 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Scene
-from loops.boundary import PlaneContacts
+from loops import GrainGraph, LinearFrictional, PlaneContacts, Scene
 from stability import Stage, follow, programmes, rates_at
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box, some_of
 

@@ -5,8 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, Scene, affine_tangent, find_faces
-from loops.boundary import Boundary
+from loops import Boundary, InputError, LinearFrictional, Scene, affine_tangent, find_faces
 from patterns.diamond import tangent
 from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import complementarity, plane_cone, rates_at, regimes, restrict

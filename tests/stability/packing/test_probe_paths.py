@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, Scene, find_faces
-from stability import follow
+from stability import Programme, Stage, follow
 from stability.packing import probe
 from stability.packing.amplitudes import probe_to
 from stability.packing.path import follow_packing
-from stability.programmes import Programme, Stage
 from tests.packings import LAW, jammed
 
 

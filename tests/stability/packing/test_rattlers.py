@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, Scene
-from loops.boundary import PlaneContacts
+from loops import GrainGraph, HertzMindlin, LinearFrictional, PlaneContacts, Scene
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.cages import normals_and_overlaps, parting_and_slip, work_of_shear

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.linalg import expm, logm
 
+from grainloops import replay
 from loops import (
     GrainGraph,
     HertzMindlin,
@@ -21,7 +22,7 @@ from loops.contacts import contacts_of, start_state
 from loops.neighbours import near_pairs
 from patterns import read_snapshot, sample_path
 from stability import Stage, follow
-from stability.packing import loop_changes, replay
+from stability.packing import loop_changes
 from stability.packing.equations_of_motion import (
     Moving,
     largest_step,

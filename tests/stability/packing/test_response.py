@@ -5,21 +5,23 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from loops import (
+    Boundary,
     GrainGraph,
     HertzMindlin,
     InputError,
     LinearFrictional,
+    PlaneContacts,
     Regime,
     RollingResistance,
     Scene,
     affine_tangent,
     assemble_tangent,
+    boundary_of,
     branch_vectors,
     contact_forces,
     contact_state,
     contact_tangent,
 )
-from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.gears import spin_modes
 from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from grainloops import hold, replay
 from loops import (
     FrictionalLaw,
     GrainGraph,
@@ -17,7 +18,6 @@ from loops import (
 )
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
-from stability.packing import hold, replay
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
 from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import hold
 from loops import GrainGraph, InputError, LinearFrictional, Scene
 from loops.contacts import contacts_of, start_state
-from patterns import read_snapshot
-from patterns.snapshots import sample_path
+from patterns import read_snapshot, sample_path
 from stability import follow
 from stability.complementarity import (
     STARTS,
@@ -22,7 +22,7 @@ from stability.complementarity import (
     solve_complementarity,
     solve_from,
 )
-from stability.packing import hold, probe
+from stability.packing import probe
 from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.probe import probe_edge

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph
-from loops.boundary import PlaneContacts
+from loops import GrainGraph, PlaneContacts
 from loops.contacts import start_state
 from loops.laws.of_pairs import as_known
 from stability.packing.point import PackingPoint

@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene
 from loops.system import carrying_grains
-from patterns.synthetic import synthetic_network
+from patterns import synthetic_network
 from stability import rates_at
 from stability.complementarity import Complementarity
 from stability.packing import probe, response

@@ -11,19 +11,20 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
 
+from grainloops import replay
 from loops import (
     GrainGraph,
     HertzMindlin,
     InputError,
     LinearFrictional,
+    PlaneContacts,
     RollingResistance,
     Scene,
     find_faces,
 )
-from loops.boundary import PlaneContacts
 from loops.contacts import start_state
 from stability import Stage
-from stability.packing import replay, sustain
+from stability.packing import sustain
 from stability.packing.path_solver import PackingPathSolver
 from stability.packing.sustain import (
     FLOW_STRAIN,

@@ -9,20 +9,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance, Scene, find_faces
-from loops.boundary import Boundary, PlaneContacts
+from grainloops import hold, replay
+from loops import (
+    Boundary,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    PlaneContacts,
+    RollingResistance,
+    Scene,
+    find_faces,
+)
 from loops.contacts import start_state
 from loops.in_place import loops_in_place
 from patterns import random_loop
 from stability import Stage, follow, programmes, rates_at
-from stability.packing import (
-    hold,
-    loop_changes,
-    loop_rates,
-    probe,
-    replay,
-    sustain,
-)
+from stability.packing import loop_changes, loop_rates, probe, sustain
 from stability.packing.loop_quantities import LoopRates
 from tests.packings import BRANCH, LAW, jammed, packing, strained
 from tests.stability.packing.test_hertz_paths import hertz_of

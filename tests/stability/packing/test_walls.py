@@ -6,18 +6,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from grainloops import hold, replay
 from loops import (
     GrainGraph,
     HertzMindlin,
     InputError,
     LinearFrictional,
+    PlaneContacts,
     Scene,
     contact_state,
 )
-from loops.boundary import PlaneContacts
 from loops.contacts import start_state
 from stability import Programme, Stage, follow, programmes, rates_at
-from stability.packing import hold, probe, replay
+from stability.packing import probe
 from stability.packing.amplitudes import probe_to
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import (

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from loops import GrainGraph, LinearFrictional, Scene
-from loops.boundary import Boundary, PlaneContacts
+from grainloops import replay
+from loops import Boundary, GrainGraph, LinearFrictional, PlaneContacts, Scene
 from patterns import Snapshot, WallContacts
-from stability.packing import replay
 from tests.packings import BRANCH, LAW, jammed
 
 # As in `tests.packings`: told here, for a replay turns on rounding.

@@ -7,8 +7,7 @@ import pytest
 
 from loops import LinearFrictional, Regime
 from patterns import diamond, regular_polygon
-from stability import Stage, programmes
-from stability.path import Event
+from stability import Event, Stage, programmes
 from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
 from stability.paths.state import Mode, contacts_at, pack, scales, unpack

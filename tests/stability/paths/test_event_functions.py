@@ -7,8 +7,8 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state, macroscopic_tangent
 from patterns import diamond, regular_polygon
-from stability import Stage, follow, programmes
-from stability.path import Event, describe
+from stability import Event, Stage, follow, programmes, restrict, symmetric_spectrum
+from stability.path import describe
 from stability.paths.model import path_model
 from stability.paths.path_segment import (
     _spectra,
@@ -18,7 +18,6 @@ from stability.paths.path_segment import (
 from stability.paths.record import record_changes, record_jumps
 from stability.paths.regimes import path_symmetry
 from stability.paths.state import Mode, initial_state
-from stability.spectra import restrict, symmetric_spectrum
 
 CLOSURES = ("affine", "traction")
 ELASTIC = LinearFrictional(kn=1.0, kt=0.2)

@@ -12,11 +12,11 @@ from loops import (
     LinearFrictional,
     Regime,
     contact_state,
+    polygon_area,
 )
-from loops.geometry import polygon_area
 from patterns import random_loop, regular_polygon
-from stability import programmes
-from stability.path import Event, describe
+from stability import Event, programmes
+from stability.path import describe
 from stability.paths.model import pair_keys, path_model, with_contact
 from stability.paths.record import (
     Record,

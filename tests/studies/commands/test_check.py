@@ -9,15 +9,8 @@ import pytest
 
 from patterns import sample_path
 from patterns.snapshots.snapshot import SAMPLE
-from studies.cli import main
+from tests.command import refusal, run
 from tests.patterns import snapshot_faults as faults
-
-
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr("sys.argv", ["grainloops", "check", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code
 
 
 @pytest.fixture
@@ -28,16 +21,16 @@ def spoilt(tmp_path):
     return deck.write(tmp_path)
 
 
-def test_healthy(monkeypatch, capsys):
-    assert run(monkeypatch, sample_path()) == 0
+def test_healthy(capsys):
+    assert run("check", sample_path()) == 0
     shown = capsys.readouterr().out
     assert "verdict: ok" in shown and "doubt " not in shown
     assert "N is 1 times kn times the overlap" in shown
 
 
-def test_findings_are_printed_and_written(monkeypatch, capsys, spoilt, tmp_path):
+def test_findings_are_printed_and_written(capsys, spoilt, tmp_path):
     out = tmp_path / "out"
-    assert run(monkeypatch, spoilt, "--out", out, "--csv") == 0
+    assert run("check", spoilt, "--out", out, "--csv") == 0
     shown = capsys.readouterr().out
     assert "doubt  stiffness      N is 1e+04 times" in shown and "fn is tension positive" in shown
     summary = json.loads((out / "summary.json").read_text())
@@ -48,11 +41,11 @@ def test_findings_are_printed_and_written(monkeypatch, capsys, spoilt, tmp_path)
 
 
 @pytest.mark.parametrize(("options", "status"), [((), 1), (("--exit-zero",), 0)])
-def test_status_of_an_error(monkeypatch, capsys, tmp_path, options, status):
+def test_status_of_an_error(capsys, tmp_path, options, status):
     deck = faults.Tables("csv", sample_path())
     faults.flip(deck)
     path = deck.write(tmp_path)
-    assert run(monkeypatch, path, "--json", *options) == status
+    assert run("check", path, "--json", *options) == status
     summary = json.loads(capsys.readouterr().out)
     assert summary["verdict"] == "error"
     (error,) = [row for row in summary["checks"] if row["severity"] == "error"]
@@ -60,9 +53,9 @@ def test_status_of_an_error(monkeypatch, capsys, tmp_path, options, status):
 
 
 @pytest.mark.parametrize("options", [(), ("--exit-zero",)])
-def test_every_unreadable_file_is_explained(monkeypatch, capsys, tmp_path, options):
+def test_every_unreadable_file_is_explained(capsys, tmp_path, options):
     names = [tmp_path / f"grains_{k}.csv" for k in (1, 2)]
-    assert run(monkeypatch, names[0], sample_path(), names[1], *options) == 2
+    assert run("check", names[0], sample_path(), names[1], *options) == 2
     captured = capsys.readouterr()
     assert "1 snapshots" in captured.out
     told = captured.err.splitlines()
@@ -94,10 +87,10 @@ def slow(tmp_path_factory):
 
 @pytest.mark.parametrize("rotations", [True, False])
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "doubt"), (1.0, "ok"), (2.0, "doubt")])
-def test_kt_of_a_series(monkeypatch, capsys, slow, factor, verdict, rotations):
+def test_kt_of_a_series(capsys, slow, factor, verdict, rotations):
     """T increments say what kt is, from the grains' own motion."""
     cells = ("--cells", SAMPLE / "slow" / "cells.csv", "--shear-increment", "radii")
-    assert run(monkeypatch, *slow(factor, rotations), *cells, "--json") == 0
+    assert run("check", *slow(factor, rotations), *cells, "--json") == 0
     found = json.loads(capsys.readouterr().out)
     told = [row for row in found["checks"] if row["check"] == "kt"]
     assert [row["severity"] for row in told] == [verdict]
@@ -107,22 +100,17 @@ def test_kt_of_a_series(monkeypatch, capsys, slow, factor, verdict, rotations):
     assert found["verdict"] == verdict
 
 
-def test_cells_of_other_snapshots(monkeypatch, capsys):
+def test_cells_of_other_snapshots(capsys):
     cells = SAMPLE / "slow" / "cells.csv"
-    assert run(monkeypatch, sample_path("grains_periodic.parquet"), "--cells", cells) == 2
+    assert run("check", sample_path("grains_periodic.parquet"), "--cells", cells) == 2
     assert "no number in it" in capsys.readouterr().err
-    assert run(monkeypatch, sample_path(), "--cell", "1,0,0,1", "--cells", cells) == 2
+    assert run("check", sample_path(), "--cell", "1,0,0,1", "--cells", cells) == 2
     assert "--cell, --cells" in capsys.readouterr().err
 
 
-def test_snapshot_refuses_an_error_of_check(monkeypatch, capsys, tmp_path):
+def test_snapshot_refuses_an_error_of_check(capsys, tmp_path):
     deck = faults.Tables("csv", sample_path())
     faults.flip(deck)
     path = deck.write(tmp_path)
-    monkeypatch.setattr(
-        "sys.argv", ["grainloops", "snapshot", str(path), "--out", str(tmp_path / "o")]
-    )
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2 and "they pull" in capsys.readouterr().err
+    assert "they pull" in refusal(capsys, "snapshot", path, "--out", tmp_path / "o")
     assert not (tmp_path / "o").exists()

@@ -1,7 +1,6 @@
 """Domains of loops of any order: the fan against single paths, exact thresholds and slopes."""
 
 import json
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +8,7 @@ import pandas as pd
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state
-from patterns import regular_polygon
-from patterns.polygons import opposite_gap
+from patterns import opposite_gap, regular_polygon
 from stability import Stage, follow, restrict, symmetric_part
 from stability.paths.domain import (
     CONTROLS,
@@ -20,7 +18,6 @@ from stability.paths.domain import (
     FanLimits,
     stability_measures,
 )
-from studies.cli import main
 from studies.domain import Case, first_losses
 from studies.examples.larger_loops import rolling_threshold
 from studies.loop_domain import (
@@ -32,6 +29,7 @@ from studies.loop_domain import (
     unstable_share,
 )
 from studies.paths.options import PolygonOptions
+from tests.command import refusal, run
 
 KAPPA = 0.3
 KIND = {("det_Ks_zero", "diagonal"): "det_Ks_zero", ("det_K_zero", "diagonal"): "det_K_zero",
@@ -317,15 +315,11 @@ def test_free_spins_are_unstable_from_the_first_load():
 
 
 @pytest.mark.slow
-def test_rolling_springs_reach_the_contacts(tmp_path, monkeypatch, capsys):
+def test_rolling_springs_reach_the_contacts(tmp_path, capsys):
     """Free spins: the isotropic loss is that of both springs in series."""
     asked = "domain --directions 3 --order 6 --closure traction --spins free --rolling 0.05"
-    asked = [*asked.split(), "--phi", "90", "--kappa", "0.3", "--json"]
-    command = ["grainloops", *asked, "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", command)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    more = ("--phi", 90, "--kappa", 0.3, "--json", "--out", tmp_path / "out")
+    assert run(*asked.split(), *more) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["provenance"]["configuration"]["loops"][0]["rolling"] == 0.05
     table = pd.read_parquet(tmp_path / "out" / "domain.parquet")
@@ -364,33 +358,21 @@ def test_study_of_two_orders(tmp_path):
         (["--closure", "traction"], "--order, --compare, --radii or --snapshot with them"),
     ],
 )
-def test_bad_input_gives_one_line(tmp_path, monkeypatch, capsys, arguments, message):
-    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), *arguments]
-    monkeypatch.setattr(sys, "argv", command)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1 and message in said[0]
+def test_bad_input_gives_one_line(tmp_path, capsys, arguments, message):
+    assert message in refusal(capsys, "domain", "--out", tmp_path / "out", *arguments)
 
 
-def test_loop_of_a_snapshot(tmp_path, monkeypatch, capsys, undrawn):
+def test_loop_of_a_snapshot(tmp_path, capsys, undrawn):
     from patterns import sample_path
 
-    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), "--directions", "3",
-               "--closure", "traction", "--snapshot", str(sample_path()), "--json"]  # fmt: skip
-    monkeypatch.setattr(sys, "argv", [*command, "--loop", "5"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    asked = ("domain", "--out", tmp_path / "out", "--directions", 3, "--closure", "traction")
+    asked += ("--snapshot", sample_path(), "--json", "--loop")
+    assert run(*asked, 5) == 0
     (found,) = json.loads(capsys.readouterr().out)["loops"]
     # The sample's contacts, whatever the options' defaults are.
     assert found["limits"] and found["kappa"] == pytest.approx(0.5, abs=1e-12)
     assert found["phi_deg"] == pytest.approx(np.degrees(np.arctan(0.5)), abs=1e-12)
-    monkeypatch.setattr(sys, "argv", [*command, "--loop", "100000"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
+    assert run(*asked, 100_000) == 2
 
 
 def test_an_unknown_control_is_refused():

@@ -11,7 +11,7 @@ import grainloops as gl
 from studies.loop_domain import LoopDomainParameters, loop_domains
 from studies.paths.options import PolygonOptions
 from studies.present_domain import ENDS, loop_domain_figure
-from tests.studies.snapshot.test_run import run
+from tests.command import run
 
 KAPPA, START = 0.2, 0.3
 
@@ -78,10 +78,10 @@ def test_what_is_no_loop_or_has_no_closure_is_refused():
         gl.loop_domain(gl.loop(snapshot, 62))
 
 
-def test_the_command_writes_the_boundary(monkeypatch, capsys, tmp_path):
+def test_the_command_writes_the_boundary(capsys, tmp_path):
     out = tmp_path / "out"
     asked = ("domain", "--snapshot", gl.sample_path(), "--loop", 62, "--directions", 9)
-    assert run(monkeypatch, *asked, "--closure", "traction", "--out", out) == 0
+    assert run(*asked, "--closure", "traction", "--out", out) == 0
     rows = pd.read_parquet(out / "boundary.parquet")
     (loop,) = json.loads((out / "summary.json").read_text())["loops"]
     assert loop["ended_by"] == rows["kind"].value_counts().to_dict()

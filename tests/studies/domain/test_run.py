@@ -1,7 +1,6 @@
 """The bifurcation domain: exact losses along strain programmes, and what the study writes."""
 
 import json
-import sys
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,6 @@ from loops import InputError, LinearFrictional, Scene, affine_tangent, boundary_
 from patterns import diamond
 from patterns.diamond import sliding_moduli, tangent
 from stability import Stage, follow, programmes, restrict, symmetric_part
-from studies.cli import main
 from studies.domain import (
     PAPER_CASES,
     Case,
@@ -24,6 +22,7 @@ from studies.domain import (
     run_domain,
     sticking_det_Ks,
 )
+from tests.command import refusal
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
 CASES = (*PAPER_CASES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))
@@ -240,15 +239,8 @@ def test_without_friction_angle_nothing_slides(tmp_path):
         (["--directions", "10"], "--directions: got 10, expected an odd number"),
     ],
 )
-def test_bad_input_gives_one_line(tmp_path, monkeypatch, capsys, arguments, message):
-    command = ["grainloops", "domain", "--out", str(tmp_path / "out"), *arguments]
-    monkeypatch.setattr(sys, "argv", command)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1
-    assert message in said[0]
+def test_bad_input_gives_one_line(tmp_path, capsys, arguments, message):
+    assert message in refusal(capsys, "domain", "--out", tmp_path / "out", *arguments)
 
 
 def test_empty_list_is_refused():

@@ -17,9 +17,9 @@ from stability.packing import loop_changes
 from studies.beside_dem import dem_comparison_summary
 from studies.evolve import run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
+from tests.command import run
 from tests.packings import BRANCH, LAW, jammed
 from tests.studies.probe.test_run import plain
-from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
 CELLS = sample_path("slow/cells.csv")
@@ -33,7 +33,7 @@ def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "path"
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
-        status = run(patch, "evolve", *SLOW, "--cells", CELLS, "--shear-increment", "radii",
+        status = run("evolve", *SLOW, "--cells", CELLS, "--shear-increment", "radii",
                      "--axis", "2", "--to", "2e-5", "--rows", "2", "--out", out)  # fmt: skip
     assert status == 0
     return out
@@ -89,18 +89,18 @@ def test_a_path_tells_how_far_it_is(small):
 
 
 @pytest.mark.slow
-def test_a_path_past_instabilities_says_how_far_another_way_is(tmp_path, monkeypatch, capsys):
+def test_a_path_past_instabilities_says_how_far_another_way_is(tmp_path, capsys):
     grains, out, graph = tmp_path / "grains.parquet", tmp_path / "out", jammed(36, 5, BRANCH)
     regime = np.ones(graph.contact_count, dtype=np.int8)
     ids = np.arange(graph.grain_count)
     write_snapshot(grains, Snapshot(graph, BRANCH, regime, ids, 0, ()))
     asked = ["--axis", "2", "--to", "-0.0152", "--interval", "1e-4", "--shear-increment", "branch"]
     asked += ["--no-figures", "--out", out]
-    assert run(monkeypatch, "evolve", grains, *asked) == 0
+    assert run("evolve", grains, *asked) == 0
     said = "spread of the stress after the first instability: "
     assert said + "not computed (use --spread)" in capsys.readouterr().out
     assert json.loads((out / "summary.json").read_text())["stress_spread"] is None
-    assert run(monkeypatch, "evolve", grains, *asked, "--spread", "--force") == 0
+    assert run("evolve", grains, *asked, "--spread", "--force") == 0
     summary = json.loads((out / "summary.json").read_text())
     stage = Stage(programmes.drained_biaxial(2, -1.0), "parameter", 0.0152)
     how = {"rows": 20, "interval": 1e-4, "spread": True}
@@ -169,9 +169,9 @@ def test_grains_and_loops_keep_the_ids_of_the_file(small, tmp_path):
         assert list(ids) == snapshot.ids[faces.grains[a:b]].tolist()
 
 
-def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, monkeypatch, capsys):
+def test_where_and_why_a_path_ends_is_one_sentence(small, tmp_path, capsys):
     out = tmp_path / "out"
-    status = run(monkeypatch, "evolve", small[0], "--to", "0.2", "--interval", "1e-3", "--out", out)
+    status = run("evolve", small[0], "--to", "0.2", "--interval", "1e-3", "--out", out)
     assert status == 0
     _, first, *_ = capsys.readouterr().out.splitlines()
     summary = json.loads((out / "summary.json").read_text())
@@ -214,11 +214,11 @@ def test_a_path_whose_intervals_run_out_keeps_its_rows_and_the_last_state(
 
 
 @pytest.mark.parametrize("axis", [1, 2])
-def test_simple_shear_drives_its_own_strain_and_stress(small, tmp_path, monkeypatch, capsys, axis):
+def test_simple_shear_drives_its_own_strain_and_stress(small, tmp_path, capsys, axis):
     """By path and replay; the command prints the shear stress too."""
     ways = ("--programme", "simple-shear", "--axis", axis, "--to", -1e-3, "--rows", 2)
     how = ("--interval", 5e-5, "--by", "both", "--no-figures")
-    assert run(monkeypatch, "evolve", small[0], *ways, *how, "--out", tmp_path / "out") == 0
+    assert run("evolve", small[0], *ways, *how, "--out", tmp_path / "out") == 0
     driven = f"H{axis}{3 - axis}"
     for name in ("path", "replay"):
         table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
@@ -316,9 +316,9 @@ def test_programmes_drive_what_they_say(programme, sense, small):
         ([], "Missing option '--to'"),
     ],
 )
-def test_bad_options_are_one_clear_line(small, monkeypatch, capsys, tmp_path, arguments, said):
+def test_bad_options_are_one_clear_line(small, capsys, tmp_path, arguments, said):
     out = tmp_path / "out"
-    assert run(monkeypatch, "evolve", small[0], "--out", out, *arguments) == 2
+    assert run("evolve", small[0], "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
 
@@ -375,7 +375,7 @@ def test_a_sample_between_walls_is_followed_beside_its_later_states(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["files", "folder"])
-def test_companions_stand_beside_the_path_as_given(small, tmp_path, monkeypatch, kind):
+def test_companions_stand_beside_the_path_as_given(small, tmp_path, kind):
     """Links of other names in another folder, or a link to the folder: not beside their targets.
 
     `evolve` and `series` read as planned, `snapshot` and `probe` by `read_planar`.
@@ -396,7 +396,7 @@ def test_companions_stand_beside_the_path_as_given(small, tmp_path, monkeypatch,
     for path, how in ((planned.path, planned.how), (given, {})):
         read = read_planar(path, **how)
         assert np.array_equal(read.graph.normal_force, snapshot.graph.normal_force)
-    assert run(monkeypatch, "check", given) == 0
+    assert run("check", given) == 0
     # The digest that a series goes on by knows all three files.
     before = planned.fingerprint
     (target if kind == "folder" else links).joinpath("cell_1.json").unlink()

@@ -7,8 +7,8 @@ import pytest
 from loops import InputError
 from studies.paths.diamond import model_summary
 from studies.paths.options import DiamondOptions, PolygonOptions
+from tests.command import run
 from tests.studies.paths.followed import followed
-from tests.studies.snapshot.test_run import run
 
 
 @pytest.mark.parametrize(
@@ -35,12 +35,12 @@ def test_an_unknown_model_is_refused():
         PolygonOptions(5, model="small")
 
 
-def test_the_command_takes_and_says_the_model(tmp_path, undrawn, monkeypatch, capsys):
+def test_the_command_takes_and_says_the_model(tmp_path, undrawn, capsys):
     runs = {}
     for model in ("auto", "full"):
         out = tmp_path / model
         words = ["polygon", "--order", "4", "--end", "0.2", "--model", model, "--out", out]
-        assert run(monkeypatch, *words) == 0
+        assert run(*words) == 0
         assert f"model {model}: symmetry" in capsys.readouterr().out
         runs[model] = json.loads((out / "summary.json").read_text())
     assert runs["auto"]["model"]["freedoms"] == "2 of 8"

@@ -1,26 +1,16 @@
 """The command `grainloops polygon`: keys, one-line errors, exit codes."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 from patterns import random_loop, regular_polygon, sample_path
-from studies import cli
+from tests.command import run
 
 
-def run(monkeypatch, *arguments):
-    """Exit status of the command, in this process."""
-    monkeypatch.setattr(sys, "argv", ["grainloops", "polygon", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    return stop.value.code
-
-
-def test_json(monkeypatch, capsys, tmp_path, undrawn):
-    code = run(
-        monkeypatch, "--order", "5", "--kappa", "0.25", "--closure", "traction", "--confine",
+def test_json(capsys, tmp_path, undrawn):
+    code = run("polygon", "--order", "5", "--kappa", "0.25", "--closure", "traction", "--confine",
         "0.05", "--end", "0.08", "--json", "--out", str(tmp_path / "out"),
     )  # fmt: skip
     assert code == 0
@@ -30,15 +20,15 @@ def test_json(monkeypatch, capsys, tmp_path, undrawn):
     assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
-def test_compare(monkeypatch, capsys, tmp_path, undrawn):
+def test_compare(capsys, tmp_path, undrawn):
     folder = tmp_path / "out"
     arguments = ("--compare", "3,5", "--confine", "0.05", "--end", "0.06", "--out", str(folder))
-    assert run(monkeypatch, *arguments) == 0
+    assert run("polygon", *arguments) == 0
     assert "order" in capsys.readouterr().out
     assert (folder / "compare.parquet").exists()
     # Nothing is replaced unasked.
-    assert run(monkeypatch, *arguments) == 2
-    assert run(monkeypatch, *arguments, "--force") == 0
+    assert run("polygon", *arguments) == 2
+    assert run("polygon", *arguments, "--force") == 0
 
 
 @pytest.mark.parametrize(
@@ -66,8 +56,8 @@ def test_compare(monkeypatch, capsys, tmp_path, undrawn):
         ([], "--order"),
     ],
 )
-def test_bad_input_is_one_line(monkeypatch, capsys, tmp_path, arguments, word):
-    assert run(monkeypatch, *arguments, "--out", str(tmp_path / "out")) == 2
+def test_bad_input_is_one_line(capsys, tmp_path, arguments, word):
+    assert run("polygon", *arguments, "--out", str(tmp_path / "out")) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
     assert shown.err.count("\n") == 1
@@ -82,14 +72,14 @@ def write_ring(path, x, radii):
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_centres_of_a_regular_loop_give_its_path(monkeypatch, capsys, tmp_path, undrawn, order):
+def test_centres_of_a_regular_loop_give_its_path(capsys, tmp_path, undrawn, order):
     """Whatever its size, its place and the sense in which its grains are listed."""
     x = (20.0 * regular_polygon(5).x + 3.0)[::order]
     how = ["--closure", "traction", "--confine", "0.05", "--end", "0.08", "--json", "--out"]
     given = (write_ring(tmp_path / "ring.csv", x, [10.0] * 5), ["--order", "5"])
     found = []
     for name, loop in zip("ab", given, strict=True):
-        assert run(monkeypatch, *loop, *how, str(tmp_path / name)) == 0
+        assert run("polygon", *loop, *how, str(tmp_path / name)) == 0
         found.append(json.loads(capsys.readouterr().out)["states"])
     for name in ("A", "end"):
         one, other = (states[name] for states in found)
@@ -97,12 +87,12 @@ def test_centres_of_a_regular_loop_give_its_path(monkeypatch, capsys, tmp_path, 
             assert one[key] == pytest.approx(other[key], abs=1e-13)
 
 
-def test_a_reentrant_loop_of_a_table(monkeypatch, capsys, tmp_path, undrawn):
+def test_a_reentrant_loop_of_a_table(capsys, tmp_path, undrawn):
     """Grains that are off by a tenth are moved until neighbours touch; the move is told."""
     loop = random_loop(8, seed=3, convex=False)
     x = loop.x + 0.02 * np.array([1.0, -1.0]) * (-1.0) ** np.arange(8)[:, None]
     ring = write_ring(tmp_path / "ring.csv", x, loop.radii.tolist())
-    assert run(monkeypatch, *ring, "--end", "0.12", "--json", "--out", str(tmp_path / "out")) == 0
+    assert run("polygon", *ring, "--end", "0.12", "--json", "--out", str(tmp_path / "out")) == 0
     parameters = json.loads(capsys.readouterr().out)["parameters"]
     assert parameters["order"] == 8 and 0.0 < parameters["moved"] < 0.05
 
@@ -111,8 +101,8 @@ def test_a_reentrant_loop_of_a_table(monkeypatch, capsys, tmp_path, undrawn):
     ("rows", "word"),
     [("x,y\n0,0\n", "columns x, y and radius"), ("x,y,radius\n0,0,1\n9,0,1\n0,9,1\n", "in order")],
 )
-def test_tables_that_are_no_loop(monkeypatch, capsys, tmp_path, rows, word):
+def test_tables_that_are_no_loop(capsys, tmp_path, rows, word):
     path = tmp_path / "ring.csv"
     path.write_text(rows)
-    assert run(monkeypatch, "--centres", str(path), "--out", str(tmp_path / "out")) == 2
+    assert run("polygon", "--centres", str(path), "--out", str(tmp_path / "out")) == 2
     assert word in capsys.readouterr().err

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainloops import hold
 from loops import InputError
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.snapshot import sample_boundary
-from stability.packing.hold import hold, unbalanced_force
-from studies.cli import main
+from stability.packing.hold import unbalanced_force
 from studies.evolve import run_evolve
 from studies.probe import run_probe
 from studies.questions import Holding
 from studies.snapshot.in_packing import held_snapshot
+from tests.command import run
 
 WALLS = sample_path()
 
@@ -125,12 +126,8 @@ def test_directions_without_an_answer_stand_first_and_none_at_all_is_exit_1(
             return summary | {"undetermined": undetermined}
 
         monkeypatch.setattr("studies.probe.run_probe", probed)
-        out = str(tmp_path / f"{undetermined}")
-        options = ["--directions", "4", "--no-figures", "--out", out]
-        monkeypatch.setattr("sys.argv", ["grainloops", "probe", str(WALLS), *options])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, capsys.readouterr().out.splitlines()
+        options = ("--directions", 4, "--no-figures", "--out", tmp_path / f"{undetermined}")
+        return run("probe", WALLS, *options), capsys.readouterr().out.splitlines()
 
     status, lines = said(1)
     assert status == 0

@@ -8,14 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import replay
 from loops import InputError, Regime, Scene, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import COMPONENTS, follow, rates_at
-from stability.packing import probe, replay
+from stability.packing import probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
+from tests.command import run
 from tests.packings import LAW, jammed
-from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")
@@ -32,7 +33,7 @@ def results(tmp_path_factory):
     cell = ",".join(map(repr, CELL))
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
-        status = run(patch, "probe", SLOW, "--cell", cell, "--shear-increment", "radii",
+        status = run("probe", SLOW, "--cell", cell, "--shear-increment", "radii",
                      "--directions", "15", "--out", out)  # fmt: skip
     assert status == 0
     return out
@@ -230,7 +231,7 @@ def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
     write_snapshot(grains, Snapshot(graph, LAW, regime, ids, 0, ()))
     out, asked = tmp_path / "out", ("--directions", 3, "--amplitude", 1e-5, "--workers", 1)
     how = (*asked, "--no-figures", "--force", "--out", out)
-    assert run(monkeypatch, "probe", grains, *how) == 0
+    assert run("probe", grains, *how) == 0
     whole = pd.read_parquet(out / "paths.parquet")
     assert json.loads((out / "summary.json").read_text())["ended"] == []
     assert whole["direction"].tolist() == [0, 0, 1, 1, 2, 2] and set(whole["status"]) == {
@@ -242,7 +243,7 @@ def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
     np.testing.assert_allclose(ends["H22"] / 1e-5, told["H22"], rtol=1e-9, atol=1e-12)
     monkeypatch.setattr("studies.probe.follow", partial(follow, max_steps=1))
     capsys.readouterr()
-    assert run(monkeypatch, "probe", grains, *how) == 1
+    assert run("probe", grains, *how) == 1
     table, ended = (
         pd.read_parquet(out / "paths.parquet"),
         json.loads((out / "summary.json").read_text())["ended"],
@@ -273,16 +274,16 @@ AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}
         (["--yield-band", "1.5"], "yield_band: got 1.5, expected a finite number above 0"),
     ],
 )
-def test_bad_options_are_one_clear_line(monkeypatch, capsys, tmp_path, arguments, said):
+def test_bad_options_are_one_clear_line(capsys, tmp_path, arguments, said):
     out = tmp_path / "out"
-    assert run(monkeypatch, "probe", sample_path(), "--out", out, *arguments) == 2
+    assert run("probe", sample_path(), "--out", out, *arguments) == 2
     error = capsys.readouterr().err
     assert said in error and error.count("\n") == 1 and not out.exists()
 
 
-def test_a_snapshot_without_forces_and_one_that_floats_are_refused(monkeypatch, capsys, tmp_path):
+def test_a_snapshot_without_forces_and_one_that_floats_are_refused(capsys, tmp_path):
     out = tmp_path / "out"
-    assert run(monkeypatch, "probe", plain(tmp_path / "a", forces=False), "--out", out) == 2
+    assert run("probe", plain(tmp_path / "a", forces=False), "--out", out) == 2
     assert "no forces" in capsys.readouterr().err
     grains = tmp_path / "grains.csv"
     pd.DataFrame({"id": [0, 1], "x": [0.0, 0.9], "y": [0.0, 0.0], "radius": [0.5, 0.5]}).to_csv(
@@ -291,7 +292,7 @@ def test_a_snapshot_without_forces_and_one_that_floats_are_refused(monkeypatch, 
     chain = {"id1": [0], "id2": [1], "branch_x": [0.9], "branch_y": [0.0], "fn": [1.0]}
     chain |= {"fsx": [0.0], "fsy": [0.0], "kn": [10.0], "ks": [5.0], "mu": [0.5], "sliding": [0]}
     pd.DataFrame(chain).to_csv(tmp_path / "contacts.csv", index=False)
-    assert run(monkeypatch, "probe", grains, "--cell", "5,0,0,5", "--out", out) == 2
+    assert run("probe", grains, "--cell", "5,0,0,5", "--out", out) == 2
     assert "float" in capsys.readouterr().err and not out.exists()
 
 

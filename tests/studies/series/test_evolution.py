@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from loops import (
+    Fate,
     GrainGraph,
     LinearFrictional,
     Regime,
@@ -12,12 +13,11 @@ from loops import (
     branch_vectors,
     contact_forces,
     contact_state,
+    loop_strain,
     love_weber_stress,
     macroscopic_tangent,
     traction_tangent,
 )
-from loops.stress_strain import loop_strain
-from loops.tracking import Fate
 from patterns import Snapshot, loop_of_snapshot, random_loop, synthetic_network
 from studies.series.evolution import (
     PREDICTIONS,

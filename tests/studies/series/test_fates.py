@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 from scipy.stats import norm
 
-from loops.tracking import Fate
+from loops import Fate
 from patterns import sample_path
 from stability import RTOL
 from studies.reading import plan_series, read_planar, reading, with_fingerprints

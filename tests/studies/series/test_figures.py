@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from loops import LinearFrictional, Regime, polygon_area
-from loops.tracking import ExchangeCounts, Fate, exchange_counts
+from loops import Fate, LinearFrictional, Regime, exchange_counts, polygon_area
+from loops.tracking import ExchangeCounts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
 from studies.series.evolution import (

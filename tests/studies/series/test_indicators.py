@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import indicators
 from loops import Scene, branch_vectors
 from patterns import write_snapshot
-from stability.packing import indicators
 from stability.packing.loop_quantities import EXPECTED
 from studies.examples import indicators as benchmark
 from studies.reading import plan_series, reading

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import replay
 from loops import InputError, Scene
 from patterns import Snapshot
 from stability import Stage, follow
-from stability.packing import replay
 from stability.programmes import nominal
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing

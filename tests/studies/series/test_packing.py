@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from grainloops import replay
 from loops import (
     InputError,
     Regime,
@@ -18,18 +19,13 @@ from loops import (
     contact_forces,
     contact_state,
     find_faces,
+    rotation_and_stretch,
 )
 from loops.contacts import start_state
-from loops.stress_strain import rotation_and_stretch
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from patterns.snapshots.snapshot import sample_boundary
 from stability import rates_at
-from stability.packing import (
-    loop_changes,
-    loop_rates,
-    packing_increment,
-    replay,
-)
+from stability.packing import loop_changes, loop_rates, packing_increment
 from studies.commands.snapshot import _series_lines
 from studies.reading import plan_series, reading, rows_by_number
 from studies.series import packing as series_packing

@@ -26,12 +26,12 @@ import studies
 from loops import InputError
 from loops.arrays import one_blas_thread
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.cli import main
 from studies.output import folder_lock, result_folder, write_summary
 from studies.reading import PlannedSnapshot, number_of, reading, with_fingerprints
 from studies.series import workers
 from studies.series.run import run_series
 from studies.snapshot.table import loop_columns
+from tests.command import run as run_command
 
 ROOT = Path(studies.__file__).resolve().parents[1]
 KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()
@@ -455,31 +455,23 @@ def test_snapshots_with_and_without_forces_are_two_series(tmp_path):
     assert "S11" not in summary["last"]
 
 
-def in_process(monkeypatch, *arguments):
-    """Exit status of the command, run here."""
-    monkeypatch.setattr(sys, "argv", ["grainloops", "series", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code
-
-
-def test_the_command(paths, result, tmp_path, monkeypatch, capsys):
+def test_the_command(paths, result, tmp_path, capsys):
     """Prints JSON alone when asked; one line on stderr and status 2 for bad input."""
     options = ("--workers", 1, "--no-figures", "--out")
-    assert in_process(monkeypatch, *paths, *options, tmp_path / "out", "--json") == 0
+    assert run_command("series", *paths, *options, tmp_path / "out", "--json") == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out) == json.loads((result / "summary.json").read_text())
     assert printed.err == ""
     assert contents(tmp_path / "out") == contents(result)
-    assert in_process(monkeypatch, *paths[::-1], *options, tmp_path / "out", "--as-given") == 2
+    assert run_command("series", *paths[::-1], *options, tmp_path / "out", "--as-given") == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.count("\n") == 1 and "another series (other snapshots)" in printed.err
     bad = tmp_path / "grains_77.csv"
     bad.write_text("id,x\n")
     given = (bad, *paths[:2], *options, tmp_path / "o")
-    assert in_process(monkeypatch, *given, "--skip-bad", "--cell=1,2") == 2
-    assert in_process(monkeypatch, *given, "--skip-bad") == 0
+    assert run_command("series", *given, "--skip-bad", "--cell=1,2") == 2
+    assert run_command("series", *given, "--skip-bad") == 0
     assert "skipped: snapshot 2 (grains_77.csv)" in capsys.readouterr().out
 
 

@@ -23,8 +23,8 @@ from studies.snapshot import figures
 from studies.snapshot.in_packing import add_in_packing, held_snapshot, place_columns
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_columns
+from tests.command import run
 from tests.packings import LAW, packing
-from tests.studies.snapshot.test_run import run
 from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")
@@ -64,7 +64,7 @@ def results(tmp_path_factory):
         leave_files_empty(patch)
         cell = ",".join(map(repr, CELL))
         asked = ("--cell", cell, "--in-packing", "whole", "--yield-band", "0.999", "--out", out)
-        assert run(patch, "snapshot", SLOW, *asked) == 0
+        assert run("snapshot", SLOW, *asked) == 0
     return out
 
 
@@ -114,14 +114,14 @@ def test_summary_of_loops_in_place(results, place):
     )
 
 
-def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
+def test_figure_report_and_words(results, tmp_path, capsys):
     assert (results / "in_packing.png").exists()
     page = (results / "report.html").read_text()
     assert '"colour_by":["order","packing_lambda_min","surroundings_lambda_min"' in page
     cell = ",".join(map(repr, CELL))
     asked = ("--cell", cell, "--in-packing", "blocks", "--yield-band", "1", "--figures", "none")
     asked = (*asked, "--out", tmp_path / "r")
-    assert run(monkeypatch, "snapshot", SLOW, *asked) == 0
+    assert run("snapshot", SLOW, *asked) == 0
     said = capsys.readouterr().out
     assert "in its packing: grains rotate freely" in said
     assert "boundary of the sample: periodic cell" in said
@@ -132,9 +132,9 @@ def test_figure_report_and_words(results, monkeypatch, tmp_path, capsys):
     assert summary["provenance"]["configuration"]["in_packing"] == "blocks"
 
 
-def test_without_it_a_snapshot_is_what_it_was(monkeypatch, tmp_path):
+def test_without_it_a_snapshot_is_what_it_was(tmp_path):
     asked = ("--out", tmp_path / "r", "--no-figures")
-    assert run(monkeypatch, "snapshot", sample_path(), *asked) == 0
+    assert run("snapshot", sample_path(), *asked) == 0
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert not set(definitions("snapshot_in_packing")) & set(summary)
     assert summary["definitions"] == definitions("snapshot", "snapshot_forces")
@@ -187,9 +187,9 @@ def test_what_is_said_of_a_state_at_rest():
     assert summary["unstable_by_order"]["packing"]["all"]["mean"] == 5 / 85
 
 
-def test_a_state_at_rest_whose_contacts_stand_below_their_limit(monkeypatch, tmp_path, capsys):
+def test_a_state_at_rest_whose_contacts_stand_below_their_limit(tmp_path, capsys):
     asked = ("--in-packing", "whole", "--hold", "--out", tmp_path / "r", "--figures", "none")
-    assert run(monkeypatch, "snapshot", ROUGH, *asked) == 0
+    assert run("snapshot", ROUGH, *asked) == 0
     assert (
         "At rest no contact stands at its friction limit and every loop is stable in its packing; "
         "if contacts within a thousandth of their limit slide, none of 85 loops would do negative "
@@ -208,7 +208,7 @@ def test_a_state_that_moves_has_no_share(monkeypatch, tmp_path, capsys):
     """The box of 600 grains is on its way; its columns stay, and `--hold` is the remedy."""
     leave_files_empty(monkeypatch)
     asked = ("--in-packing", "whole", "--out", tmp_path / "r", "--figures", "orders,in_packing")
-    assert run(monkeypatch, "snapshot", sample_path(), *asked) == 0
+    assert run("snapshot", sample_path(), *asked) == 0
     said = capsys.readouterr().out
     assert "is withheld, as the state moves: its unbalanced force is 0.011 of" in said
     assert "bring it to rest first with --hold" in said
@@ -229,10 +229,10 @@ def test_a_state_that_moves_has_no_share(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_state_brought_to_rest_has_a_share(box, monkeypatch, tmp_path, capsys):
+def test_a_state_brought_to_rest_has_a_share(box, tmp_path, capsys):
     """Seven contacts are lost, six gained: loops that have changed have no verdict in the table."""
     asked = ("--in-packing", "whole", "--hold", "--out", tmp_path / "r", "--figures", "none")
-    assert run(monkeypatch, "snapshot", sample_path(), *asked) == 0
+    assert run("snapshot", sample_path(), *asked) == 0
     said = capsys.readouterr().out
     assert (
         "At rest no contact stands at its friction limit and every loop is stable in its packing; "
@@ -258,9 +258,9 @@ def test_a_state_brought_to_rest_has_a_share(box, monkeypatch, tmp_path, capsys)
     np.testing.assert_allclose(again["packing_lambda_min_held"], held, rtol=1e-9)
 
 
-def test_one_band_alone(monkeypatch, tmp_path, capsys):
+def test_one_band_alone(tmp_path, capsys):
     asked = ("--in-packing", "whole", "--out", tmp_path / "r", "--figures", "none")
-    assert run(monkeypatch, "snapshot", ROUGH, *asked, "--yield-band", "0.97") == 0
+    assert run("snapshot", ROUGH, *asked, "--yield-band", "0.97") == 0
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     (one,) = summary["packing_at_rest"]["bands"]
     assert one["band"] == 0.97 and (one["unstable"], one["count"], one["confirmed"]) == (26, 85, 1)
@@ -289,26 +289,26 @@ def test_contacts_that_their_slip_drives_on_leave_no_share():
 
 
 @pytest.mark.parametrize("asked", [("--hold",), ("--yield-band", "0.99")])
-def test_a_state_at_rest_is_asked_of_loops_in_place_alone(asked, monkeypatch, tmp_path, capsys):
-    assert run(monkeypatch, "snapshot", sample_path(), *asked, "--out", tmp_path / "r") == 2
+def test_a_state_at_rest_is_asked_of_loops_in_place_alone(asked, tmp_path, capsys):
+    assert run("snapshot", sample_path(), *asked, "--out", tmp_path / "r") == 2
     assert "Add --in-packing" in capsys.readouterr().err and not (tmp_path / "r").exists()
     with pytest.raises(InputError, match="in_packing=True"):
         gl.loop_table(read_snapshot(sample_path()), hold=True)
 
 
 @pytest.mark.parametrize("band", ["0", "1.1", "nan"])
-def test_bands_are_shares(band, monkeypatch, tmp_path, capsys):
+def test_bands_are_shares(band, tmp_path, capsys):
     asked = ("--in-packing", "whole", "--yield-band", band, "--out", tmp_path / "r")
-    assert run(monkeypatch, "snapshot", ROUGH, *asked) == 2
+    assert run("snapshot", ROUGH, *asked) == 2
     assert "above 0, at most 1" in capsys.readouterr().err and not (tmp_path / "r").exists()
 
 
 @pytest.mark.parametrize("asked", ["foo", "", "0", "8", "nan", "patches", "whole,8"])
-def test_nonsense_is_refused(monkeypatch, tmp_path, capsys, asked):
+def test_nonsense_is_refused(tmp_path, capsys, asked):
     cell = ",".join(map(repr, CELL))
     out = tmp_path / "r"
     options = ("--cell", cell, f"--in-packing={asked}", "--out", out, "--no-figures")
-    assert run(monkeypatch, "snapshot", SLOW, *options) == 2
+    assert run("snapshot", SLOW, *options) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "--in-packing" in said
     assert "expected" in said and not out.exists()
@@ -356,14 +356,14 @@ def test_a_single_loop_stands_in_no_packing():
     assert summary["in_packing"]["boundary"] == "4 grains held to the affine motion"
 
 
-def test_a_command_on_one_triangle_says_that_no_loop_is_judged(monkeypatch, tmp_path):
+def test_a_command_on_one_triangle_says_that_no_loop_is_judged(tmp_path):
     angle = np.radians([90, 210, 330])
     x = (1 - 5e-4) / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
     graph = GrainGraph(x, [0.5] * 3, [[0, 1], [1, 2], [2, 0]], normal_force=[5e-4] * 3)
     write_snapshot(tmp_path / "grains_1.csv", snapshot_of(graph))
     out = tmp_path / "out"
     asked = ("--in-packing", "whole", "--figure-format", "svg", "--out", out)
-    assert run(monkeypatch, "snapshot", tmp_path / "grains_1.csv", *asked) == 0
+    assert run("snapshot", tmp_path / "grains_1.csv", *asked) == 0
     assert np.isnan(pd.read_parquet(out / "loops.parquet")["packing_lambda_min"]).all()
     assert (out / "in_packing.svg").read_text().count("no loop judged in its packing") == 2
 

@@ -8,7 +8,7 @@ import pytest
 
 import grainloops as gl
 from studies.snapshot.input_error import half_unit
-from tests.studies.snapshot.test_run import run
+from tests.command import run
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +60,10 @@ def test_digits_of_numbers():
 
 
 @pytest.mark.slow
-def test_the_command_has_columns_shares_and_a_figure(tmp_path, monkeypatch, capsys, sample):
+def test_the_command_has_columns_shares_and_a_figure(tmp_path, capsys, sample):
     out = tmp_path / "out"
     words = ("snapshot", gl.sample_path(), "--input-error", "0.1,0.05", "--out", out)
-    assert run(monkeypatch, *words, "--figures", "certain") == 0
+    assert run(*words, "--figures", "certain") == 0
     assert "certain sign, traction" in capsys.readouterr().out
     table, summary = (
         pd.read_parquet(out / "loops.parquet"),
@@ -83,9 +83,9 @@ def test_the_command_has_columns_shares_and_a_figure(tmp_path, monkeypatch, caps
 
 
 @pytest.mark.parametrize("given", ["few", "-0.1", "0.1,0.2,0.3", "1.5", "0.1,x"])
-def test_other_errors_are_refused_in_one_line(tmp_path, monkeypatch, capsys, given):
+def test_other_errors_are_refused_in_one_line(tmp_path, capsys, given):
     words = ("snapshot", gl.sample_path(), f"--input-error={given}", "--out", tmp_path / "out")
-    assert run(monkeypatch, *words) == 2
+    assert run(*words) == 2
     told = capsys.readouterr().err
     assert told.startswith("grainloops") or "--input-error: got" in told
     assert "digits, or shares from 0 to 1" in told and told.count("\n") == 1

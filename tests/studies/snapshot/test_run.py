@@ -1,6 +1,5 @@
 import json
 import shutil
-import sys
 from itertools import islice
 
 import numpy as np
@@ -20,10 +19,10 @@ from loops import (
 )
 from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
 from stability import restrict, symmetric_part
-from studies.cli import main
 from studies.snapshot import figures, run_snapshot
 from studies.snapshot.quadrons import quadron_figure
 from studies.snapshot.table import loop_columns
+from tests.command import run
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.stability_fraction import space_fraction
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
@@ -63,21 +62,13 @@ CELL = ",".join(repr(float(value)) for value in sample_cell().ravel())
 SYMMETRIC = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
 
 
-def run(monkeypatch, *arguments):
-    """Exit status of the command."""
-    monkeypatch.setattr(sys, "argv", ["grainloops", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return stop.value.code
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     """The command on the periodic sample, run once; its figures are not saved."""
     out = tmp_path_factory.mktemp("results") / "periodic"
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
-        assert run(patch, "snapshot", PERIODIC, "--cell", CELL, "--out", out, "--csv") == 0
+        assert run("snapshot", PERIODIC, "--cell", CELL, "--out", out, "--csv") == 0
     return out
 
 
@@ -133,7 +124,7 @@ def test_unstable_loops_count_the_tables_negative_eigenvalues(results):
     assert (table["traction_lambda_min"] < 0).sum() == 7
 
 
-def test_free_spins_beside_blocked_ones(results, capsys, monkeypatch):
+def test_free_spins_beside_blocked_ones(results, capsys):
     """Cut out of its packing every known loop of five and more is unstable, none of three."""
     table = pd.read_parquet(results / "loops.parquet")
     smallest, order = table["traction_free_lambda_min"], table["order"]
@@ -155,7 +146,7 @@ def test_free_spins_beside_blocked_ones(results, capsys, monkeypatch):
     ordered = ("traction_free_lambda_min", "traction_free_lambda_mid", "traction_free_lambda_max")
     known = table.loc[smallest.notna(), list(ordered)].to_numpy()
     assert (np.diff(known, axis=1) >= 0).all()
-    assert run(monkeypatch, "snapshot", PERIODIC, "--cell", CELL, "--out", results / "again",
+    assert run("snapshot", PERIODIC, "--cell", CELL, "--out", results / "again",
                "--no-figures") == 0  # fmt: skip
     said = capsys.readouterr().out
     assert "no grain is allowed to rotate" in said
@@ -244,9 +235,9 @@ def test_table_of_a_network_whose_loops_are_triangles():
     assert min(grain for row in table["grains"].to_pylist() for grain in row) >= 100
 
 
-def test_json_on_stdout(monkeypatch, tmp_path, capsys):
+def test_json_on_stdout(tmp_path, capsys):
     arguments = ("--out", tmp_path / "r", "--json", "--no-figures")
-    assert run(monkeypatch, "snapshot", write(tmp_path), *arguments) == 0
+    assert run("snapshot", write(tmp_path), *arguments) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "r" / "summary.json").read_text())
     assert printed["orders"] == {"4": 1}
@@ -284,10 +275,10 @@ BAD = [
 
 
 @pytest.mark.parametrize(("tables", "word"), BAD)
-def test_bad_input_gives_one_line_and_writes_nothing(monkeypatch, tmp_path, capsys, tables, word):
+def test_bad_input_gives_one_line_and_writes_nothing(tmp_path, capsys, tables, word):
     path, out = write(tmp_path, **tables), tmp_path / "out"
     before = sorted(tmp_path.iterdir())
-    assert run(monkeypatch, "snapshot", path, "--out", out) == 2
+    assert run("snapshot", path, "--out", out) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
@@ -296,7 +287,7 @@ def test_bad_input_gives_one_line_and_writes_nothing(monkeypatch, tmp_path, caps
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
+def test_crossing_branches_are_named(tmp_path, capsys):
     diagonal = 0.5**0.5
     extra = {
         "id1": [10, 11],
@@ -313,7 +304,7 @@ def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
     }
     contacts = {name: [*values, *extra[name]] for name, values in CONTACTS.items()}
     path = write(tmp_path, contacts=contacts)
-    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out") == 2
+    assert run("snapshot", path, "--out", tmp_path / "out") == 2
     message = capsys.readouterr().err
     assert "1 pairs of crossing branches" in message
     assert "10-12" in message
@@ -324,16 +315,16 @@ def test_crossing_branches_are_named(monkeypatch, tmp_path, capsys):
     contacts["fn"][-1] = 0.5
     path = write(tmp_path, contacts=contacts)
     arguments = ("--out", tmp_path / "out", "--drop-crossings", "--no-figures")
-    assert run(monkeypatch, "snapshot", path, *arguments) == 0
+    assert run("snapshot", path, *arguments) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["orders"] == {"3": 2}
     assert summary["contacts"] == 5
     assert "of grains 11-13" in " ".join(summary["notes"])
 
 
-def test_without_forces_the_geometry_comes_out(monkeypatch, tmp_path, capsys):
+def test_without_forces_the_geometry_comes_out(tmp_path, capsys):
     path = write(tmp_path, contacts=changed(CONTACTS, fn=None, fsx=None, fsy=None, kn=None))
-    assert run(monkeypatch, "snapshot", path, "--out", tmp_path / "out", "--no-figures") == 0
+    assert run("snapshot", path, "--out", tmp_path / "out", "--no-figures") == 0
     assert "no contact forces" in capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["orders"] == {"4": 1}
@@ -344,53 +335,53 @@ def test_without_forces_the_geometry_comes_out(monkeypatch, tmp_path, capsys):
     assert not [name for name in columns if "lambda" in name or "pressure" in name]
 
 
-def test_several_instants_and_column_maps(monkeypatch, tmp_path, capsys):
+def test_several_instants_and_column_maps(tmp_path, capsys):
     path = write(tmp_path, grains={("px" if k == "x" else k): v for k, v in GRAINS.items()})
     arguments = ("snapshot", path, "--out", tmp_path / "out", "--no-figures")
-    assert run(monkeypatch, *arguments) == 2
+    assert run(*arguments) == 2
     assert "--columns x=COLUMN" in capsys.readouterr().err
-    assert run(monkeypatch, *arguments, "--columns", "x=px", "--frame", "-1") == 0
+    assert run(*arguments, "--columns", "x=px", "--frame", "-1") == 0
     assert {file.name for file in (tmp_path / "out").iterdir()} == {
         *("chains.parquet", "loops.parquet", "orders.parquet", "summary.json")
     }
     for wrong in ("x", "x=", "x=px,x=y", "=px"):
-        assert run(monkeypatch, *arguments, "--force", "--columns", wrong) == 2
+        assert run(*arguments, "--force", "--columns", wrong) == 2
         assert "--columns" in capsys.readouterr().err
 
 
-def test_results_are_never_lost(monkeypatch, tmp_path, capsys):
+def test_results_are_never_lost(tmp_path, capsys):
     path, out = write(tmp_path), tmp_path / "out"
     out.mkdir()
     (out / "notes.txt").write_text("mine")
-    assert run(monkeypatch, "snapshot", path, "--out", out) == 2
+    assert run("snapshot", path, "--out", out) == 2
     assert "--force" in capsys.readouterr().err
     assert [file.name for file in out.iterdir()] == ["notes.txt"]
-    assert run(monkeypatch, "snapshot", path, "--out", out, "--force", "--no-figures") == 0
+    assert run("snapshot", path, "--out", out, "--force", "--no-figures") == 0
     plain = {"chains.parquet", "loops.parquet", "orders.parquet", "summary.json"}
     assert {file.name for file in out.iterdir()} == plain | {"notes.txt"}
     before = (out / "summary.json").read_bytes()
     # A failing run with --force leaves what was there.
     broken = write(tmp_path, contacts=at(CONTACTS, "id1", 0, 5))
-    assert run(monkeypatch, "snapshot", broken, "--out", out, "--force") == 2
+    assert run("snapshot", broken, "--out", out, "--force") == 2
     assert (out / "summary.json").read_bytes() == before
-    assert run(monkeypatch, "snapshot", path, "--out", path, "--force") == 2
+    assert run("snapshot", path, "--out", path, "--force") == 2
     assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
 
 
-def test_wrong_usage_is_one_line(monkeypatch, capsys):
+def test_wrong_usage_is_one_line(capsys):
     for arguments in (["snapshot"], ["nothing"], ["snapshot", "--kn", "abc", "x", "--out", "y"]):
-        assert run(monkeypatch, *arguments) == 2
+        assert run(*arguments) == 2
         assert capsys.readouterr().err.count("\n") == 1
-    assert run(monkeypatch, "snapshot", "grains.csv", "--out", "y", "--cell", "1,2") == 2
+    assert run("snapshot", "grains.csv", "--out", "y", "--cell", "1,2") == 2
     assert "--cell: got '1,2'" in capsys.readouterr().err
-    assert run(monkeypatch) == 0
+    assert run() == 0
     assert "snapshot" in capsys.readouterr().out
 
 
-def test_a_snapshot_without_loops_still_gives_its_counts(monkeypatch, tmp_path):
+def test_a_snapshot_without_loops_still_gives_its_counts(tmp_path):
     chain = {name: values[:2] for name, values in CONTACTS.items()}
     out = tmp_path / "out"
-    assert run(monkeypatch, "snapshot", write(tmp_path, contacts=chain), "--out", out) == 0
+    assert run("snapshot", write(tmp_path, contacts=chain), "--out", out) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["loops"], summary["mean_order"], summary["stress"]) == (0, None, None)
     assert summary["dangling_grains"] == 4
@@ -403,7 +394,7 @@ def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
     two = lambda *given, **links: islice(drawn(*given, **links), 2)  # noqa: E731
     monkeypatch.setattr(figures, "snapshot_figures", two)
     for name in ("one", "two"):
-        assert run(monkeypatch, "snapshot", path, "--out", tmp_path / name) == 0
+        assert run("snapshot", path, "--out", tmp_path / name) == 0
     for file in (tmp_path / "one").iterdir():
         assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
 

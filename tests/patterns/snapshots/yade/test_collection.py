@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from loops import InputError, love_weber_stress
-from patterns.snapshots.formats import FORMATS, read_snapshot
+from patterns import read_snapshot
+from patterns.snapshots.formats import FORMATS
 from tests.patterns.snapshots.yade_samples import by_pair, cycles, snapshot_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")

@@ -7,7 +7,8 @@ import re
 import pytest
 
 from loops import InputError
-from patterns.snapshots.formats import FORMATS, format_of, read_snapshot
+from patterns import read_snapshot
+from patterns.snapshots.formats import FORMATS, format_of
 from patterns.snapshots.frame import Source
 from patterns.snapshots.yade_save import frame_of_save, read_save
 from tests.patterns.snapshots.yade_samples import (
