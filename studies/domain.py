@@ -49,7 +49,7 @@ from patterns.diamond.strain_lines import (
     strain_line,
     yield_position,
 )
-from studies.output import UNITS, Summary, definitions
+from studies.output import Summary, definitions
 from studies.paths.options import inside
 from studies.study import study
 from studies.style import (
@@ -263,7 +263,7 @@ def run_domain(parameters: DomainParameters, out: Path, **files: Any) -> Summary
 
     `files` are `force`, `csv` and `figures` of a study.
     """
-    with study("domain", out, parameters.described(), UNITS["domain"], **files) as results:
+    with study("domain", out, parameters.described(), **files) as results:
         table = domain_table(parameters.cases(), parameters.directions)
         drawings = [("domain", lambda: domain_figure(table, parameters.cases()))]
         summary = domain_summary(table, parameters)

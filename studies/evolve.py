@@ -26,7 +26,7 @@ from stability.packing import LoopRates, loop_changes, replay
 from stability.path import describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
-from studies.output import UNITS, Summary, components, definitions, readable, values_of
+from studies.output import Summary, components, definitions, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
@@ -260,7 +260,7 @@ def run_evolve(
     rates, control = taken(Replaying, how), taken(Holding, how).control
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
     configuration |= {"hold": control}
-    with study("evolve", out, configuration, UNITS["evolve"], **files) as results:
+    with study("evolve", out, configuration, **files) as results:
         planned = plan_series(paths, cells, reading(**how), rates.times)
         snapshot, held = held_snapshot(planned[0].read(), control)
         asked = asked.along(snapshot.scene)

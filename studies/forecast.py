@@ -30,7 +30,7 @@ from stability.packing.sustain import renumbered
 from studies.beside_dem import DROP
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
 from studies.evolve import INTERVALS, Evolution, Programmed, followed, start_of
-from studies.output import UNITS, Summary, definitions, readable
+from studies.output import Summary, definitions, readable
 from studies.questions import Holding, options_of, taken
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE, Rate
@@ -391,7 +391,7 @@ def run_forecast(
     control = taken(Holding, how).control
     configuration = {"path": path, **reading(**how), **asked.described(), "hold": control}
     configuration |= {"spread": spread, "inertial_number": inertial_number}
-    with study("forecast", out, configuration, UNITS["evolve"], **files) as results:
+    with study("forecast", out, configuration, **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         notes = [*snapshot.notes, *balance_notes(snapshot)]
         asked = asked.along(snapshot.scene)

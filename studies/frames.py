@@ -17,7 +17,7 @@ from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path
 from stability.packing.pathologies import columns
-from studies.output import SIGNS, UNITS, components, described, provenance
+from studies.output import SIGNS, components, described, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import BANDS, add_in_packing
@@ -95,7 +95,7 @@ def loop_table(
         columns["chain_contacts"] = chains_on_loops(snapshot)[1]
     frame: pd.DataFrame = pa.table(columns).to_pandas()
     units = {name: said[0] for name in frame if (said := described("snapshot/loops", name))}
-    frame.attrs = provenance("loop_table", {}, UNITS["snapshot"]) | {"column_units": units}
+    frame.attrs = provenance("loop_table", {}) | {"column_units": units}
     return frame
 
 
@@ -188,7 +188,7 @@ def chain_table(snapshot: Snapshot | Subject) -> pd.DataFrame:
         "length": lengths[chains.chain],
     }
     frame = pd.DataFrame(columns)
-    frame.attrs = provenance("chain_table", {}, UNITS["snapshot"])
+    frame.attrs = provenance("chain_table", {})
     return frame
 
 

@@ -25,7 +25,6 @@ from studies.reading import read_planar, reading
 from studies.study import files_of, study
 from studies.style import BLUE, GREY, VERMILION, edge_ticks, new_panels, say_empty, styled
 
-UNITS = "stress = force/length (two dimensions), of --order over kn; angles in degrees"
 # Steps of the isotropic compression before the programme.
 CONFINING_STEPS = 20
 SETS = ("mean", "single")
@@ -105,7 +104,7 @@ def run_material(
     """
     files = files_of(how)
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
-    with study("material", out, source | asdict(options), UNITS, **files) as results:
+    with study("material", out, source | asdict(options), **files) as results:
         loops, law, notes = _loops(options, snapshot, how)
         stress = np.average(loops.stress, axis=0, weights=loops.weights)
         axis = options.axis or major_axis(stress)

@@ -20,7 +20,7 @@ from loops.shown import Shown
 from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath
-from studies.output import UNITS, Summary, readable
+from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed
 from studies.paths.options import LoopOptions, ProgrammeName
@@ -169,7 +169,7 @@ def run_loop(
     found = LoopStudy(closures, path.path, domain, summary, path)
     if out is None:
         return found
-    with results_in("loop", out, options.described(), UNITS["paths"], **how) as results:
+    with results_in("loop", out, options.described(), **how) as results:
         tables = {"closures": closures, "path": polygon_table(path), "polar": path.polar_table()}
         summary = results.write_results(tables | {"boundary": domain.rows}, summary)
         if results.figures:

@@ -34,20 +34,6 @@ except ImportError:  # Windows has no such locks: two runs at once are not told 
     fcntl = None  # type: ignore[assignment]
 
 SIGNS = "forces, stresses and strains positive in compression; angles counter-clockwise"
-# Units of the results, by study.
-UNITS = {
-    "snapshot": "as the input's: lengths, forces, stress = force/length (two dimensions); "
-    "eigenvalues over the mean kn; angles in degrees",
-    "series": "as the input's: lengths, forces, stress = force/length (two dimensions); "
-    "eigenvalues over the mean kn; work per area; angles in degrees",
-    "probe": "as the input's: stress = force/length (two dimensions); P', H' and W2 are rates per "
-    "unit of the direction; angles in degrees",
-    "evolve": "as the input's: stress = force/length (two dimensions), work = force times length; "
-    "H and P over the cell of the first snapshot",
-    "paths": "dimensionless: lengths over l0 (two radii), forces over kn l0, stresses over kn; "
-    "angles in degrees",
-    "domain": "dimensionless: forces over kn l0, stresses over kn; angles in degrees",
-}
 SUMMARY = "summary.json"
 # Readers of a folder of Parquet files skip names that begin with a dot.
 UNFINISHED = ".unfinished"
@@ -84,13 +70,18 @@ def values_of(owner: object, *names: str) -> dict[str, Any]:
     return {name: getattr(owner, name) for name in names}
 
 
-def provenance(command: str, configuration: Mapping[str, Any], units: str) -> dict[str, Any]:
-    """Command, configuration, version and conventions of a result, as plain values."""
+def provenance(
+    command: str, configuration: Mapping[str, Any], units: str | None = None
+) -> dict[str, Any]:
+    """Command, configuration, version and conventions of a result, as plain values.
+
+    Units left out are those of the command in `definitions.toml`.
+    """
     return {
         "command": f"grainloops {command}",
         "configuration": dict(configuration),
         "version": __version__,
-        "units": units,
+        "units": definitions("units")[command.split()[0]] if units is None else units,
         "signs": SIGNS,
     }
 

@@ -25,7 +25,7 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.path import Past
 from studies.frames import loop_work_table, order_work_table
-from studies.output import UNITS, Summary, components, definitions, readable, values_of
+from studies.output import Summary, components, definitions, readable, values_of
 from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
 from studies.series.workers import in_directions, open_runner
@@ -73,7 +73,7 @@ def run_probe(
     told["candidates_from"] = share if by == "increment" else None
     control, files = taken(Holding, how).control, files_of(how)
     configuration = {"path": path, **reading(**how), **told, "hold": control}
-    with study("probe", out, configuration, UNITS["probe"], **files) as results:
+    with study("probe", out, configuration, **files) as results:
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, asked.yield_band)

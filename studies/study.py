@@ -193,7 +193,7 @@ def study(
     command: str,
     out: Path,
     configuration: Mapping[str, Any],
-    units: str,
+    units: str | None = None,
     *,
     force: bool = False,
     csv: bool = False,
@@ -202,7 +202,8 @@ def study(
 ) -> Iterator[Results]:
     """Open the results of a study; they appear in `out` when the block has ended without error.
 
-    A study that is `continued` keeps what else is in the folder.
+    Units left out are those of the command in `definitions.toml`. A study that is `continued` keeps
+    what else is in the folder.
 
     A study reads its input, computes, writes tables and summary and, if figures are asked for,
     saves figures and writes the report, from top to bottom of the block.

@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
-from cycler import cycler
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -55,32 +54,9 @@ METADATA = {
     "pdf": ("Title", "Creator", "Subject", "CreationDate"),
 }
 
-# Typed as Any: the list of keys that matplotlib types grows with its versions.
-STYLE: Any = {
-    "axes.axisbelow": True,
-    "axes.grid": False,
-    "axes.labelsize": 8.0,
-    "axes.linewidth": 0.7,
-    "axes.prop_cycle": cycler(color=LINE_COLOURS),
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 8.0,
-    "figure.dpi": 150.0,
-    "font.family": "DejaVu Sans",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 8.0,
-    "legend.fontsize": 7.0,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "lines.linewidth": 1.3,
-    "lines.markersize": 4.5,
-    "mathtext.fontset": "dejavusans",
-    "savefig.dpi": 300.0,
-    # Without this salt the identifiers in an SVG, hence its bytes, differ from run to run.
-    "svg.hashsalt": "grainloops",
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-}
+# Settings of matplotlib.
+SHEET = Path(__file__).with_name("figures.mplstyle")
+STYLE = mpl.rc_params_from_file(SHEET, use_default_template=False)
 
 
 @contextmanager

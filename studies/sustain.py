@@ -42,12 +42,6 @@ from studies.series.workers import Store, in_directions, open_runner
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study
 
-UNITS = (
-    "as the input's: stress and load = force/length (two dimensions), energy = force times length; "
-    "H and P over the cell of the start; angles in degrees"
-)
-
-
 # Columns by the names of the attributes: of a direction's path, of its motions and their modes.
 LOADS = ("status", "first_large_load", "first_large_strain", "first_large_spread", "limit",
          "limit_spread", "first_instability", "first_event")  # fmt: skip
@@ -78,7 +72,7 @@ def run_sustain(
     files = files_of(how)
     configuration = {"path": path, **reading(**how), **asked, "hold": control}
     require_folder(out, force=files.get("force", False))
-    with study("sustain", out, configuration, UNITS, **files) as results:
+    with study("sustain", out, configuration, **files) as results:
         moving = read_planar(path, **how)
         _followable(moving.scene, asked["subspace"])
         snapshot, held = held_snapshot(moving, control)

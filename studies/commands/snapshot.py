@@ -146,7 +146,7 @@ def check_command(
     with clock("grainloops check"):
         rows, unread = _rows(ordered, cells, how)
         worst = max((SEVERITIES.index(row["severity"]) for row in rows), default=0)
-        made = ("check", {"paths": paths, "cells": cells, **how}, "numbers as their text")
+        made = ("check", {"paths": paths, "cells": cells, **how})
         summary: Summary = {
             "verdict": "unreadable" if unread else SEVERITIES[worst],
             "snapshots": len({(row["path"], row["snapshot"]) for row in rows}),
@@ -236,8 +236,10 @@ def _series_lines(summary: Summary) -> list[str]:
 
 def _skills(summary: Summary) -> Summary:
     """Skill of each prediction beside the base rate, and AUC for what else becomes of loops."""
-    from studies.series.skill import PREDICTORS, TARGETS
+    from studies.output import words
 
+    every = words("lines")
+    labels, plain = every["labels"], every["labels"]["predictors"] | every["words"]["predictor"]
     skill, targets = summary.get("skill"), summary.get("skill_of_targets")
     told: Summary = {}
     if skill is not None and (base := skill["traction"]["base"]) is not None:
@@ -245,27 +247,19 @@ def _skills(summary: Summary) -> Summary:
         for name, row in skill.items():
             known = row["coverage"] is not None
             covered = f"{100 * row['coverage']:.3g} %" if known else "-"
-            rows.append(row | {"words": _predictor(name), "covered": covered})
+            rows.append(row | {"words": plain[name], "covered": covered})
         told = {"base": base, "skills": rows}
     if targets is not None:
         skills = targets.values()
-        columns = {"AUC of all predictors for": [TARGETS[target] for target in targets]}
+        columns = {"AUC of all predictors for": [labels["targets"][target] for target in targets]}
         columns["base rate"] = [shown(next(iter(one.values()))["base"]) for one in skills]
-        for name in (one for one in PREDICTORS if any(one in skill for skill in skills)):
+        for name in (one for one in plain if any(one in skill for skill in skills)):
             values = [shown(one.get(name, {}).get("auc")) for one in skills]
-            columns[_predictor(name)] = values
+            columns[plain[name]] = values
         told["targets"] = {
             name: "  ".join(f"{value:>18}" for value in row) for name, row in columns.items()
         }
     return told
-
-
-def _predictor(name: str) -> str:
-    """The name of a predictor in plain text."""
-    from studies.series.skill import PREDICTORS
-
-    said = PREDICTORS[name].replace(r"$\lambda_{\min}$", "least eigenvalue")
-    return said.replace(r"$D^2_{\min}$", "D2min")
 
 
 def series_command(

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from studies.output import UNITS, Summary
+from studies.output import Summary
 from studies.paths.comparison import compare_orders
 from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamond
 from studies.paths.figures import comparison_figures, diamond_figures, polygon_figures
@@ -21,7 +21,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
     Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
     `contacts_A`; with contacts added, `added_contact`. `how` are `force` and `csv` of a study.
     """
-    with study("diamond", out, options.described(), UNITS["paths"], **how) as results:
+    with study("diamond", out, options.described(), **how) as results:
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
@@ -32,7 +32,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
 
 def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     """Follow a polygon and write `summary.json`, the tables `path` and `polar`, and figures."""
-    with study("polygon", out, options.described(), UNITS["paths"], **how) as results:
+    with study("polygon", out, options.described(), **how) as results:
         found = follow_polygon(options)
         tables = {"path": polygon_table(found), "polar": found.polar_table()}
         return results.write_results(tables, polygon_summary(found), polygon_figures(found))
@@ -41,7 +41,7 @@ def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
 def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
     """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
     described = options.described()
-    with study("polygon --compare", out, described, UNITS["paths"], **how) as results:
+    with study("polygon --compare", out, described, **how) as results:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
         return results.write_results(tables, compared.summary(), comparison_figures(compared))

@@ -22,7 +22,7 @@ from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
 from stability.packing.response import SOLVED
 from stability.path import Past
-from studies.output import SERIES, UNITS, Row, Summary, definitions, values_of
+from studies.output import SERIES, Row, Summary, definitions, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
@@ -116,7 +116,7 @@ def run_series(
                 raise failures[0].error()
             do_tasks(runner, series.intervals, "pairs", skip_bad=False)
         with study(
-            "series", out, configuration, UNITS["series"], csv=csv, figures=figures, continued=True
+            "series", out, configuration, csv=csv, figures=figures, continued=True
         ) as results:
             about = finished_parts(series)
             tables, summary = series_tables(series, about)

@@ -23,7 +23,7 @@ from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate
 from stability import RTOL
 from stability.packing.loop_quantities import EXPECTED
-from studies.output import Columns, Row, Summary, as_json, described_table
+from studies.output import Columns, Row, Summary, as_json, described_table, words
 from studies.series.tasks import KEY
 from studies.snapshot.summary import judges, spread
 from studies.snapshot.table import LAST_ORDER
@@ -31,44 +31,9 @@ from studies.snapshot.table import LAST_ORDER
 MEASURES = ("base", "coverage", "agreement", "precision", "recall", "auc", "rank_correlation")
 SKILL_COLUMNS = ("snapshot_before", "snapshot_after", "predictor", "target", *MEASURES, "loops")
 ORDERS = range(3, LAST_ORDER + 1)
-TARGETS = {
-    "W2_negative": r"negative work, $W_2 < 0$",
-    "nonaffine": "least affine tenth",
-    "contact_lost": "a contact lost",
-    "topology": "topology changed",
-}
+# Targets and predictors in figures, by their columns.
+TARGETS, PREDICTORS = words("lines")["labels"]["targets"], words("lines")["labels"]["predictors"]
 TARGET, *OTHERS = TARGETS
-# Predictors, and their names in figures and printed tables.
-PREDICTORS = {
-    "packing": "packing: rates",
-    "packing_path": "packing: by events",
-    "replay": "packing: DEM replay",
-    "own_motion": "grains' own motion",
-    "persistence": "persistence",
-    "traction_free": "cut out, free spins",
-    "traction": "cut out, spins blocked",
-    "affine_free": "affine, free spins",
-    "affine": "affine, spins blocked",
-    "packing_lambda_min": r"$\lambda_{\min}$ in its packing",
-    "traction_free_lambda_min": r"$\lambda_{\min}$ cut out, free",
-    "traction_lambda_min": r"$\lambda_{\min}$ cut out, blocked",
-    "affine_lambda_min": r"$\lambda_{\min}$ affine, blocked",
-    "order": "number of grains",
-    "sliding": "sliding contacts",
-    "smallest_N": "smallest force N",
-    "coordination": "coordination",
-    "mobilisation": "mean mobilisation",
-    "largest_mobilisation": "largest mobilisation",
-    "vibrality": "vibrality",
-    "spin_vibrality": "vibrality of spins",
-    "soft_modes": "softest modes",
-    "slip_criticality": "criticality, slip",
-    "opening_criticality": "criticality, opening",
-    "steric_order": "steric order",
-    "density": "local density",
-    "chain": "force chains",
-    "past_nonaffinity": r"$D^2_{\min}$ before",
-}
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
 # persistence the interval before. The grains' own motion is known afterwards.

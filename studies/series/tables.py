@@ -17,7 +17,7 @@ from loops.errors import check_type, listed, path_of
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
-from studies.output import UNITS, Row, provenance
+from studies.output import Row, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
 from studies.series.packing import facts, nonaffinity
@@ -221,7 +221,7 @@ def series(
         tables.append(pd.concat([strains, loops], axis="columns"))
         before = state
     frame = pd.concat(tables, ignore_index=True)
-    frame.attrs = provenance("series", {}, UNITS["series"])
+    frame.attrs = provenance("series", {})
     return frame
 
 
@@ -246,5 +246,5 @@ def _read(
 
 def _frame(name: str, columns: dict[str, Any]) -> pd.DataFrame:
     frame: pd.DataFrame = pa.table(columns).to_pandas()
-    frame.attrs = provenance(name, {}, UNITS["series"])
+    frame.attrs = provenance(name, {})
     return frame

@@ -11,7 +11,7 @@ from loops import ForceChains, force_chains
 from loops.arrays import Integers
 from loops.errors import InputError, check_choice
 from patterns import Snapshot
-from studies.output import UNITS, Summary, definitions, readable
+from studies.output import Summary, definitions, readable
 from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
@@ -39,7 +39,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     elif hold or yield_band is not None:
         expected = "with --in-packing: loops are judged in their packing alone"
         raise InputError("--hold, --yield-band", "no --in-packing", expected, "Add --in-packing.")
-    with study("snapshot", out, configuration, UNITS["snapshot"], **files) as results:
+    with study("snapshot", out, configuration, **files) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:
             found = other.submit(chains_on_loops, snapshot) if snapshot.mechanical else None
