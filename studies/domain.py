@@ -49,7 +49,7 @@ from patterns.diamond.strain_lines import (
     strain_line,
     yield_position,
 )
-from studies.output import Summary, definitions
+from studies.output import Summary
 from studies.paths.options import inside
 from studies.study import study
 from studies.style import (
@@ -293,7 +293,6 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary
     return {
         "directions": parameters.directions,
         "cases": cases,
-        "definitions": definitions("domain"),
     }
 
 

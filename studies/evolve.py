@@ -26,7 +26,7 @@ from stability.packing import LoopRates, loop_changes, replay
 from stability.path import describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
-from studies.output import Summary, components, definitions, readable, values_of
+from studies.output import Summary, components, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
@@ -470,7 +470,6 @@ def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str
     instabilities = [event for event in way.events if event.kind == "instability"]
     passed = Counter(event.passed for event in instabilities)
     return {
-        "definitions": definitions("evolve"),
         "end": end_of(tables["path"], driven),
         "events": dict(Counter(event.kind for event in way.events)),
         **values_of(way, "intervals", "message", "status"),

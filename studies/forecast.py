@@ -30,7 +30,7 @@ from stability.packing.sustain import renumbered
 from studies.beside_dem import DROP
 from studies.calibration import BEYOND, KINDS, WAYS, calibration
 from studies.evolve import INTERVALS, Evolution, Programmed, followed, start_of
-from studies.output import Summary, definitions, readable
+from studies.output import Summary, readable
 from studies.questions import Holding, options_of, taken
 from studies.reading import read_planar, reading
 from studies.series.packing import DEFAULT_RATE, Rate
@@ -430,7 +430,6 @@ def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> 
         said = f"no probabilities: {found.reach:.2g} times p/kn is outside of {counted}"
         notes = [*notes, said]
     return {
-        "definitions": definitions("forecast"),
         "driven": found.evolution.driven,
         **start_of(contacts_at_start(found.evolution.scene).stress),
         "reach": found.reach,

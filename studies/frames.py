@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
@@ -15,7 +15,7 @@ from loops.errors import check_type
 from loops.scene import Subject
 from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import snapshot_of
-from stability import Path
+from stability import Event, Path
 from stability.packing.pathologies import columns
 from studies.output import SIGNS, components, described, provenance
 from studies.snapshot import chains_on_loops
@@ -228,66 +228,40 @@ def path_table(path: Path) -> pd.DataFrame:
     elif len(path.states):
         frame = row_table(path)
     else:
+        kinds: list[list[str]] = [[] for _ in range(len(path))]
+        for event in path.events:
+            kinds[event.index].append(event.kind)
         frame = pd.DataFrame(path.columns())
-        frame["event"] = events_of_rows(path)
+        frame["event"] = [", ".join(dict.fromkeys(row)) for row in kinds]
     frame.attrs = {"signs": SIGNS, "status": path.status, "volume": path.volume}
     return frame
 
 
 def load_table(path: Path) -> pd.DataFrame:
     """One row per state of a packing under a growing load."""
-    return pd.DataFrame(
-        {
-            "load": path.parameter,
-            "at_rest": path.resting,
-            **components("H", path.H),
-            **components("P", path.P),
-            **dict(zip(WORKS, path.work.T, strict=True)),
-            "energy": path.energy,
-        }
-    )
-
-
-def works_of(way: Path) -> dict[str, Floats]:
-    """Return the columns of work, energy and imbalance; a replay has none."""
-    if not len(way.work):
-        return {}
-    works = dict(zip(WORKS, way.work.T, strict=True))
-    return works | {"energy": way.energy, "imbalance": way.imbalance}
+    table = {"load": path.parameter, "at_rest": path.resting}
+    table |= components("H", path.H) | components("P", path.P)
+    table |= zip(WORKS, path.work.T, strict=True)
+    return pd.DataFrame(table | {"energy": path.energy})
 
 
 def row_table(way: Path) -> pd.DataFrame:
-    """One row per recorded state."""
-    ends = np.sort([event.parameter for event in way.events])
-    return pd.DataFrame(
-        {
-            "row": np.arange(len(way.H)),
-            "driven": way.sense * way.parameter,
-            **components("H", way.H),
-            **components("P", way.P),
-            **works_of(way),
-            "contacts": np.array([np.count_nonzero(state.closed) for state in way.states]),
-            "events": np.searchsorted(ends, way.parameter, side="right"),
-            **pathology_columns(way),
-        }
-    )
+    """One row per recorded state; a replay has no work, and `--pathologies` add their answers."""
 
+    def so_far(events: Sequence[Event]) -> Integers:
+        ends = np.sort([event.parameter for event in events])
+        return np.searchsorted(ends, way.parameter, side="right")
 
-def pathology_columns(way: Path) -> dict[str, NDArray[Any]]:
-    """Return the answers of `--pathologies` row by row, and instabilities so far; none without."""
-    if not way.pathologies:
-        return {}
-    lost = np.sort([event.parameter for event in way.of_kind("instability")])
-    so_far = np.searchsorted(lost, way.parameter, side="right")
-    return {**columns(way.pathologies), "instabilities": so_far}
-
-
-def events_of_rows(path: Path) -> list[str]:
-    """The kinds of the events in each row, empty where nothing happens."""
-    kinds: list[list[str]] = [[] for _ in range(len(path))]
-    for event in path.events:
-        kinds[event.index].append(event.kind)
-    return [", ".join(dict.fromkeys(row)) for row in kinds]
+    table = {"row": np.arange(len(way.H)), "driven": way.sense * way.parameter}
+    table |= components("H", way.H) | components("P", way.P)
+    if len(way.work):
+        table |= zip(WORKS, way.work.T, strict=True)
+        table |= {"energy": way.energy, "imbalance": way.imbalance}
+    table["contacts"] = np.array([np.count_nonzero(state.closed) for state in way.states])
+    table["events"] = so_far(way.events)
+    if way.pathologies:
+        table |= columns(way.pathologies) | {"instabilities": so_far(way.of_kind("instability"))}
+    return pd.DataFrame(table)
 
 
 def order_work_table(

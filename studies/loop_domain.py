@@ -21,7 +21,7 @@ from loops.errors import check_choice
 from patterns.polygons import opposite_gap
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.domain import OVERLAP_ATOL, require_odd
-from studies.output import Summary, definitions
+from studies.output import Summary
 from studies.paths.options import LoopOptions, PolygonOptions, file_notes, inside
 from studies.present_domain import (
     LoopDomain,
@@ -196,7 +196,7 @@ def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) 
     with study("domain", out, parameters.described(), **files) as results:
         table, loops, alone = loop_domains(parameters)
         found = {"directions": parameters.directions, "loops": loops}
-        found |= {"notes": file_notes(parameters.loops[0]), "definitions": definitions("domain")}
+        found["notes"] = file_notes(parameters.loops[0])
         tables = {"domain": table}
         if PRESENT in alone:
             tables["boundary"] = alone[PRESENT].rows

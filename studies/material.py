@@ -18,7 +18,7 @@ from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
 from studies.evolve import major_axis, start_of
-from studies.output import Summary, definitions, readable, values_of
+from studies.output import Summary, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Averaging
 from studies.reading import read_planar, reading
@@ -233,7 +233,6 @@ def material_summary(
         "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
         **values_of(options, "closure", "programme", "steps"),
         **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
-        "definitions": definitions("material"),
     }
 
 

@@ -25,7 +25,7 @@ from stability.packing.probe import probe_edge, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.path import Past
 from studies.frames import loop_work_table, order_work_table
-from studies.output import Summary, components, definitions, readable, values_of
+from studies.output import Columns, Summary, components, readable, values_of
 from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
 from studies.series.workers import in_directions, open_runner
@@ -62,10 +62,19 @@ def run_probe(
     default one a core, or among the workers of a Dask scheduler. `progress` is called with how
     many are done.
     """
-    # The words are checked below, each with what is expected.
+    # The words are checked here, each with what is expected.
     asked: Any = taken(Probing, how)
     amplitude, by = asked.amplitude, asked.by
-    _require_followed(amplitude, by, scheduler)
+    check_choice("--by", by, get_args(By))
+    if amplitude is not None:
+        number("amplitude", amplitude, 0.0, open_low=True)
+    elif by == "increment":
+        remedy = "Give --amplitude, or leave --by out."
+        raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
+    if scheduler is not None and (amplitude is None or by == "increment"):
+        received = "rates alone" if amplitude is None else "one solve a direction"
+        remedy = "Give --amplitude, or leave it out."
+        raise InputError("--scheduler", received, "directions to follow", remedy)
     whole_number("--workers", 1 if workers is None else workers, 1)
     check_choice("--past", asked.past, get_args(Past))
     told = asdict(asked) | {"by": by if amplitude is not None else None}
@@ -113,23 +122,13 @@ def run_probe(
         elif by == "events":
             tables["paths"] = direction_paths(found, paths)
         told |= probe_summary(found, orders) | {"held": held, "notes": notes}
-        told["ended"] = ended_paths(paths, reached)
+        told["ended"] = [
+            {"direction": k, "reached": far, "status": path.status, "message": path.message}
+            for k, (path, far) in enumerate(zip(paths, reached, strict=True))
+            if path.status != "finished"
+        ]
         title, figures = f"Probes of {readable(path.name)}", "studies.packing_figures.probe_figures"
         return results.write_packing(title, snapshot, found, tables, told, figures)
-
-
-def _require_followed(amplitude: float | None, by: By, scheduler: str | None) -> None:
-    """Raise `InputError` for a way without an amplitude, and a scheduler without paths to share."""
-    check_choice("--by", by, get_args(By))
-    if amplitude is not None:
-        number("amplitude", amplitude, 0.0, open_low=True)
-    elif by == "increment":
-        remedy = "Give --amplitude, or leave --by out."
-        raise InputError("--by", "increment of the rates alone", "an amplitude", remedy)
-    if scheduler is not None and (amplitude is None or by == "increment"):
-        received = "rates alone" if amplitude is None else "one solve a direction"
-        remedy = "Give --amplitude, or leave it out."
-        raise InputError("--scheduler", received, "directions to follow", remedy)
 
 
 def probe(
@@ -195,85 +194,63 @@ def _follow(scene: Scene, past: Past, stage: Stage) -> tuple[FollowedPath, float
     return path, max(reached[0], float(path.parameter[-1]))
 
 
-def probe_table(found: Probe) -> pd.DataFrame:
+def probe_table(found: Probe) -> Columns:
     """One row per direction: strain and stress rates, second-order work, status."""
-    columns = {"theta_deg": np.degrees(found.theta)}
-    for name, values in (
-        ("H", found.strain_rate),
-        ("P", found.stress_rate),
-        ("elastic_H", found.elastic_strain),
-        ("elastic_P", found.elastic_stress),
-    ):
-        columns |= components(name, values)
-    return pd.DataFrame(
-        columns
-        | {
-            "W2": found.work,
-            "w2": found.normalised,
-            **values_of(found, *("status", "proof", "sliding", "disagreeing", "residual", "piece")),
-            "fold_before_deg": np.degrees(found.between_folds[:, 0]),
-            "fold_after_deg": np.degrees(found.between_folds[:, 1]),
-        }
-    )
+    names = ("status", "proof", "sliding", "disagreeing", "residual", "piece")
+    return {
+        "theta_deg": np.degrees(found.theta),
+        **components("H", found.strain_rate),
+        **components("P", found.stress_rate),
+        **components("elastic_H", found.elastic_strain),
+        **components("elastic_P", found.elastic_stress),
+        "W2": found.work,
+        "w2": found.normalised,
+        **values_of(found, *names),
+        "fold_before_deg": np.degrees(found.between_folds[:, 0]),
+        "fold_after_deg": np.degrees(found.between_folds[:, 1]),
+    }
 
 
-def direction_paths(found: Probe, paths: Sequence[FollowedPath]) -> pd.DataFrame:
+def direction_paths(found: Probe, paths: Sequence[FollowedPath]) -> Columns:
     """Every recorded row of the directions' paths, those that ended on the way too."""
     rows = [len(path) for path in paths]
-    return pd.DataFrame(
-        {
-            "direction": np.repeat(np.arange(len(paths)), rows),
-            "theta_deg": np.repeat(np.degrees(found.theta), rows),
-            "row": np.concatenate([np.arange(count) for count in rows]),
-            "driven": np.concatenate([path.parameter for path in paths]),
-            **components("H", np.concatenate([path.H for path in paths])),
-            **components("P", np.concatenate([path.P for path in paths])),
-            "status": np.repeat([path.status for path in paths], rows),
-            "message": np.repeat([path.message for path in paths], rows),
-        }
-    )
+    return {
+        "direction": np.repeat(np.arange(len(paths)), rows),
+        "theta_deg": np.repeat(np.degrees(found.theta), rows),
+        "row": np.concatenate([np.arange(count) for count in rows]),
+        "driven": np.concatenate([path.parameter for path in paths]),
+        **components("H", np.concatenate([path.H for path in paths])),
+        **components("P", np.concatenate([path.P for path in paths])),
+        "status": np.repeat([path.status for path in paths], rows),
+        "message": np.repeat([path.message for path in paths], rows),
+    }
 
 
-def ended_paths(paths: Sequence[FollowedPath], reached: Sequence[float]) -> list[dict[str, Any]]:
-    """Directions whose paths ended before the amplitude: their number, where and why."""
-    return [
-        {"direction": k, "reached": far, "status": path.status, "message": path.message}
-        for k, (path, far) in enumerate(zip(paths, reached, strict=True))
-        if path.status != "finished"
-    ]
-
-
-def solution_table(found: Probe) -> pd.DataFrame:
+def solution_table(found: Probe) -> Columns:
     """One row per solution that is known: its direction, rates, second-order work."""
     listed = found.solutions
-    return pd.DataFrame(
-        {
-            "direction": listed.direction,
-            "theta_deg": np.degrees(found.theta)[listed.direction],
-            **components("H", listed.strain_rate),
-            **components("P", listed.stress_rate),
-            "W2": listed.work,
-            "w2": listed.normalised,
-            "sliding": listed.sliding,
-        }
-    )
+    return {
+        "direction": listed.direction,
+        "theta_deg": np.degrees(found.theta)[listed.direction],
+        **components("H", listed.strain_rate),
+        **components("P", listed.stress_rate),
+        "W2": listed.work,
+        "w2": listed.normalised,
+        "sliding": listed.sliding,
+    }
 
 
-def piece_table(found: Probe) -> pd.DataFrame:
+def piece_table(found: Probe) -> Columns:
     """One row per piece: the arc where it holds, the number of its directions, its tangent."""
-    m = found.directions.shape[1]
-    count = np.bincount(found.piece[found.determined], minlength=len(found.tangents))
-    tangents = found.tangents.reshape(-1, m * m).T
+    m, determined = found.directions.shape[1], found.piece[found.determined]
     names = [f"K{i + 1}{j + 1}" for i in range(m) for j in range(m)]
-    return pd.DataFrame(
-        {
-            "piece": np.arange(len(found.tangents)),
-            "begin_deg": np.degrees(found.arcs[:, 0]),
-            "end_deg": np.degrees(found.arcs[:, 1]),
-            "directions": count,
-            **dict(zip(names, tangents, strict=True)),
-        }
-    )
+    return {
+        "piece": np.arange(len(found.tangents)),
+        "begin_deg": np.degrees(found.arcs[:, 0]),
+        "end_deg": np.degrees(found.arcs[:, 1]),
+        "directions": np.bincount(determined, minlength=len(found.tangents)),
+        **dict(zip(names, found.tangents.reshape(-1, m * m).T, strict=True)),
+    }
 
 
 def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
@@ -300,7 +277,6 @@ def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
             {"begin_deg": begin, "end_deg": end, "refined": sure.tolist()}
             for (begin, end), sure in zip(np.degrees(found.cones), found.refined, strict=True)
         ],
-        "definitions": definitions("probe"),
         "destabilising": values_of(found.destabilising, *CONTROL),
         "folds_deg": np.degrees(found.folds),
         "loops": len(found.order),

@@ -67,8 +67,10 @@ class Results:
             write_table(self.folder, name, table, self.source, csv=self.csv)
 
     def write_summary(self, summary: Mapping[str, Any]) -> Summary:
-        """Write `summary.json`; return the summary with its provenance."""
-        whole = {**summary, "provenance": self.source}
+        """Write `summary.json`; return the summary with its provenance and what its keys mean."""
+        told = words("definitions").get(self.source["command"].split()[1])
+        own = {} if told is None else {"definitions": told}
+        whole = own | {**summary, "provenance": self.source}
         write_summary(self.folder, whole)
         return whole
 

@@ -31,7 +31,6 @@ from studies.output import (
     Summary,
     code_version,
     components,
-    definitions,
     readable,
     require_folder,
     values_of,
@@ -84,13 +83,7 @@ def run_sustain(
                 return in_directions(runner, partial(_load, scene, loading), directions, store)
 
             found = sustain_packing(scene, **asked, follow=follow)
-        tables = {
-            "sustain": direction_table(found),
-            "motions": motion_table(found),
-            "paths": loading_table(found),
-            "orders": order_table(found),
-            "loops": mode_work_table(found),
-        }
+        tables = sustain_tables(found)
         told = asked | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
         told |= sustain_summary(found, tables)
         title, figures = f"Loads that {readable(path.name)} sustains", "sustain_figures"
@@ -227,62 +220,49 @@ def direction_table(found: Sustained) -> pd.DataFrame:
             "mode_grains": 0 if mode is None else len(mode.grains),
         }
         counts = dict.fromkeys(COUNTS, 0) if mode is None else values_of(mode, *COUNTS)
-        row |= {f"mode_{name}": count for name, count in counts.items()}
-        rows.append(row)
-    names = ("n11", "n22", "n12")[: found.directions.shape[1]]
-    head = {"theta_deg": np.degrees(found.theta)} | dict(
-        zip(names, found.directions.T, strict=True)
-    )
+        rows.append(row | {f"mode_{name}": count for name, count in counts.items()})
+    head = {"theta_deg": np.degrees(found.theta)}
+    head |= zip(("n11", "n22", "n12"), found.directions.T, strict=False)
     ends = components("H", np.array([path.H[-1] for path in found.paths]))
     ends |= components("P", np.array([path.P[-1] for path in found.paths]))
     beside = {"rate_status": found.rates.status, "rate_w2": found.rates.normalised}
     return pd.DataFrame(head).join(pd.DataFrame(rows)).assign(**ends, **beside)
 
 
-def motion_table(found: Sustained) -> pd.DataFrame:
-    """One row a motion at constant load, direction by direction."""
-    rows = [
-        {
-            "theta_deg": angle,
-            **values_of(one, *MOTION),
-            **{f"H{ij}": value for ij, value in zip(COMPONENTS, one.strain, strict=True)},
-            **values_of(one, *ENDED),
-            "grains": len(one.grains),
-        }
-        for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
-        for one in path.motions
-    ]
-    strains = [f"H{ij}" for ij in COMPONENTS]
-    return pd.DataFrame(rows, columns=["theta_deg", *MOTION, *strains, *ENDED, "grains"])
+def sustain_tables(found: Sustained) -> dict[str, pd.DataFrame]:
+    """Tables of directions, motions at constant load, paths, and loops in the modes.
 
-
-def loading_table(found: Sustained) -> pd.DataFrame:
-    """One row a row of a path, direction by direction."""
-    tables = [
-        pd.DataFrame({"theta_deg": np.full(len(path), angle)}).join(load_table(path))
-        for angle, path in zip(np.degrees(found.theta), found.paths, strict=True)
-    ]
-    return pd.concat(tables, ignore_index=True)
-
-
-def order_table(found: Sustained) -> pd.DataFrame:
-    """One row a direction with a mode and an order: share of the loops in the mode's work."""
-    loops, modes = found.scene.faces.loops, [path.mode for path in found.paths]
-    order, area = found.scene.faces.order[loops], found.scene.faces.area[loops]
-    work = np.array([mode.loop_work for mode in modes if mode is not None]).reshape(-1, len(loops))
-    if not len(work):
-        return pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])
-    theta_deg = np.degrees(found.theta)[[mode is not None for mode in modes]]
-    table = order_work_table(theta_deg, work, order, area)
-    return table[[*table.columns[:5], "negative", "W2_share", "negative_share"]]
-
-
-def mode_work_table(found: Sustained) -> pd.DataFrame:
-    """One row a loop: its work in the mode of the weakest direction, and that over its area."""
-    faces, weakest = found.scene.faces, weakest_of(found)
+    Of the loops: their shares by order in the work of each mode, and their work in the mode of the
+    weakest direction.
+    """
+    faces, weakest, strains = found.scene.faces, weakest_of(found), [f"H{ij}" for ij in COMPONENTS]
+    order, area = faces.order[faces.loops], faces.area[faces.loops]
+    motions, paths, works = [], [], []
+    for angle, path in zip(np.degrees(found.theta), found.paths, strict=True):
+        for one in path.motions:
+            row = {"theta_deg": angle} | values_of(one, *MOTION)
+            row |= zip(strains, one.strain, strict=True)
+            motions.append(row | values_of(one, *ENDED) | {"grains": len(one.grains)})
+        paths.append(load_table(path))
+        paths[-1].insert(0, "theta_deg", angle)
+        if path.mode is not None:
+            works.append((angle, path.mode.loop_work))
     mode = None if weakest is None else found.paths[weakest].mode
-    work = np.zeros(len(faces.loops)) if mode is None else mode.loop_work
-    return loop_work_table(faces.order[faces.loops], faces.area[faces.loops], work)
+    work = np.zeros(len(order)) if mode is None else mode.loop_work
+    orders = pd.DataFrame(columns=["theta_deg", "order", "loops", "area_share"])
+    if works:
+        angles, each = (np.array(column) for column in zip(*works, strict=True))
+        orders = order_work_table(angles, each, order, area)
+        orders = orders[[*orders.columns[:5], "negative", "W2_share", "negative_share"]]
+    return {
+        "sustain": direction_table(found),
+        "motions": pd.DataFrame(
+            motions, columns=["theta_deg", *MOTION, *strains, *ENDED, "grains"]
+        ),
+        "paths": pd.concat(paths, ignore_index=True),
+        "orders": orders,
+        "loops": loop_work_table(order, area, work),
+    }
 
 
 def weakest_of(found: Sustained) -> int | None:
@@ -310,7 +290,6 @@ def sustain_summary(found: Sustained, tables: dict[str, pd.DataFrame]) -> Summar
         wanted = ["loops", "area_share", "W2_share", "negative_share"]
         shares = {str(order): one for order, one in own[wanted].to_dict("index").items()}
     return {
-        "definitions": definitions("sustain"),
         "loops": len(tables["loops"]),
         "orders": shares,
         "rate_cones": np.degrees(rates.cones),

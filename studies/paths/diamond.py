@@ -46,7 +46,7 @@ from stability import (
     operator_norm,
     restrict,
 )
-from studies.output import Summary, definitions
+from studies.output import Summary
 from studies.paths.followed import (
     NAMED,
     YIELD_RTOL,
@@ -142,14 +142,7 @@ class FollowedDiamond(Followed):
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """Table of the path, one row per state.
-
-        `stage, regime`; `E1, E2, alpha_deg, l, N, T, s1, s2`; K, Kmat (27), Kgeo (28) by
-        components; `det_K, det_Ks`; eigenvalues of Ks, `lambda_*`, and of K; `status` of the
-        second-order work; the cone, angles from E1 towards E2; `loading_alphaE_deg, w2_loading`
-        along the path's own direction; `gap_*` between opposite grains, `chord_*` forces of
-        contacts added there; energies.
-        """
+        """Table of the path, one row per state; the cone's angles are from E1 towards E2."""
         direction, chords = self.direction, on_axes(self.path, self.path.normal_force)
         moves, states = np.isfinite(direction[:, 0]), self.states
         w2 = normalised_second_order_work(self.K, np.where(moves[:, None], direction, 1.0))
@@ -359,7 +352,6 @@ def diamond_summary(found: FollowedDiamond) -> Summary:
         "added_contact": added if options.contact_on_touch == "add" else None,
         "figures": figures,
         "notes": _notes(found),
-        "definitions": definitions("diamond"),
     }
 
 

@@ -167,13 +167,7 @@ def isotropic_threshold(
 
 
 def polygon_table(found: Followed) -> pd.DataFrame:
-    """Table of a polygon's path, one row per state.
-
-    `stage, parameter`; `E1, E2, H12, H21`; stresses `s1, s2, s12, s21`; lists `N, T, regime` by
-    contact and `x, y` by grain; the tangent `A11_11 ..`; material and geometric part of K, spectra,
-    verdict and cone in (11, 22); `lambda_min_*` and `unstable_fraction_*` of every subspace; `work`
-    from outside and `dissipated` over `kn` and the reference area, `energy_error`, `imbalance`.
-    """
+    """Table of a polygon's path, one row per state; work is over `kn` and the reference area."""
     path, H, P = found.path, found.path.H, found.path.P
     columns: dict[str, Any] = {
         "stage": found.stage,

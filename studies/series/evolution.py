@@ -65,12 +65,7 @@ def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
 
 
 def fate_columns(fates: LoopFates) -> dict[str, Any]:
-    """Table of fates: one row per earlier loop, then one row per born loop.
-
-    `loop_before`, `fate`, `successor` (the one that shares most half-edges), `successors` (all that
-    share any), `order_before`, `order_after` (of the successor). A born loop has no earlier number
-    (-1) and order (0).
-    """
+    """Table of fates: one row per earlier loop, then one row per born loop, of number -1, order 0."""
     born = np.flatnonzero(fates.after == Fate.BORN)
     count = np.bincount(fates.links[:, 0], minlength=len(fates.before))
     ends = np.cumsum([0, *count, *np.ones_like(born)], dtype=np.int32)
@@ -93,10 +88,7 @@ def fate_columns(fates: LoopFates) -> dict[str, Any]:
 def loop_increments(before: Snapshot, after: Snapshot, fates: LoopFates) -> dict[str, Any]:
     """Table of the loops that survived from one snapshot to the next, by their earlier number.
 
-    `loop_before`, `loop_after` as the tables of the snapshots number them, `order`, `area` of the
-    earlier polygon, `H11..H22` and `rotation` (degrees, anticlockwise); with forces `dP11..dP22`
-    (force per length), `hill_work` and `hill_cosine` (over `|dP||H|`), corotated `W2` and `w2`, the
-    predictions (not a number where the tangent is not trusted), earlier `sliding_contacts`.
+    Predictions are not numbers where the tangent is not trusted.
     """
     survived = np.flatnonzero(fates.before == Fate.SURVIVED)
     mechanical = before.mechanical and after.mechanical
@@ -169,10 +161,7 @@ def _product(stress: Floats, strain: Floats) -> tuple[Floats, Floats]:
 def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> Row:
     """Sum up one snapshot of a series; unknown values are None.
 
-    Orders from 8 on count as 8. With forces also the Love-Weber stress `S11..S22` over the area,
-    invariants of the whole sample's stress with the contacts of walls (`Stress`) and their errors,
-    and by each judge of the table the share of the judged loops that are unstable and the share of
-    all that are undetermined.
+    Stresses `S*` are over the network's area, invariants of the whole sample, walls included.
     """
     graph, faces = state.graph, state.faces
     order, loop_area = np.asarray(table["order"]), np.asarray(table["area"])

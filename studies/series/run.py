@@ -22,7 +22,7 @@ from loops.tracking import ExchangeCounts, Fate
 from stability import COMPONENTS
 from stability.packing.response import SOLVED
 from stability.path import Past
-from studies.output import SERIES, Row, Summary, definitions, values_of
+from studies.output import SERIES, Row, Summary, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
@@ -212,7 +212,6 @@ def series_tables(
         "last": ends[1],
         "work_map": None if mapped is None else evolution["snapshot"][mapped : mapped + 2].tolist(),
         "notes": list(dict.fromkeys(notes)),
-        "definitions": definitions("series"),
     }
     events = [kept["events"] for kept in about["increments"]]
     if any(one["pairs"] for one in events):

@@ -53,29 +53,8 @@ def loop_columns(
 ) -> dict[str, Any]:
     """Table of the loops of a snapshot, one row per loop in the order of `snapshot.faces.loops`.
 
-    - `loop`, `order`; centroid `x`, `y`, `area`, `perimeter`; `elongation` and `orientation` of the
-      long axis (degrees in (-90, 90] from axis 1);
-    - `grains`: ids in order, counter-clockwise.
-
-    Of a snapshot with forces, besides:
-
-    - `sliding_contacts`; the loop's Love-Weber stress `stress_11` to `stress_22` over its polygon,
-      each contact shared half and half between its two loops, row = force, column = branch;
-      its `pressure` and `deviator` (half the difference of the principal stresses);
-    - for either closure, with spins blocked and contacts flagged sliding in their sliding block:
-      `*_lambda_min`, `*_lambda_mid`, `*_lambda_max`, the eigenvalues of Ks over the mean kn, in the
-      symmetric subspace; `*_unstable_fraction`, the share of its directions with negative
-      second-order work; `*_cone_opening`, that of the cone in the plane of (11, 22) strains
-      (degrees, 0 if there is none); `*_soft_angle`, the direction of the mode of the smallest
-      eigenvalue: the axis of compression, with the sign that makes the principal strain of larger
-      size a compression (degrees in (-90, 90]; of a pure shear either axis);
-    - `affine_error`, `traction_error`: bound on the error of these tangents over the mean kn;
-      `traction_condition`, see `MacroTangent`;
-    - `traction_free_lambda_min`, `*_mid`, `*_max`, `*_error`: the same eigenvalues under the
-      traction closure with spins free, as if the loop were cut out of its packing, and their error.
-
-    Eigenvalues, fractions and angles are nan where the tangent's error leaves no sign: rounding, or
-    the lever arms of even loops with free spins (`MacroTangent.sensitivity`).
+    Columns by columns.toml; nan where the tangent's error leaves no sign: rounding, or the lever
+    arms of even loops with free spins (`MacroTangent.sensitivity`).
     """
     faces, graph = snapshot.faces, snapshot.graph
     count, order = len(faces.loops), faces.order[faces.loops]
@@ -216,10 +195,7 @@ def write_paraview(
 ) -> None:
     """Write `loops.vtp`, one polygon per loop, and `contacts.vtp`, one line per contact.
 
-    Loops and contacts that cross the border of a periodic cell are unrolled. Cell data of the
-    polygons are the columns of the table, point data the ids of the grains; cell data of the
-    lines are the ids of both grains, the branch length and, where there are forces, N, T and
-    whether the contact slides. The provenance is field data of both, as JSON.
+    Both are unrolled across periodic borders; the provenance is field data, as JSON.
     """
     source, graph, faces = as_json(provenance), snapshot.graph, snapshot.faces
     offsets, corners, grains = loop_polygons(graph, faces)
