@@ -29,7 +29,6 @@ from loops.arrays import Floats, Regimes
 from loops.closures import Closure, MacroTangent, Spins
 from loops.closures.system import with_law
 from loops.errors import check_choice, check_type, listed, path_of, short
-from loops.fabric import direction_tensors, mean_tensor, principal
 from loops.graph import graph_of
 from loops.scene import Subject
 from loops.validation import require_shape
@@ -51,8 +50,8 @@ from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, for
 from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.results import table_of
-from studies.snapshot.fabric import Fabric, axes_rose, axis_errors, strong_contacts
-from studies.snapshot.figures import draw_bars, draw_orders, draw_values, finish_rose, loop_drawer
+from studies.snapshot.fabric import Fabric
+from studies.snapshot.figures import draw_orders, draw_rose, draw_values, loop_drawer
 from studies.snapshot.table import loop_columns
 from studies.style import (
     BLACK,
@@ -61,7 +60,6 @@ from studies.style import (
     LIGHT_GREY,
     LINE_COLOURS,
     ONE_COLUMN,
-    SKY,
     VERMILION,
     axes_or_new,
     edge_ticks,
@@ -70,7 +68,6 @@ from studies.style import (
     styled,
 )
 
-ROSE_DEGREES = 10.0  # width of the bins of a rose, which divides 180
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
 
 
@@ -369,45 +366,13 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
     >>> from patterns import read_snapshot, sample_path
     >>> ax = plot_rose(read_snapshot(sample_path()), ax=Figure().add_subplot(projection="polar"))
     >>> [text.get_text() for text in ax.get_legend().get_texts()][:2]
-    ['second order: a = 0.186 ± 0.049', 'all contacts: 819']
+    ['second order: a = 0.186 ± 0.049, -79.6°', 'all contacts: 819']
     """
     check_choice("of", of, ("contacts", "branches", "loops"))
     if not isinstance(ax, PolarAxes):
         expected, remedy = "polar axes", "Make them with projection='polar', or leave ax out."
         raise InputError("ax", type(ax).__name__, expected, remedy)
-    snapshot = planar(snapshot)
-    d = snapshot.graph.branches
-    axes, weights = np.degrees(np.arctan2(d[:, 1], d[:, 0])), np.ones(len(d))
-    if of == "branches":
-        weights = np.hypot(*d.T)
-    if of == "loops":
-        table = loop_columns(snapshot)
-        axes, weights = table["orientation"], table["area"]
-    sets = [(np.ones(len(axes), dtype=bool), SKY, "", f"all {of}: {len(axes)}")]
-    if of == "contacts" and snapshot.has_forces:
-        strong = strong_contacts(snapshot)
-        sets += [(strong, VERMILION, "o", f"strong: {np.count_nonzero(strong)}"),
-                 (~strong, GREY, "s", f"weak: {np.count_nonzero(~strong)}")]  # fmt: skip
-    for chosen, colour, marker, label in sets:
-        angle, density, error = axes_rose(axes[chosen], weights[chosen], ROSE_DEGREES)
-        if not marker:
-            draw_bars(ax, density[: len(density) // 2], colour, label, filled=True)
-            ax.errorbar(angle, density, error, fmt="none", ecolor=BLUE, elinewidth=0.7)
-        else:
-            ax.errorbar(angle, density, error, fmt=marker, color=colour, markersize=3,
-                        elinewidth=0.7, label=label)  # fmt: skip
-    theta = np.linspace(0.0, 2.0 * np.pi, 361)
-    turn = np.radians(axes)
-    tensors = direction_tensors(np.stack([np.cos(turn), np.sin(turn)], axis=-1))
-    anisotropy, direction = principal(mean_tensor(tensors, weights).mean)
-    a, doubt = 2.0 * anisotropy, 2.0 * axis_errors(tensors, weights, float(direction))[0]
-    series = (1.0 + a * np.cos(2.0 * (theta - direction))) / (2.0 * np.pi)
-    label = f"second order: a = {a:.3f} ± {doubt:.3f}"
-    ax.plot(theta, series, color=BLACK, linewidth=1.0, label=label)
-    titles = {"contacts": "contact normals", "branches": "branch vectors by length",
-              "loops": "long axes of loops by area"}  # fmt: skip
-    finish_rose(ax, titles[of], "probability density (1/rad)")
-    return ax
+    return draw_rose(planar(snapshot), of, ax=ax)
 
 
 def plot_fabric(found: Fabric, ax: Axes | None = None) -> Axes:

@@ -65,7 +65,7 @@ def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
 
 
 def fate_columns(fates: LoopFates) -> dict[str, Any]:
-    """Table of fates: one row per earlier loop, then one row per born loop, of number -1, order 0."""
+    """Table of fates: one row per earlier loop, then one per born loop (number -1, order 0)."""
     born = np.flatnonzero(fates.after == Fate.BORN)
     count = np.bincount(fates.links[:, 0], minlength=len(fates.before))
     ends = np.cumsum([0, *count, *np.ones_like(born)], dtype=np.int32)

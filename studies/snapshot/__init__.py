@@ -88,7 +88,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             from studies.snapshot.table import loops_for_map
 
             links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
-            drawn = snapshot_figures(snapshot, table, tables["fabric"], summary, **links)
+            drawn = snapshot_figures(snapshot, table, summary, **links)
             if asked.quadrons:
                 from studies.snapshot.quadrons import quadron_figure
 

@@ -13,7 +13,7 @@ from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
-from studies.snapshot.summary import axis_bins, group_rows
+from studies.snapshot.summary import group_rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,15 +154,3 @@ def axis_errors(tensors: Floats, weights: Floats | None, angle: float) -> tuple[
         float(np.sqrt(np.sum(weight**2 * (part - weight @ part) ** 2))) for part in parts
     )
     return along, across
-
-
-def axes_rose(axes: Floats, weights: Floats, width: float) -> tuple[Floats, Floats, Floats]:
-    """Centres of the bins (radians) of axes (degrees) over the full turn, density, its error.
-
-    Errors are those of independent weights.
-    """
-    at, bins = axis_bins(axes, width)
-    share = weights / weights.sum() / (2.0 * np.radians(width))
-    density = np.bincount(at, share, minlength=bins)
-    error = np.sqrt(np.bincount(at, share**2, minlength=bins))
-    return np.radians(width) * np.arange(2 * bins), np.tile(density, 2), np.tile(error, 2)

@@ -23,8 +23,10 @@ from numpy.typing import NDArray
 
 from loops import ForceChains
 from loops.arrays import Flags, Floats, Integers
+from loops.fabric import direction_tensors, mean_tensor, principal
 from patterns import Snapshot
 from studies.output import Columns, Summary
+from studies.snapshot.fabric import axis_errors, strong_contacts
 from studies.snapshot.summary import (
     FINE_BIN,
     JUDGE_TITLES,
@@ -44,6 +46,7 @@ from studies.snapshot.table import (
     GROUPS,
     LAST_ORDER,
     PLACE,
+    loop_columns,
     loop_polygons,
 )
 from studies.study import Drawings
@@ -53,6 +56,7 @@ from studies.style import (
     DIVERGING,
     GREY,
     LIGHT_GREY,
+    ONE_COLUMN,
     ORANGE,
     ORDER_COLOURS,
     SEQUENTIAL,
@@ -83,6 +87,9 @@ ORDER_SCALE = BoundaryNorm(np.arange(2.5, LAST_ORDER + 1), len(ORDER_COLOURS))
 GROUP_COLOURS = dict(zip(GROUPS, ORDER_COLOURS, strict=True))
 # Steps that are drawn of a distribution, at most.
 MOST_STEPS_DRAWN = 500
+STRENGTH_COLOURS = {"strong": VERMILION, "weak": GREY}
+ROSE_TITLES = {"contacts": "contact normals", "branches": "branch vectors by length",
+               "loops": "long axes of loops by area"}  # fmt: skip
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
 # Whole numbers up to which each has its own colour.
 MOST_STEPS = 12
@@ -252,7 +259,6 @@ def polygons_of_loops(snapshot: Snapshot, picked: Integers | slice = slice(None)
 def snapshot_figures(
     snapshot: Snapshot,
     table: Columns,
-    fabric: Columns,
     summary: Summary,
     links: Floats | None = None,
 ) -> Drawings:
@@ -261,7 +267,7 @@ def snapshot_figures(
     unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
     yield "map", lambda: loop_map(snapshot, table, draw)
     yield "orders", lambda: order_bars(summary)
-    yield "fabric", lambda: fabric_rose(fabric, summary)
+    yield "fabric", lambda: draw_rose(snapshot)
     if links is not None and summary["loops"]:
         yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
@@ -429,16 +435,41 @@ def _joined(segments: Floats) -> list[Floats]:
     return [ended[first::lines].reshape(-1, 2) for first in range(lines)]
 
 
-@panel(height=3.6, projection="polar")
-def fabric_rose(fabric_density: Columns, summary: Summary, ax: PolarAxes) -> None:
-    """Density of the contact directions, and its Fourier series of second order."""
-    draw_bars(ax, fabric_density["density"], SKY, "contacts", filled=True)
-    fabric = summary["contact_fabric"]
-    theta = np.linspace(0, 2 * np.pi, 721)
-    a, density = fabric["fourier_amplitude"], second_order(theta, fabric)
-    label = f"second order: a = {a:.3f}, {fabric['direction']:.1f}°"
-    ax.plot(theta, density, color=VERMILION, label=label)
-    finish_rose(ax, "contact direction", "probability density (1/rad)")
+@panel(ONE_COLUMN + 0.2, 4.9, "polar")
+def draw_rose(snapshot: Snapshot, of: str = "contacts", *, ax: PolarAxes) -> None:
+    """Directions of contacts, branches or loops, their Fourier series of second order."""
+    d = snapshot.graph.branches
+    axes, weights = np.degrees(np.arctan2(d[:, 1], d[:, 0])), np.ones(len(d))
+    if of == "branches":
+        weights = np.hypot(*d.T)
+    if of == "loops":
+        table = loop_columns(snapshot)
+        axes, weights = table["orientation"], table["area"]
+    found = axes_density(axes, FINE_BIN, weights)
+    draw_bars(ax, found["density"], SKY, f"all {of}: {len(axes)}", filled=True)
+    draw_errors(ax, found, fmt="none", ecolor=BLUE)
+    if of == "contacts" and snapshot.has_forces:
+        strong = strong_contacts(snapshot)
+        for rows, look, kind in ((strong, "o", "strong"), (~strong, "s", "weak")):
+            colour, label = STRENGTH_COLOURS[kind], f"{kind}: {np.count_nonzero(rows)}"
+            some = axes_density(axes[rows], FINE_BIN)
+            draw_errors(ax, some, fmt=look, color=colour, markersize=3, label=label)
+    turn, theta = np.radians(axes), np.linspace(0.0, 2.0 * np.pi, 361)
+    tensors = direction_tensors(np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+    anisotropy, direction = principal(mean_tensor(tensors, weights).mean)
+    a, doubt = 2.0 * anisotropy, 2.0 * axis_errors(tensors, weights, float(direction))[0]
+    fabric = {"fourier_amplitude": a, "direction": np.degrees(direction)}
+    label = f"second order: a = {a:.3f} ± {doubt:.3f}, {fabric['direction']:.1f}°"
+    ax.plot(theta, second_order(theta, fabric), color=BLACK, linewidth=1.0, label=label)
+    finish_rose(ax, ROSE_TITLES[of], "probability density (1/rad)")
+
+
+def draw_errors(ax: Axes, found: Columns, **look: Any) -> None:
+    """Draw densities of axes with their errors, in both directions of each."""
+    angle = np.radians(found["angle"])
+    both = [*angle, *(angle + np.pi)]
+    density, error = ([*found[name]] * 2 for name in ("density", "error"))
+    ax.errorbar(both, density, error, elinewidth=0.7, **look)
 
 
 def rose_judges(table: Columns) -> tuple[str, ...]:
@@ -459,12 +490,9 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
             angles = angles[np.isfinite(angles)]
             width = FINE_BIN if len(angles) >= FEW_AXES else COARSE_BIN
             label = f"{JUDGE_TITLES[closure]}, {len(angles)} loops"
-            counted, colour = axes_density(angles, width), CLOSURE_COLOURS[closure]
-            density, axis = counted["density"], np.radians(counted["angle"])
-            error = density / np.sqrt(np.maximum(counted["count"], 1))
-            draw_bars(ax, density, colour, label, filled=False)
-            ax.errorbar([*axis, *(axis + np.pi)], [*density] * 2, [*error] * 2, fmt="none",
-                        ecolor=colour, elinewidth=0.7)  # fmt: skip
+            found, colour = axes_density(angles, width), CLOSURE_COLOURS[closure]
+            draw_bars(ax, found["density"], colour, label, filled=False)
+            draw_errors(ax, found, fmt="none", ecolor=colour)
         for closure in unstable:
             mean, colour = summary["soft_loops"][closure][key], CLOSURE_COLOURS[closure]
             if mean["count"]:

@@ -462,28 +462,31 @@ def fabric_table(graph: GrainGraph, summary: Summary) -> Columns:
     """Density of the contact directions, one row per bin, and its series of second order."""
     d = graph.branches
     columns = axes_density(np.degrees(np.arctan2(d[:, 1], d[:, 0])), FINE_BIN)
+    del columns["error"]
     second = second_order(np.radians(columns["angle"]), summary["contact_fabric"])
     return columns | {"second_order": second}
 
 
-def axis_bins(axes: Floats, width: float) -> tuple[Integers, int]:
-    """Bin of this width (degrees) that each axis lies in, and the number of bins of half a turn.
+def axes_density(
+    axes: Floats, width: float, weights: Floats | None = None
+) -> dict[str, NDArray[Any]]:
+    """Density of axes (degrees) over half a turn in bins of this width, with independent errors.
 
-    They are centred on the axes of coordinates, where regular packings have their peaks.
+    Bins are centred on the axes of coordinates, where regular packings have their peaks.
     """
     bins = round(180 / width)
-    return np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins, bins
-
-
-def axes_density(axes: Floats, width: float) -> dict[str, NDArray[Any]]:
-    """Density of axes (degrees) over half a turn, in bins of this width."""
-    at, bins = axis_bins(axes, width)
+    at = np.floor(np.mod(axes + 0.5 * width, 180.0) / width).astype(np.int64) % bins
     count = np.bincount(at, minlength=bins)
-    return {
-        "angle": width * np.arange(bins),
-        "count": count,
-        "density": count / max(len(axes), 1) / (2 * np.radians(width)),
-    }
+    # Without weights as counts are: exact.
+    share, square = (
+        (count, count)
+        if weights is None
+        else (np.bincount(at, weights**power, minlength=bins) for power in (1, 2))
+    )
+    whole = 2 * np.radians(width) * max(share.sum(), np.finfo(float).tiny)
+    angle = width * np.arange(bins)
+    density, error = share / whole, np.sqrt(square) / whole
+    return {"angle": angle, "count": count, "density": density, "error": error}
 
 
 def second_order(theta: Floats, fabric: dict[str, Any]) -> Floats:

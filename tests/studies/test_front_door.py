@@ -19,8 +19,9 @@ from loops import (
 )
 from loops.shown import Shown
 from patterns.snapshots.walls import box_area
-from studies.snapshot.fabric import axes_rose, axis_errors
+from studies.snapshot.fabric import axis_errors
 from studies.snapshot.stress import BLOCKS
+from studies.snapshot.summary import axes_density
 from tests.packings import LAW
 from tests.stability.packing.walled_packings import small_sample
 
@@ -128,13 +129,12 @@ def test_a_rose_has_the_density_of_its_axes(snapshot, of):
     ax = gl.plot.rose(snapshot, of, ax=matplotlib.figure.Figure().add_subplot(projection="polar"))
     bars = [bar for bar in ax.patches if bar.get_height() > 0]
     assert sum(bar.get_height() * bar.get_width() for bar in bars) == pytest.approx(1.0)
-    angle, density, error = axes_rose(np.array([0.0, 4.9, 90.0, -90.0]), np.ones(4), 10.0)
-    assert density[0] == density[18] == density[9] and error[0] == pytest.approx(
-        density[0] / 2**0.5
-    )
+    found = axes_density(np.array([0.0, 4.9, 90.0, -90.0]), 10.0, np.ones(4))
+    density, error = found["density"], found["error"]
+    assert density[0] == density[9] and error[0] == pytest.approx(density[0] / 2**0.5)
     with pytest.raises(gl.InputError, match="polar"):
         gl.plot.rose(snapshot, ax=matplotlib.figure.Figure().add_subplot())
-    assert np.degrees(angle[9]) == pytest.approx(90.0)
+    assert found["angle"][9] == pytest.approx(90.0)
 
 
 def test_check_is_that_of_the_command(snapshot):

@@ -9,8 +9,8 @@ import pytest
 from patterns import read_snapshot, sample_cell, sample_path
 from studies.snapshot import figures, run_snapshot
 from studies.snapshot.figures import (
+    draw_rose,
     eigenvalue_distribution,
-    fabric_rose,
     loop_drawer,
     loop_map,
     order_bars,
@@ -56,15 +56,15 @@ def bars(ax, container=0):
 def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
     snapshot, _, summary = sample
     numbers = fabric_table(snapshot.graph, summary)
-    ax = fabric_rose(numbers, summary)
+    ax = draw_rose(snapshot)
     angle, height, width = bars(ax)
     assert np.sum(height * width) == pytest.approx(1.0, rel=1e-12)
     np.testing.assert_allclose(height[: len(height) // 2], height[len(height) // 2 :])
-    curve = ax.lines[0].get_xydata()
+    (curve,) = (line.get_xydata() for line in ax.lines if "second" in str(line.get_label()))
     assert np.trapezoid(curve[:, 1], curve[:, 0]) == pytest.approx(1.0, rel=1e-12)
     # The bars' own second harmonic, up to their width: sinc(width) of it is left.
     harmonic = 2 * np.sum(height * width * np.exp(2j * angle)) / np.sinc(width[0] / np.pi)
-    drawn = np.sum(curve[:-1, 1] * np.exp(2j * curve[:-1, 0])) * 2 * (2 * np.pi / 720)
+    drawn = np.sum(curve[:-1, 1] * np.exp(2j * curve[:-1, 0])) * 2 * (2 * np.pi / 360)
     assert abs(harmonic - drawn) < 0.01
     assert numbers["count"].sum() == snapshot.graph.contact_count
     np.testing.assert_allclose(numbers["density"], height[: len(height) // 2])
@@ -150,8 +150,7 @@ def test_stable_and_untrusted_loops_are_drawn_too(sample):
         values = np.abs(table[f"{closure}_lambda_min"])
         stable[f"{closure}_lambda_min"] = np.where(table["order"] == 5, np.nan, values)
     summary = snapshot_summary(snapshot, stable)
-    fabric = fabric_table(snapshot.graph, summary)
-    names = [name for name, _ in snapshot_figures(snapshot, stable, fabric, summary)]
+    names = [name for name, _ in snapshot_figures(snapshot, stable, summary)]
     assert "eigenvalues" in names and "directions" not in names
     groups = group_rows(stable["order"])
     eigenvalue_distribution(stable, groups).draw_without_rendering()
@@ -163,8 +162,7 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     table = loop_columns(bare)
     summary = snapshot_summary(bare, table)
     results = Results(tmp_path, {"command": "grainloops snapshot"})
-    fabric = fabric_table(bare.graph, summary)
-    saved = results.save_figures(snapshot_figures(bare, table, fabric, summary))
+    saved = results.save_figures(snapshot_figures(bare, table, summary))
     assert [one.name for one in saved] == ["map", "orders", "fabric"]
     drawn = {path.name for path in tmp_path.iterdir()}
     assert drawn == {"map.png", "orders.png", "fabric.png"}
