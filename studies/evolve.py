@@ -72,8 +72,12 @@ class Programmed(Evolving):
 
     @property
     def driven(self) -> str:
-        """Return the component that is driven."""
-        return driven_component(self.programme, self.axis or 1)
+        """Return the component of strain or stress that is driven."""
+        axis = self.axis or 1
+        if self.programme == "simple-shear":
+            return f"H{axis}{3 - axis}"
+        named = {"isotropic": "H11", "isotropic-stress": "P11"}
+        return named.get(self.programme, f"H{axis}{axis}")
 
     def along(self, scene: Scene) -> Programmed:
         """Return the options with their axis; left out it is that of the major stress."""
@@ -83,9 +87,8 @@ class Programmed(Evolving):
 
     def described(self) -> dict[str, Any]:
         """Return the options for the summary; those that only some programmes ask for if given."""
-        left_out = {"fluid_bulk_modulus": None, "strain_ratio": None, "pathologies": False}
-        given = asdict(self)
-        return {k: v for k, v in given.items() if k not in left_out or v != left_out[k]}
+        some = ("fluid_bulk_modulus", "strain_ratio", "pathologies")
+        return {k: v for k, v in asdict(self).items() if k not in some or v not in (None, False)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,7 +275,15 @@ def run_evolve(
             rate = replay_rate(snapshot, after, moments, follows, asked.stage)
         found = followed(snapshot, asked, rate, progress)
         changes = found.changes()
-        tables = evolution_tables(found, changes)
+        tables = {
+            "path": row_table(found.way),
+            "events": event_table(found.way, found.ids),
+            "loops": found.loops(changes=changes),
+            "grains": grain_table(found.way, found.ids),
+        }
+        if len(found.ways) > 1:
+            tables["replay_loops"] = found.loops("replay")
+            tables["replay"] = row_table(found.ways["replay"]).drop(columns="events")
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
@@ -281,11 +292,8 @@ def run_evolve(
             compared = found.ways, tables["dem"], found.driven, found.sense
             tables["forecast"] = dem_comparison(*compared)
             told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
-        title, figures = (
-            f"Path of {readable(planned[0].name)}",
-            "studies.packing_figures.path_figures",
-        )
-        told = asked.described() | told
+        title = f"Path of {readable(planned[0].name)}"
+        figures, told = "studies.packing_figures.path_figures", asked.described() | told
         summary = results.write_packing(title, snapshot, found, tables, told, figures)
         if animation:
             from studies.packing_figures import animate_path
@@ -296,36 +304,57 @@ def run_evolve(
     return summary
 
 
-def evolution_tables(found: Evolution, changes: list[LoopRates]) -> dict[str, pd.DataFrame]:
-    """Return the tables of the first way by name; a replay beside a path has its own."""
-    tables = {
-        "path": row_table(found.way),
-        "events": event_table(found.way, found.ids),
-        "loops": found.loops(changes=changes),
-        "grains": grain_table(found.way, found.ids),
-    }
-    if len(found.ways) > 1:
-        tables["replay_loops"] = found.loops("replay")
-        replayed = row_table(found.ways["replay"])
-        tables["replay"] = replayed.drop(columns="events")
-    return tables
-
-
 def evolution_summary(
     found: Evolution, tables: dict[str, pd.DataFrame], rate: Rate | None
 ) -> Summary:
     """Return the summary of the first way, and of a replay its rate; its end beside a path."""
-    told = path_summary(found.way, tables, found.driven)
-    told |= start_of(contacts_at_start(found.scene).stress)
-    told |= {"driven": found.driven, "replay": None}
+    way, driven, last = found.way, found.driven, tables["path"].iloc[-1]
+    instabilities = way.of_kind("instability")
+    passed = Counter(event.passed for event in instabilities)
+    again = None
     if rate is not None:
-        contacts = found.scene.graph.contact_count
-        beside = {}
-        if len(found.ways) > 1:
-            beside = replay_summary(found.ways, tables, found.driven, contacts)
-        rates = {"inertial_number": rate.inertial_number, "source": rate.source}
-        told["replay"] = rates | beside
-    return told
+        again = {"inertial_number": rate.inertial_number, "source": rate.source}
+        again |= beside_path(found, tables) if len(found.ways) > 1 else {}
+    return {
+        **start_of(contacts_at_start(found.scene).stress),
+        "driven": driven,
+        "end": end_of(tables["path"], driven),
+        "events": dict(Counter(event.kind for event in way.events)),
+        **values_of(way, "intervals", "message", "status"),
+        "limit": None if math.isnan(way.limit) else way.limit,
+        "limit_spread": way.limit_spread if math.isfinite(way.limit_spread) else None,
+        "loops": len(tables["loops"]),
+        "negative_loops": negative_share(tables["loops"]),
+        "passed": {name or "other": count for name, count in passed.items()},
+        "reached": float(last["driven"]),
+        "replay": again,
+        "stress_spread": None if math.isnan(way.stress_spread) else way.stress_spread,
+        "unstable_contacts": len({event.contacts for event in instabilities}),
+        "work": float(last["work"]) if len(way.work) else None,
+    }
+
+
+def negative_share(loops: pd.DataFrame) -> float | None:
+    """Return the share of the loops with negative work, of those with a known one."""
+    work = loops["W2"].dropna()
+    return float((work < 0).mean()) if len(work) else None
+
+
+def beside_path(found: Evolution, tables: Mapping[str, pd.DataFrame]) -> Summary:
+    """End of a replay beside a path, and how far their contact forces are apart there.
+
+    The distance is None where the path ended before the replay.
+    """
+    path, other = found.ways["events"], found.ways["replay"]
+    count = found.scene.graph.contact_count
+    ends = other.states[-1], path.states[-1], path.states[0]
+    last, end, first = (state.forces[:count] for state in ends)
+    apart = float(np.linalg.norm(end - last) / np.linalg.norm(last - first))
+    return {
+        "end": end_of(tables["replay"], found.driven),
+        "negative_loops": negative_share(tables["replay_loops"]),
+        "path_from_replay": apart if path.status == "finished" else None,
+    }
 
 
 def start_of(stress: Floats) -> Summary:
@@ -352,15 +381,6 @@ def major_axis(stress: Floats) -> int:
     return 2 if stress[1, 1] > stress[0, 0] + EQUAL * abs(stress[0, 0]) else 1
 
 
-def driven_component(programme: str, axis: int) -> str:
-    """Component of strain or stress that a programme drives."""
-    if programme == "isotropic-stress":
-        return "P11"
-    if programme == "simple-shear":
-        return f"H{axis}{3 - axis}"
-    return "H11" if programme == "isotropic" else f"H{axis}{axis}"
-
-
 def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> Stage:
     """Return the stage from the snapshot until the driven component has changed by `to`.
 
@@ -385,18 +405,17 @@ def event_table(way: FollowedPath, ids: NDArray[np.int64]) -> pd.DataFrame:
     end = way.states[-1]
     # Walls are the bodies behind the grains.
     grains = np.append(ids, np.full(len(end.walls), NO_GRAIN))[end.contacts[contact]]
-    return pd.DataFrame(
-        {
-            "kind": np.array([event.kind for event in way.events], dtype=str),
-            "driven": way.sense * np.array([event.parameter for event in way.events], dtype=float),
-            "row": np.array([event.index for event in way.events], dtype=int),
-            "contact": contact,
-            "id1": grains[:, 0],
-            "id2": grains[:, 1],
-            "passed": np.array([event.passed for event in way.events], dtype=str),
-            "detail": np.array([describe(event) for event in way.events], dtype=str),
-        }
-    )
+    table = {
+        "kind": np.array([event.kind for event in way.events], dtype=str),
+        "driven": way.sense * np.array([event.parameter for event in way.events], dtype=float),
+        "row": np.array([event.index for event in way.events], dtype=int),
+        "contact": contact,
+        "id1": grains[:, 0],
+        "id2": grains[:, 1],
+        "passed": np.array([event.passed for event in way.events], dtype=str),
+        "detail": np.array([describe(event) for event in way.events], dtype=str),
+    }
+    return pd.DataFrame(table)
 
 
 def grain_table(way: FollowedPath, ids: NDArray[np.int64]) -> pd.DataFrame:
@@ -421,65 +440,23 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
     end = changes[-1]
     negative = np.array([change.second_order_work < 0 for change in changes])
     row = np.where(negative.any(axis=0), 1 + np.argmax(negative, axis=0), -1)
-    return pd.DataFrame(
-        {
-            "loop": np.arange(len(row)),
-            "order": faces.order[faces.loops],
-            "area": end.area,
-            **components("H", end.strain),
-            **components("P", end.stress),
-            "W2": end.second_order_work,
-            "w2": end.normalised_work,
-            "additive_w": end.additive_work,
-            "nonaffinity": end.nonaffinity,
-            "negative_row": row,
-            "negative_from": np.where(row > 0, driven[row], np.nan),
-        }
-    )
-
-
-def replay_summary(
-    ways: Mapping[str, FollowedPath], tables: Mapping[str, pd.DataFrame], driven: str, contacts: int
-) -> Summary:
-    """End of a replay beside a path, and how far their contact forces are apart there.
-
-    The distance is None where the path ended before the replay.
-    """
-    path, other = ways["events"], ways["replay"]
-    work = tables["replay_loops"]["W2"].dropna()
-    last, end, first = (
-        state.forces[:contacts] for state in (other.states[-1], path.states[-1], path.states[0])
-    )
-    apart = float(np.linalg.norm(end - last) / np.linalg.norm(last - first))
-    return {
-        "end": end_of(tables["replay"], driven),
-        "negative_loops": float((work < 0).mean()) if len(work) else None,
-        "path_from_replay": apart if path.status == "finished" else None,
+    table = {
+        "loop": np.arange(len(row)),
+        "order": faces.order[faces.loops],
+        "area": end.area,
+        **components("H", end.strain),
+        **components("P", end.stress),
+        "W2": end.second_order_work,
+        "w2": end.normalised_work,
+        "additive_w": end.additive_work,
+        "nonaffinity": end.nonaffinity,
+        "negative_row": row,
+        "negative_from": np.where(row > 0, driven[row], np.nan),
     }
+    return pd.DataFrame(table)
 
 
 def end_of(rows: pd.DataFrame, driven: str) -> dict[str, float]:
     """Normal strains and stresses of the last row, and those of the driven axes."""
     names = dict.fromkeys(("H11", "H22", "P11", "P22", f"H{driven[1:]}", f"P{driven[1:]}"))
     return {name: float(rows[name].iloc[-1]) for name in names}
-
-
-def path_summary(way: FollowedPath, tables: dict[str, pd.DataFrame], driven: str) -> Summary:
-    """Summary of a way and its tables."""
-    last, work = tables["path"].iloc[-1], tables["loops"]["W2"].dropna()
-    instabilities = [event for event in way.events if event.kind == "instability"]
-    passed = Counter(event.passed for event in instabilities)
-    return {
-        "end": end_of(tables["path"], driven),
-        "events": dict(Counter(event.kind for event in way.events)),
-        **values_of(way, "intervals", "message", "status"),
-        "limit": None if math.isnan(way.limit) else way.limit,
-        "limit_spread": way.limit_spread if math.isfinite(way.limit_spread) else None,
-        "loops": len(tables["loops"]),
-        "negative_loops": float((work < 0).mean()) if len(work) else None,
-        "passed": {name or "other": count for name, count in passed.items()},
-        "reached": float(last["driven"]),
-        "stress_spread": None if math.isnan(way.stress_spread) else way.stress_spread,
-        "unstable_contacts": len({event.contacts for event in instabilities}),
-        "work": float(last["work"]) if len(way.work) else None,
-    }
