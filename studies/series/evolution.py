@@ -199,7 +199,7 @@ def verdict_row(judge: str, smallest: Floats) -> dict[str, float | None]:
     return {f"{judge}_{name}": None if np.isnan(share) else share for name, share in shares}
 
 
-def probe_row(state: Snapshot, directions: int, yield_band: float) -> tuple[Row, list[str]]:
+def probe_row(state: Snapshot, yield_band: float, directions: int) -> tuple[Row, list[str]]:
     """Columns of the probes of one snapshot (None if unknown) and notes."""
     row: Row = dict.fromkeys(PROBE)
     try:

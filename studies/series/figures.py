@@ -390,7 +390,7 @@ def series_figures(
 
 def joined_increments(series: Series) -> Columns:
     """Actual and predicted work of all intervals."""
-    parts = [task.part for task in series.intervals]
+    parts = series.parts["increments"]
     if not parts:
         return {}
     there = set(pyarrow.parquet.read_schema(parts[0]).names)
@@ -403,8 +403,8 @@ def joined_increments(series: Series) -> Columns:
 def map_data(task: PartTask) -> MappedInterval:
     """Snapshot, fates, increments and predictions of one interval."""
     before, _, fates = tracked(task)
-    predicted = part_columns(task.packing_part) if task.packing_part.is_file() else {}
-    return MappedInterval(before, fates, pd.read_parquet(task.part), predicted)
+    predicted = part_columns(task.parts["packing"]) if "packing" in task.parts else {}
+    return MappedInterval(before, fates, pd.read_parquet(task.parts["increments"]), predicted)
 
 
 def picked_snapshots(count: int, most: int = MOST_SCENES) -> list[int]:
@@ -424,18 +424,18 @@ def maps_of(series: Series, counts: Sequence[int], first: int) -> list[LoopsForM
         about = f"{len(places)} of {len(planned)} snapshots are shown, a page can't hold more. "
     maps = []
     for k in places:
-        one, table = planned[k], pd.read_parquet(series.snapshots[k].part)
+        one, table = planned[k], pd.read_parquet(series.parts["loops"][k])
         table = table.drop(columns=["grains", "snapshot", "step"])
         if k < len(intervals):
-            task = intervals[k]
-            fates = pd.read_parquet(task.fates_part)[: len(table)]
+            parts = intervals[k].parts
+            fates = pd.read_parquet(parts["fates"])[: len(table)]
             table = table.join(fates[["fate", "successor", "order_after"]])
-            own = pd.read_parquet(task.part).set_index("loop_before")
+            own = pd.read_parquet(parts["increments"]).set_index("loop_before")
             table = table.join(
                 own[[name for name in (*MAPPED_COLUMNS, "nonaffinity") if name in own]]
             )
-            if task.packing_part.is_file():
-                predicted = pd.read_parquet(task.packing_part)
+            if "packing" in parts:
+                predicted = pd.read_parquet(parts["packing"])
                 table = table.join(predicted[[n for n in PACKING_COLUMNS if n in predicted]])
         name = f"{one.number} ({one.name})"
         place: Any = {"name": name, "number": one.number, "first": k == first, "about": about}
@@ -454,7 +454,7 @@ class AnimationFrame(NamedTuple):
 def animation_frames(series: Series, evolution: pd.DataFrame) -> Iterator[AnimationFrame]:
     """Frames of the animation of a series, one snapshot in memory at a time."""
     for k in picked_snapshots(len(series.planned)):
-        one, part = series.planned[k], series.snapshots[k].part
+        one, part = series.planned[k], series.parts["loops"][k]
         title = f"snapshot {one.number}, shear strain {evolution['shear_strain'][k]:.4f}"
         smallest = None
         if SMALLEST in pyarrow.parquet.read_schema(part).names:

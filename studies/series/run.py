@@ -37,6 +37,7 @@ from studies.series.skill import (
     write_fates,
 )
 from studies.series.tasks import (
+    Extras,
     Series,
     do_tasks,
     keep_only,
@@ -85,7 +86,7 @@ def run_series(
     read = {name: value for name, value in how.items() if name not in ("contacts", "frame")}
     in_packing = asked.in_packing or indicators
     check_choice("--in-packing", in_packing, (False, True, "rates", "events"))
-    share, by_events = None, in_packing == "events"
+    share, by_events, probe = None, in_packing == "events", None
     if in_packing:
         share = number("candidates", asked.candidates, 0.0, 1.0, open_low=True)
     following = _following(asked.past, rate, asked.damping, asked.programme)
@@ -96,18 +97,17 @@ def run_series(
     read["in_packing"] = [share, "events", *following[:-1]] if by_events else share
     if indicators:
         read["indicators"] = True
-    probed: tuple[float | None, int | None] = (None, None)
     if asked.probe is not None:
         whole_number("--probe", asked.probe, 1)
-        probed = number("yield_band", asked.yield_band, 0.0, 1.0, open_low=True), asked.probe
-        read["probe"] = list(probed)
+        probe = number("yield_band", asked.yield_band, 0.0, 1.0, open_low=True), asked.probe
+        read["probe"] = list(probe)
     configuration = {"paths": paths, "cells": cells, "times": times, **read}
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
     with series_folder(out, read, [one.name for one in planned], force=force):
         files = [out / SERIES, *dict.fromkeys(one.path for one in planned)]
-        followed = following if by_events else None
-        series = Series(planned, out, share, followed, probed, indicators)
+        extras = Extras(probe, share, following if by_events else None, indicators)
+        series = Series(planned, out, extras)
         with open_runner(workers, scheduler, files) as runner:
             failures = do_tasks(runner, series.snapshots, "snapshots", skip_bad=asked.skip_bad)
             bad = {failure.number for failure in failures}
@@ -221,12 +221,12 @@ def series_tables(
     if len(skill):
         tables["skill"] = skill
         summary |= skill_summary(skill, by_order)
-    if series.candidates is not None:
+    if series.extras.candidates is not None:
         tables["skill_by_order"] = by_order
-        summary["packing"] = solved_summary(intervals, series.candidates)
-    if series.following is not None:
+        summary["packing"] = solved_summary(intervals, series.extras.candidates)
+    if series.extras.following is not None:
         numbers = [one.number for one in series.planned]
-        summary["followed"] = followed_summary(intervals, numbers, series.following)
+        summary["followed"] = followed_summary(intervals, numbers, series.extras.following)
         summary["notes"] = [*missed_stresses(summary["followed"]), *summary["notes"]]
     if len(skill):
         summary["notes"] = [*long_steps(evolution), *summary["notes"]]

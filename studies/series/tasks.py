@@ -212,53 +212,52 @@ class Failure:
 
 
 @dataclass(frozen=True)
+class Extras:
+    """Probes and predictors that are asked for besides.
+
+    `probe` are the yield band and the number of directions of the probes of each snapshot. With
+    `candidates` (share of its strength from which a contact may slide) the packing predicts each
+    interval, with `following` its path and its replay too, with `indicators` what one snapshot
+    tells.
+    """
+
+    probe: tuple[float, int] | None = None
+    candidates: float | None = None
+    following: Following | None = None
+    indicators: bool = False
+
+
+@dataclass(frozen=True)
 class PartTask:
     """Task that writes the loops of one snapshot, or the changes between two successive ones.
 
-    `band` is the share of its strength from which a contact may slide, in probes and predictions.
-    With `directions` the snapshot is probed as well, with `indicators` those of its loops predict
-    the interval; `previous` is the snapshot before it, if there is one.
+    `previous` is the snapshot before it, if there is one.
     """
 
     snapshots: tuple[PlannedSnapshot, ...]
     out: Path
-    band: float | None = None
-    directions: int | None = None
-    following: Following | None = None
-    indicators: bool = False
+    extras: Extras
     previous: PlannedSnapshot | None = None
 
     @property
-    def part(self) -> Path:
-        """File of the result, in a dataset of the absolute result folder."""
-        return self._part(DATASETS[len(self.snapshots) - 1])
-
-    @property
-    def packing_part(self) -> Path:
-        """File of the packing's predictions."""
-        return self._part(DATASETS[2])
-
-    @property
-    def fates_part(self) -> Path:
-        """File of the fates of all loops."""
-        return self._part(DATASETS[3])
+    def parts(self) -> dict[str, Path]:
+        """Files of the results by dataset, in the absolute result folder."""
+        numbers = "-".join(f"{one.number:05d}" for one in self.snapshots)
+        names = DATASETS[:1] if len(self.snapshots) == 1 else ("increments", "fates")
+        if len(self.snapshots) > 1 and self.extras.candidates is not None:
+            names = (*names, "packing")
+        return {name: self.out / name / f"part-{numbers}.parquet" for name in names}
 
     @property
     def fingerprint(self) -> str:
         """Digest of everything that the result depends on."""
-        how = self.band, self.directions
-        asked = [repr(one) for one in (*how, self.following) if one is not None]
-        if self.indicators:
-            asked += ["indicators", "" if self.previous is None else self.previous.fingerprint]
-        return "-".join([*(one.fingerprint for one in self.snapshots), *asked])
+        before = "" if self.previous is None else self.previous.fingerprint
+        return "-".join([*(one.fingerprint for one in self.snapshots), repr(self.extras), before])
 
     @property
     def finished(self) -> bool:
         """Whether all its files exist and have its fingerprint."""
-        parts = [self.part]
-        if len(self.snapshots) > 1:
-            parts += [self.fates_part, *([] if self.band is None else [self.packing_part])]
-        told = (read_about(part) or {} for part in parts)
+        told = (read_about(part) or {} for part in self.parts.values())
         return all(about.get("fingerprint") == self.fingerprint for about in told)
 
     @property
@@ -266,53 +265,39 @@ class PartTask:
         """Name of the snapshots, for messages."""
         return " to ".join(one.name for one in self.snapshots)
 
-    def _part(self, dataset: str) -> Path:
-        numbers = "-".join(f"{one.number:05d}" for one in self.snapshots)
-        return self.out / dataset / f"part-{numbers}.parquet"
-
 
 @dataclass(frozen=True)
 class Series:
-    """Planned snapshots, result folder and optional extra predictors of a series.
-
-    With `candidates` the packing predicts each interval, with `following` its path and its replay
-    too, with `indicators` also what one snapshot tells; `probe` are the yield band and the number
-    of directions of the probes of each snapshot.
-    """
+    """Planned snapshots, result folder, and what is asked for besides of a series."""
 
     planned: Sequence[PlannedSnapshot]
     out: Path
-    candidates: float | None = None
-    following: Following | None = None
-    probe: tuple[float | None, int | None] = (None, None)
-    indicators: bool = False
+    extras: Extras = Extras()
 
     @cached_property
     def snapshots(self) -> list[PartTask]:
         """A task for each snapshot."""
-        return [PartTask((one,), self.out, *self.probe) for one in self.planned]
+        return [PartTask((one,), self.out, self.extras) for one in self.planned]
 
     @cached_property
     def intervals(self) -> list[PartTask]:
         """A task for each snapshot with the next."""
         earlier: list[PlannedSnapshot | None] = [None] * len(self.planned)
-        if self.indicators:
+        if self.extras.indicators:
             earlier[1:] = self.planned[:-1]
-        given = self.out, self.candidates, None, self.following, self.indicators
         pairs = zip(pairwise(self.planned), earlier, strict=False)
-        return [PartTask(pair, *given, previous) for pair, previous in pairs]
+        return [PartTask(pair, self.out, self.extras, previous) for pair, previous in pairs]
 
     @property
     def parts(self) -> dict[str, list[Path]]:
         """Files of each dataset, in order."""
-        parts = {
-            "loops": [task.part for task in self.snapshots],
-            "increments": [task.part for task in self.intervals],
-            "fates": [task.fates_part for task in self.intervals],
-        }
-        if self.candidates is not None:
-            parts["packing"] = [task.packing_part for task in self.intervals]
-        return parts
+        files: dict[str, list[Path]] = {name: [] for name in DATASETS}
+        for task in (*self.snapshots, *self.intervals):
+            for name, part in task.parts.items():
+                files[name].append(part)
+        if self.extras.candidates is None:
+            del files["packing"]
+        return files
 
 
 def do_tasks(
@@ -356,7 +341,9 @@ def do_task(task: PartTask) -> Failure | None:
     except OSError as error:
         # Errors of reading are InputErrors already.
         said = error.strerror or str(error)
-        full = InputError(str(task.part), said, "a place to write", "Make room.")
+        full = InputError(
+            str(next(iter(task.parts.values()))), said, "a place to write", "Make room."
+        )
         return Failure(last.number, last.name, full, skippable=False)
     return None
 
@@ -368,8 +355,8 @@ def _write_snapshot(task: PartTask) -> None:
     # Tasks run at the same time, each on one core.
     table = loop_columns(state, threads=1)
     row, notes = evolution_row(state, table), list(state.notes)
-    if task.directions is not None and task.band is not None:
-        probed, why = probe_row(state, task.directions, task.band)
+    if task.extras.probe is not None:
+        probed, why = probe_row(state, *task.extras.probe)
         row, notes = row | probed, notes + why
     rows, step = len(table["loop"]), state.step
     place = {
@@ -377,35 +364,35 @@ def _write_snapshot(task: PartTask) -> None:
         "step": np.full(rows, np.nan if step is None else float(step)),
     }
     about = {"fingerprint": task.fingerprint, "row": row, "notes": notes}
-    write_part(task.part, place | table, about)
+    write_part(task.parts["loops"], place | table, about)
 
 
 def _write_pair(task: PartTask) -> None:
     """Write the tables of fates and increments; metadata keep the row of the interval."""
     before, after, fates = tracked(task)
-    table = loop_increments(before, after, fates)
+    table, extras, parts = loop_increments(before, after, fates), task.extras, task.parts
     own = {"fingerprint": task.fingerprint}
     columns = fate_columns(fates)
-    write_part(task.fates_part, _numbers(task, len(columns["fate"])) | columns, own)
+    write_part(parts["fates"], _numbers(task, len(columns["fate"])) | columns, own)
     about: dict[str, Any] = {
         "fingerprint": task.fingerprint,
         "row": interval_row(before, after, fates, table),
         "exchange": exchange_counts(fates)._asdict(),
         "events": order_events(fates)._asdict(),
     }
-    if task.band is not None:
+    if extras.candidates is not None:
         columns, row, about["notes"] = packing_predictions(
-            *(before, after, fates, task.band, task.following),
+            *(before, after, fates, extras.candidates, extras.following),
             [one.time for one in task.snapshots],
         )
-        if task.indicators:
+        if extras.indicators:
             previous = None if task.previous is None else task.previous.read()
             columns |= indicator_columns(before, previous)
         about["row"] |= row
         table |= increment_columns(table, about["row"], columns)
         # A restart looks for the increments: they are written last.
-        write_part(task.packing_part, _numbers(task, len(columns["loop"])) | columns, own)
-    write_part(task.part, _numbers(task, len(table["loop_before"])) | table, about)
+        write_part(parts["packing"], _numbers(task, len(columns["loop"])) | columns, own)
+    write_part(parts["increments"], _numbers(task, len(table["loop_before"])) | table, about)
 
 
 def _numbers(task: PartTask, rows: int) -> dict[str, Any]:

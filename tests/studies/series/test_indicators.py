@@ -16,7 +16,7 @@ from studies.examples import indicators as benchmark
 from studies.reading import plan_series, reading
 from studies.series.packing import indicator_columns
 from studies.series.skill import INDICATORS
-from studies.series.tasks import Series
+from studies.series.tasks import Extras, Series
 from tests.packings import packing
 from tests.studies.series.test_packing import tracked
 from tests.studies.series.test_run import run
@@ -158,7 +158,7 @@ def test_a_restart_knows_the_snapshot_before(paths, tmp_path):
 
     def fingerprints(asked):
         planned = plan_series(paths, None, reading())
-        series = Series(planned, tmp_path, 0.99, indicators=asked)
+        series = Series(planned, tmp_path, Extras(candidates=0.99, indicators=asked))
         return [task.fingerprint for task in series.intervals]
 
     plain, asked = fingerprints(False), fingerprints(True)
