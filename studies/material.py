@@ -18,7 +18,7 @@ from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
 from studies.evolve import major_axis, start_of
-from studies.output import Summary, readable, values_of
+from studies.output import Summary, components, readable, values_of
 from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Averaging
 from studies.reading import read_planar, reading
@@ -105,7 +105,13 @@ def run_material(
     files = files_of(how)
     source = {} if snapshot is None else {"path": snapshot, **reading(**how)}
     with study("material", out, source | asdict(options), **files) as results:
-        loops, law, notes = _loops(options, snapshot, how)
+        law: Any = options.law
+        loops, notes = oriented(options.loop, options.orientations), list[str]()
+        if snapshot is not None:
+            read, law = read_planar(snapshot, **how), None
+            loops = loops_of(read, orders=options.orders, count=options.count)
+            half = "each contact counts half in each of its two loops"
+            notes = [*read.notes, f"loops as they stand in the packing; {half}"]
         stress = np.average(loops.stress, axis=0, weights=loops.weights)
         axis = options.axis or major_axis(stress)
         options, along = replace(options, axis=axis), 3 * (axis - 1)
@@ -116,28 +122,19 @@ def run_material(
         }
         rows = {name: march_table(path, along) for name, path in paths.items()}
         table = pd.concat(rows, names=["set"]).reset_index("set")
-        summary = results.write_results(
-            {"path": table, "loops": averaged_loops(loops)},
-            material_summary(options, loops, table, paths)
-            | {"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
-        )
+        told = {
+            "loops": len(loops.weights),
+            "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
+            **values_of(options, "closure", "programme", "steps"),
+            **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
+            **{"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
+        }
+        summary = results.write_results({"path": table, "loops": averaged_loops(loops)}, told)
         if results.figures:
             name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
             title = f"Loops of {name} as a material"
             results.write_report(title, summary, [("material", lambda: draw_material(table))], [])
     return summary
-
-
-def _loops(
-    options: MaterialOptions, snapshot: Path | None, how: dict[str, Any]
-) -> tuple[LoopSet, Any, list[str]]:
-    """Return the loops, their law (None: their own) and what has to be said of them."""
-    if snapshot is None:
-        return oriented(options.loop, options.orientations), options.law, []
-    read = read_planar(snapshot, **how)
-    loops = loops_of(read, orders=options.orders, count=options.count)
-    half = "each contact counts half in each of its two loops"
-    return loops, None, [*read.notes, f"loops as they stand in the packing; {half}"]
 
 
 def _single(loops: LoopSet, number: int | None) -> int:
@@ -160,21 +157,16 @@ def _single(loops: LoopSet, number: int | None) -> int:
 
 def _march(options: MaterialOptions, material: LoopMaterial, snapshot: Path | None) -> MaterialPath:
     """Compress to the confining stress, unless the loops have their own, and go on from there."""
-    if snapshot is not None:
-        return march(material, _stage(options, 0.0), options.steps)
-    confining = Stage(programmes.isotropic_stress(), "P11", options.confine)
-    rest = march(material, confining, CONFINING_STEPS)
-    if rest.status != "finished":
-        return rest
-    driven = rest.P if options.programme == "isotropic-stress" else rest.H
-    stages = [confining, _stage(options, float(driven[-1, 3 * ((options.axis or 1) - 1)]))]
-    return march(material, stages, options.steps)
-
-
-def _stage(options: MaterialOptions, start: float) -> Stage:
-    """Return the stage that drives the axis's strain (or stress, if isotropic) by `end`."""
     tensor, axis = "P" if options.programme == "isotropic-stress" else "H", options.axis or 1
-    return Stage(options.loading_programme(), f"{tensor}{axis}{axis}", start + options.end)
+    stages, start = list[Stage](), 0.0
+    if snapshot is None:
+        stages = [Stage(programmes.isotropic_stress(), "P11", options.confine)]
+        rest = march(material, stages, CONFINING_STEPS)
+        if rest.status != "finished":
+            return rest
+        start = float(getattr(rest, tensor)[-1, 3 * (axis - 1)])
+    driven = Stage(options.loading_programme(), f"{tensor}{axis}{axis}", start + options.end)
+    return march(material, [*stages, driven], options.steps)
 
 
 def march_table(path: MaterialPath, along: int = 0) -> pd.DataFrame:
@@ -191,27 +183,25 @@ def march_table(path: MaterialPath, along: int = 0) -> pd.DataFrame:
     values = np.linalg.eigvalsh(0.5 * (K + np.swapaxes(K, 1, 2)))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(P[:, 3 - along] != 0.0, P[:, along] / P[:, 3 - along], np.nan)
-    return pd.DataFrame(
-        {
-            "stage": np.where(last, "programme", "confinement"),
-            "strain": path.H[:, along] - path.H[begin, along],
-            **{f"H{c}": path.H[:, k] for k, c in enumerate(COMPONENTS)},
-            **{f"P{c}": P[:, k] for k, c in enumerate(COMPONENTS)},
-            "stress_ratio": ratio,
-            "volume_change": area / area[begin] - 1.0,
-            "w2": path.work,
-            "lambda_min": values[:, 0],
-            "cone_status": cone.status,
-            "cone_opening_deg": np.degrees(cone.opening),
-            "cone_axis_deg": np.degrees(cone.axis),
-            "stuck": path.regimes[:, 0],
-            "sliding": path.regimes[:, 1],
-            "open": path.regimes[:, 2],
-            "failed": path.failed,
-            **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
-               for j, b in enumerate(COMPONENTS)},
-        }
-    )  # fmt: skip
+    four = list(enumerate(COMPONENTS))
+    return pd.DataFrame({
+        "stage": np.where(last, "programme", "confinement"),
+        "strain": path.H[:, along] - path.H[begin, along],
+        **components("H", path.H),
+        **components("P", P),
+        "stress_ratio": ratio,
+        "volume_change": area / area[begin] - 1.0,
+        "w2": path.work,
+        "lambda_min": values[:, 0],
+        "cone_status": cone.status,
+        "cone_opening_deg": np.degrees(cone.opening),
+        "cone_axis_deg": np.degrees(cone.axis),
+        "stuck": path.regimes[:, 0],
+        "sliding": path.regimes[:, 1],
+        "open": path.regimes[:, 2],
+        "failed": path.failed,
+        **{f"A{a}_{b}": path.A[:, i, j] for i, a in four for j, b in four},
+    })  # fmt: skip
 
 
 def averaged_loops(loops: LoopSet) -> dict[str, Any]:
@@ -221,18 +211,6 @@ def averaged_loops(loops: LoopSet) -> dict[str, Any]:
         "order": loops.orders,
         "area": loops.areas,
         "weight": loops.weights / loops.weights.sum(),
-    }
-
-
-def material_summary(
-    options: MaterialOptions, loops: LoopSet, table: pd.DataFrame, paths: dict[str, MaterialPath]
-) -> Summary:
-    """Return the summary, of the mean and of the single loop."""
-    return {
-        "loops": len(loops.weights),
-        "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
-        **values_of(options, "closure", "programme", "steps"),
-        **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
     }
 
 
@@ -284,7 +262,13 @@ def draw_material(table: pd.DataFrame) -> Figure:
         if np.isfinite(ratio).any() and np.nanargmax(ratio) < len(run) - 1:
             peak = int(np.nanargmax(ratio))
             axes[0].plot(strain.iloc[peak], ratio[peak], "o", color=colour, markerfacecolor="white")
-        _draw_cone(axes[3], run, colour, label)
+        # Cone of unstable directions of (11, 22), a band around its axis.
+        cone = run[run["cone_status"] == "open"]
+        middle, half = cone["cone_axis_deg"], 0.5 * cone["cone_opening_deg"]
+        for turn in (-180.0, 0.0, 180.0) if len(cone) else ():
+            band = middle - half + turn, middle + half + turn
+            shown: Any = {"color": colour, "label": label if turn == 0.0 else None}
+            axes[3].fill_between(100.0 * cone["strain"], *band, alpha=0.3, linewidth=0, **shown)
     for ax, (_, label) in zip(axes, quantities, strict=False):
         ax.set_ylabel(label)
         lost = strain[run["failed"].diff() > 0]
@@ -304,15 +288,3 @@ def draw_material(table: pd.DataFrame) -> Figure:
     else:
         say_empty(axes[3], "no direction of negative\nsecond-order work")
     return figure
-
-
-def _draw_cone(ax: Any, run: pd.DataFrame, colour: str, label: str) -> None:
-    """Draw a cone of unstable directions of (11, 22) as a band around its axis."""
-    cone = run[run["cone_status"] == "open"]
-    if cone.empty:
-        return
-    strain = 100.0 * cone["strain"].to_numpy()
-    middle, half = cone["cone_axis_deg"].to_numpy(), 0.5 * cone["cone_opening_deg"].to_numpy()
-    for turn in (-180.0, 0.0, 180.0):
-        ax.fill_between(strain, middle - half + turn, middle + half + turn, color=colour, alpha=0.3,
-                        linewidth=0, label=label if turn == 0.0 else None)  # fmt: skip

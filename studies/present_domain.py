@@ -28,7 +28,7 @@ from loops.errors import check_choice, whole_number
 from loops.laws.frictional import linear_springs
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
-from stability import judge, restrict
+from stability import judge, normalised_second_order_work, restrict
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.style import (
     BLACK,
@@ -156,15 +156,6 @@ def present_tangent(fan: Fan) -> tuple[Floats, str]:
     return restrict(tangent, "diagonal"), judge(tangent, "diagonal").status
 
 
-def start_work(tangent: Floats, fan: Fan) -> Floats:
-    """Normalised second-order work of a tangent in (11, 22) along the programmes of a fan."""
-    given = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
-    strain = given if fan.control == "strain" else np.linalg.solve(tangent, given.T).T
-    stress = strain @ tangent.T
-    size = np.linalg.norm(strain, axis=1) * np.linalg.norm(stress, axis=1)
-    return np.asarray((strain * stress).sum(axis=1) / size)
-
-
 def in_planes(limits: FanLimits, kind: str, rows: Flags) -> dict[str, Floats]:
     """Columns of strains and stresses along both axes, in the states of a kind."""
     H, P = limits.states[kind].H[rows], limits.states[kind].P[rows]
@@ -263,8 +254,11 @@ def domain_of(fan: Fan, limits: FanLimits, stress_unit: str) -> LoopDomain:
     rows = ends_of(fan, limits)
     if status == "unstable":
         rows[["kind", "E1", "E2", "s1", "s2"]] = "start", 0.0, 0.0, *start
+    strain = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
+    if fan.control == "stress":
+        strain = np.linalg.solve(tangent, strain.T).T
     return LoopDomain(
-        rows=rows.assign(start_w2=start_work(tangent, fan)),
+        rows=rows.assign(start_w2=normalised_second_order_work(tangent, strain)),
         yields=yields_of(fan, limits),
         start=start,
         status=status,
@@ -368,7 +362,5 @@ def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Float
     share = 100.0 * np.mean(work < 0.0)
     label = f"negative second-order work ({share:.1f} % of the strains)"
     ax.plot([], [], color=VERMILION, linewidth=4.0, label=label)
-    around = (
-        f"{'strain' if map_strain is IDENTITY else 'response to a strain'} of {found.reach:.2g}"
-    )
-    ax.plot(*points.T, "-", color=GREY, linewidth=1.0, label=around)
+    around = "strain" if map_strain is IDENTITY else "response to a strain"
+    ax.plot(*points.T, "-", color=GREY, linewidth=1.0, label=f"{around} of {found.reach:.2g}")

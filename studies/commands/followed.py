@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from studies.output import Summary
 
 
-def _evolve_lines(summary: Summary) -> list[str]:
-    return printed("evolve", summary, driven_line=driven_line(summary))
+def _lines(command: str, summary: Summary) -> list[str]:
+    return printed(command, summary, driven_line=driven_line(summary))
 
 
 def evolve_command(
@@ -57,7 +58,7 @@ def evolve_command(
         Animate the loops' second-order work, as GIF.
     """
     return answered(
-        *("evolve", paths, _evolve_lines, writing, reading),
+        *("evolve", paths, partial(_lines, "evolve"), writing, reading),
         *(asked, replaying, holding),
         progress=_reached(asked),
         cells=cells,
@@ -67,10 +68,6 @@ def evolve_command(
 
 def _reached(asked: Driving) -> Callable[[float], str]:
     return lambda reached: f"{reached:.3g} of {abs(asked.to):g}"
-
-
-def _forecast_lines(summary: Summary) -> list[str]:
-    return printed("forecast", summary, driven_line=driven_line(summary))
 
 
 def forecast_command(
@@ -103,7 +100,7 @@ def forecast_command(
         Inertial number of the replay.
     """
     return answered(
-        *("forecast", path, _forecast_lines, writing, reading, asked, holding),
+        *("forecast", path, partial(_lines, "forecast"), writing, reading, asked, holding),
         progress=_reached(asked),
         unanswered=lambda summary: not summary["answered"],
         instabilities=instabilities,
