@@ -124,7 +124,8 @@ class PairLaw:
         """
         ones, (kn_given, kt_given, mu, overlap, force) = np.ones(len(wall)), springs
         unit = self._with_rows(radii, wall, ones, ones, mu, 0.0 * ones, np.inf * ones)
-        at = np.append(np.zeros(len(self)), np.maximum(overlap, SMALL_OVERLAP * radii[0]))
+        depth = np.where(overlap > 0, overlap, SMALL_OVERLAP * radii[0])
+        at = np.append(np.zeros(len(self)), depth)
         N, kn, kt = (k[len(self) :] for k in (unit.normal_force(at), *unit.stiffnesses(at)))
         by_force, given = force / N, kn_given / kn
         known = (overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)

@@ -181,7 +181,7 @@ def test_parts_without_loops_have_the_same_columns(paths, tmp_path):
     grain = table[table.id1 < table.id2].head(1)
     grain.to_csv(tmp_path / "bare" / "contacts_00.csv", index=False)
     out = tmp_path / "out"
-    summary = run([paths[0], bare, paths[1]], out)
+    summary = run([paths[0], bare, paths[1]], out, as_given=True)
     assert summary["snapshots"] == 3
     assert pd.read_parquet(out / "evolution.parquet").loops.tolist()[1] == 0
     for name in ("loops", "increments", "fates"):

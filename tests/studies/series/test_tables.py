@@ -91,7 +91,7 @@ def test_files_and_snapshots_may_be_mixed_and_nothing_is_refused(states):
     mixed = gl.series([PATHS[0], states[1]], cells=CELLS, shear_increment="radii")
     whole = gl.series(states[:2])
     pd.testing.assert_frame_equal(mixed, whole, check_exact=True)
-    with pytest.raises(gl.InputError, match="PATHS: got none"):
+    with pytest.raises(gl.InputError, match="snapshots: got none"):
         gl.series([])
     with pytest.raises(gl.InputError, match="no such file"):
         gl.series(["nothing.csv"])

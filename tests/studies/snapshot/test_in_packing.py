@@ -411,6 +411,12 @@ def box():
     return read_snapshot(sample_path())
 
 
+def test_walls_that_barely_touch_are_as_stiff_as_force_over_overlap(box):
+    """Two of the 61 overlap by less than 1e-4 of the radius; lengths have fifteen digits."""
+    bare = replace(box, walls=replace(box.walls, kn=None, kt=None))
+    np.testing.assert_allclose(bare.scene.boundary.walls.kn, box.walls.kn, rtol=1e-8)
+
+
 def test_walls_are_planes_of_the_files_stiffness(box):
     contacts = pd.read_csv(sample_path("contacts_biaxial.csv.gz"))
     grains = pd.read_csv(sample_path()).set_index("id")
