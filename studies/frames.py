@@ -53,8 +53,9 @@ def loop_table(
         where a state moves.
     input_error : 'digits', float or pair of floats, optional
         Errors of the file: half a unit in the last place of its numbers, or the error of a
-        contact's force as a share of it, and that of kn and kt. Adds `affine_input_error` and
-        `traction_input_error`, bounds on the change of `*_lambda_min` by them.
+        contact's force as a share of it, and that of kn and kt. Adds `affine_input_error`,
+        `traction_input_error` and `traction_free_input_error`, bounds on the change of
+        `*_lambda_min` by them.
 
     Returns
     -------

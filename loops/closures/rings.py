@@ -27,15 +27,6 @@ CLOSURES = {"affine": equations.AFFINE, "traction": equations.TRACTION}
 SPINS = {"blocked": equations.BLOCKED, "affine": equations.TURNING, "free": equations.FREE}
 
 
-class Tangents(NamedTuple):
-    """Tangents (L, 4, 4) of loops; bounds on their errors, residual and ambiguity, (L,) each."""
-
-    matrix: Floats
-    error: Floats
-    residual: Floats
-    ambiguity: Floats
-
-
 class Solved(NamedTuple):
     """Tangents of loops (L, 4, 4) over the areas of their polygons, and what is known of them.
 
@@ -100,23 +91,35 @@ def tangents_of_rings(
     regime: Regimes,
 ) -> Solved:  # fmt: skip
     """Tangents of a loop or a batch of loops of one order, batch axes `...` as the graph has."""
-    rows = contact_rows(state, law, regime)
-    parts = rows, graph.branches, graph.reference_branches, graph.radii[..., None]
+    turn = turning(graph) if spins == "affine" else None
+    parts = graph.branches, graph.reference_branches, graph.radii
+    return tangents_of_rows(contact_rows(state, law, regime), *parts, [(closure, spins)], turn)[0]
+
+
+def tangents_of_rows(
+    rows: Floats, branches: Floats, reference: Floats, radii: Floats,
+    wanted: list[tuple[Closure, Spins]], turn: Floats | None = None, compiled: bool | None = None,
+) -> list[Solved]:  # fmt: skip
+    """Tangents of loops of one order, contact c from grain c to the next, see `Rings`.
+
+    All with batch axes `...`; `turn` (..., 2, 4) is that of `turning`, for spins that turn.
+    """
+    parts = rows, branches, reference, radii[..., None]
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
-    n, count = graph.grain_count, int(np.prod(batch))
-    rows, branches, reference, radii = (
-        given(np.broadcast_to(a, (*batch, *a.shape[-2:])).reshape(-1, a.shape[-1]), np.float64)
-        for a in parts
-    )
+    n, count = radii.shape[-1], int(np.prod(batch))
+
+    def flat(a: Floats) -> Floats:
+        return given(np.broadcast_to(a, (*batch, *a.shape[-2:])).reshape(-1, a.shape[-1]), float)
+
+    rows, branches, reference, radii = (flat(part) for part in parts)
     every, forward = np.arange(count * n), np.ones(count * n, dtype=bool)
     offsets = np.arange(count + 1) * n
     rings = Rings(rows, branches, reference, radii[:, 0], offsets, every, every, forward)
-    turn = None
-    if spins == "affine":
-        turn = np.broadcast_to(turning(graph), (*batch, 2, 4)).reshape(-1, 2, 4)
-    solve = solve_compiled if use_compiled(None, len(every)) else solve_by_numpy
-    (found,) = solve(rings, np.arange(count), [(closure, spins)], turn)
-    return Solved(*(part.reshape((*batch, *part.shape[1:])) for part in found))
+    if turn is not None:
+        turn = np.broadcast_to(turn, (*batch, 2, 4)).reshape(-1, 2, 4)
+    solve = solve_compiled if use_compiled(compiled, len(every)) else solve_by_numpy
+    found = solve(rings, np.arange(count), wanted, turn)
+    return [Solved(*(part.reshape((*batch, *part.shape[1:])) for part in one)) for one in found]
 
 
 def turning(graph: GrainGraph) -> Floats:
@@ -209,10 +212,9 @@ def _solve_order(own: Rings, n: int, closure: Closure, spins: Spins, turn: Float
         equations.condense(ring, c)
     rule = equations.AFFINE if n == 3 else CLOSURES[closure], SPINS[spins]
     spin = np.moveaxis(turn, 0, -1).reshape(2, 4, *shape)
-    matrix, error, residual, ambiguity = _solve_ring(ring, n, *rule, spin)
+    matrix, error, residual, ambiguity, sensitivity, *_ = _solve_ring(ring, n, *rule, spin)
     blocks = ring.contacts[:, equations.KNN : equations.KTT + 1].reshape(4 * n, -1)
     matrix[~blocks.any(axis=0)] = error[~blocks.any(axis=0)] = 0.0
-    sensitivity = np.zeros(len(matrix))
     if spins == "free" and n % 2 == 0:
         equations.share_otherwise(ring, n, np.empty((n, 2, *shape)))
         other, doubt, *_ = _solve_ring(ring, n, *rule, spin)
@@ -222,8 +224,8 @@ def _solve_order(own: Rings, n: int, closure: Closure, spins: Spins, turn: Float
     return Solved(matrix, unit * error, residual, ambiguity, sensitivity, area, growth)
 
 
-def _solve_ring(ring: Ring, n: int, closure: int, spins: int, turn: Floats) -> Tangents:
-    """Solve in units of the rings."""
+def _solve_ring(ring: Ring, n: int, closure: int, spins: int, turn: Floats) -> Solved:
+    """Solve in units of the rings; zeros for sensitivity, area and growth."""
     contacts = ring.contacts.reshape(n, equations.COLUMNS, -1)
     shape, felt = ring.contacts.shape[2:], contacts[:, equations.FELT] > 0.0
     modes = np.full(contacts.shape[2], equations.NO_GEAR)
@@ -264,13 +266,13 @@ def _solve_ring(ring: Ring, n: int, closure: int, spins: int, turn: Floats) -> T
     # Near a pole the terms of the equations are large, and so is what rounding leaves of them.
     load, terms = frobenius(E[..., N:]), frobenius(E[..., :N]) * frobenius(found.x)
     residual = found.residual * load / np.where(load > 0.0, load + terms, 1.0)
-    solved = Tangents(found.x[:, -4:], error, residual, found.ambiguity)
+    solved = Solved(found.x[:, -4:], error, residual, found.ambiguity, *np.zeros((3, len(error))))
     _eliminate_poor(ring, A.reshape(*A.shape[:2], -1), n, closure, modes, turn[1], solved)
     return solved
 
 
 def _eliminate_poor(
-    ring: Ring, A: Floats, n: int, closure: int, gear: Integers, turn: Floats, found: Tangents
+    ring: Ring, A: Floats, n: int, closure: int, gear: Integers, turn: Floats, found: Solved
 ) -> None:
     """Solve by elimination what is too near a singular system for its null vectors to be told."""
     N, contacts = A.shape[1] - 4, ring.contacts.reshape(n, equations.COLUMNS, -1)

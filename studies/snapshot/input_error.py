@@ -13,7 +13,7 @@ from loops.arrays import Flags, Floats
 from loops.errors import short
 from loops.validation import real
 from patterns import Snapshot
-from stability.input_error import ContactErrors, eigenvalue_errors
+from stability.input_error import InputErrors, eigenvalue_errors
 from studies.output import Columns
 from studies.snapshot.summary import group_rows
 from studies.snapshot.table import GROUPS, share
@@ -49,8 +49,8 @@ def half_unit(values: ArrayLike) -> Floats:
     return found
 
 
-def contact_errors(snapshot: Snapshot, input_error: Any) -> ContactErrors:
-    """Errors of the contacts by the digits of the file, or as a share of their forces.
+def input_errors(snapshot: Snapshot, input_error: Any) -> InputErrors:
+    """Errors of contacts and centres by the digits of the file, or as a share of their forces.
 
     `input_error` is 'digits', a share of the force, or both that and a share of the stiffness.
     """
@@ -59,9 +59,8 @@ def contact_errors(snapshot: Snapshot, input_error: Any) -> ContactErrors:
     if input_error == "digits":
         in_file = contact_forces(graph), np.stack([graph.normal_force, graph.shear_force], axis=-1)
         force = np.maximum(*(half_unit(values).sum(axis=1) for values in in_file))
-        moved = half_unit(graph.x).sum(axis=1)
-        away, radius = moved[i] + moved[j], half_unit(graph.radii)
-        return ContactErrors(force, force, away + radius[i] + radius[j], zero, away / state.length)
+        radius = half_unit(graph.radii)
+        return InputErrors(force, force, radius[i] + radius[j], zero, zero, *half_unit(graph.x).T)
     expected = "digits, or shares from 0 to 1 of the forces, and of kn and kt: 0.1,0.05"
     where, remedy = "--input-error", "Write --input-error 0.1."
     try:
@@ -75,18 +74,19 @@ def contact_errors(snapshot: Snapshot, input_error: Any) -> ContactErrors:
     force_share, stiffness = (*shares, 0.0)[:2]
     force = force_share * np.hypot(graph.normal_force, graph.shear_force)
     overlap = force_share * np.maximum(state.overlap, 0.0)
-    return ContactErrors(force, force, overlap, zero + stiffness, zero)
+    still = np.zeros((2, graph.grain_count))
+    return InputErrors(force, force, overlap, zero + stiffness, zero + stiffness, *still)
 
 
 def add_input_errors(
     snapshot: Snapshot, table: Columns, input_error: Any, loops: Flags | None = None
 ) -> dict[str, Any]:
-    """Add `*_input_error` of both closures to the table of loops, not numbers for no `loops` (L,).
+    """Add `*_input_error` of every closure to the table of loops, not numbers for no `loops` (L,).
 
     Returns the keys of the summary.
     """
     (law, regime), faces, by_order = snapshot.mechanics(), snapshot.faces, dict[str, Any]()
-    errors = contact_errors(snapshot, input_error)
+    errors = input_errors(snapshot, input_error)
     picked = faces.loops if loops is None else faces.loops[loops]
     found = eigenvalue_errors(snapshot.graph, law, regime, faces, errors, picked)
     for closure, one in found.items():

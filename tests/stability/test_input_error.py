@@ -4,16 +4,23 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from stability.input_error import CLOSURES, ContactErrors, at_edge, eigenvalue_errors, smallest
+from loops.closures import macroscopic_tangent
+from stability import restrict, symmetric_spectrum
+from stability.input_error import RULES, InputErrors, at_edge, eigenvalue_errors
 
 LINEAR = gl.LinearFrictional(1.0, 0.4, 0.5)
 HERTZ = gl.HertzMindlin(young=10.0, poisson=0.3, mu=0.5)
-TANGENTS = {"affine": gl.affine_tangent, "traction": gl.traction_tangent}
 
 
-def no_errors(count, **errors):
-    fields = dict.fromkeys(ContactErrors._fields, np.zeros(count)) | errors
-    return ContactErrors(**fields)
+def smallest(graph, law, rule, **regime):
+    closure, spins = RULES[rule]
+    A = macroscopic_tangent(graph, law, closure, spins=spins, **regime).matrix
+    return symmetric_spectrum(restrict(A, "symmetric"))[..., 0]
+
+
+def errors_of(graph, **errors):
+    none = np.zeros(graph.contact_count), np.zeros(graph.grain_count)
+    return InputErrors(**{name: none[name in "xy"] for name in InputErrors._fields} | errors)
 
 
 def found_of(graph, law, regime, errors):
@@ -30,11 +37,11 @@ def ring(order, law, sliding=False):
     return graph, regime
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("sliding", [False, True])
 @pytest.mark.parametrize("law", [LINEAR, HERTZ])
 @pytest.mark.parametrize("order", [3, 4, 5, 8])
-def test_the_bound_adds_the_slopes_of_every_contact(order, law, sliding, closure):
+def test_the_bound_adds_the_slopes_of_every_contact(order, law, sliding, rule):
     graph, regime = ring(order, law, sliding)
     step, total = 1e-6, 0.0
     for name in ("normal_force", "shear_force"):
@@ -45,21 +52,17 @@ def test_the_bound_adds_the_slopes_of_every_contact(order, law, sliding, closure
                 )
                 for sign in (1, -1)
             )
-            values = [
-                smallest(TANGENTS[closure](one, law, regime=regime).matrix) for one in (up, down)
-            ]
+            values = [smallest(one, law, rule, regime=regime) for one in (up, down)]
             total += abs(values[0] - values[1]) / 2.0
     size = np.full(order, step)
-    found = found_of(graph, law, regime, no_errors(order, N=size, T=size))[closure]
-    known = smallest(TANGENTS[closure](graph, law, regime=regime).matrix)
-    # Blocks have springs of 1e-12 kn, which sliding contacts feel: they are as soft as N/l.
-    assert found.value[0] == pytest.approx(known, rel=1e-9)
-    # Of second order in the step.
+    found = found_of(graph, law, regime, errors_of(graph, N=size, T=size))[rule]
+    assert found.value[0] == pytest.approx(smallest(graph, law, rule, regime=regime), rel=1e-9)
+    # Of first order in the steps, those of 1e-7 and the one here.
     assert found.bound[0] == pytest.approx(total, rel=1e-4)
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
-def test_the_bound_of_stiffness_is_that_of_kn_and_of_kt(closure):
+@pytest.mark.parametrize("rule", RULES)
+def test_the_bound_of_stiffness_is_that_of_kn_and_of_kt(rule):
     graph, regime = ring(6, LINEAR)
     step, total = 1e-6, 0.0
     for name in ("kn", "kt"):
@@ -69,11 +72,30 @@ def test_the_bound_of_stiffness_is_that_of_kn_and_of_kt(closure):
             for sign in (1, -1):
                 own = k | {name: k[name] * (1.0 + sign * step * (np.arange(6) == c))}
                 law = gl.LinearFrictional(own["kn"], own["kt"], 0.5)
-                values.append(smallest(TANGENTS[closure](graph, law, regime=regime).matrix))
+                values.append(smallest(graph, law, rule, regime=regime))
             total += abs(values[0] - values[1]) / 2.0
-    errors = no_errors(6, stiffness=np.full(6, step))
-    found = found_of(graph, LINEAR, regime, errors)[closure]
-    assert found.bound[0] == pytest.approx(total, rel=1e-6)
+    share = np.full(6, step)
+    found = found_of(graph, LINEAR, regime, errors_of(graph, kn=share, kt=share))[rule]
+    assert found.bound[0] == pytest.approx(total, rel=1e-4)
+
+
+@pytest.mark.parametrize("rule", ["affine", "traction"])
+@pytest.mark.parametrize("law", [LINEAR, HERTZ])
+@pytest.mark.parametrize("order", [3, 6])
+def test_the_bound_of_the_centres_is_that_of_moving_each(order, law, rule):
+    """Branches, frames, levers, areas and overlaps go with them; the forces stay."""
+    graph, regime = ring(order, law)
+    step, total = 1e-7, 0.0
+    for grain in range(order):
+        for axis in range(2):
+            moved = [graph.x.copy(), graph.x.copy()]
+            moved[0][grain, axis] += step
+            moved[1][grain, axis] -= step
+            values = [smallest(graph.replace(x=x, x0=x), law, rule, regime=regime) for x in moved]
+            total += abs(values[0] - values[1]) / 2.0
+    size = np.full(order, step)
+    found = found_of(graph, law, regime, errors_of(graph, x=size, y=size))[rule]
+    assert found.bound[0] == pytest.approx(total, rel=2e-5)
 
 
 @pytest.fixture(scope="module")
@@ -81,15 +103,21 @@ def sample():
     return gl.read_snapshot(gl.sample_path())
 
 
+def smallest_of(graph, law, faces, rule):
+    closure, spins = RULES[rule]
+    A = gl.loop_tangents(graph, law, faces, closure, spins=spins).matrix
+    return symmetric_spectrum(restrict(A, "symmetric"))[..., 0]
+
+
 @pytest.mark.parametrize("share", [1e-3, 0.03])
 def test_drawn_errors_of_the_forces_stay_within_the_errors(sample, share):
     """Contacts that come to their strength slide, others stick, as the law has it."""
     graph, (law, regime) = sample.graph, sample.mechanics()
     force = share * np.hypot(graph.normal_force, graph.shear_force)
-    errors = no_errors(graph.contact_count, N=force, T=force)
+    errors = errors_of(graph, N=force, T=force)
     near = at_edge(gl.contact_state(graph), law, errors)
     found = eigenvalue_errors(graph, law, regime, sample.faces, errors, sample.faces.loops)
-    rng, outside = np.random.default_rng(1), dict.fromkeys(CLOSURES, 0)
+    rng, outside = np.random.default_rng(1), dict.fromkeys(RULES, 0)
     for _ in range(10):
         u, v = rng.uniform(-1.0, 1.0, (2, graph.contact_count))
         drawn = graph.replace(
@@ -97,14 +125,13 @@ def test_drawn_errors_of_the_forces_stay_within_the_errors(sample, share):
         )
         own = np.where(near, law.regime(gl.contact_state(drawn)), regime)
         drawn = drawn.replace(regime=own)
-        for closure, one in found.items():
-            tangents = gl.loop_tangents(drawn, law, sample.faces, closure).matrix
-            change = np.abs(smallest(tangents) - one.value)
-            outside[closure] += np.count_nonzero(change > one.error * (1.0 + 1e-3))
+        for rule, one in found.items():
+            change = np.abs(smallest_of(drawn, law, sample.faces, rule) - one.value)
+            outside[rule] += np.count_nonzero(change > one.error * (1.0 + 1e-3))
             sure = one.error == one.bound
             assert sure.any() and (change <= one.bound * (1.0 + 1e-2))[sure].all()
     # The bound is of first order.
-    assert outside == {"affine": 0, "traction": 0}
+    assert not any(outside.values())
 
 
 @pytest.mark.parametrize("digits", [4, 6])
@@ -115,12 +142,10 @@ def test_rounded_positions_stay_within_the_errors_of_their_digits(sample, digits
     size = 10.0 ** (np.floor(np.log10(np.abs(graph.x).max())) - digits + 1)
     rounded = graph.replace(x=np.round(graph.x / size) * size, x0=None, regime=regime)
     assert np.array_equal(half_unit(rounded.x), np.full(graph.x.shape, 0.5 * size))
-    away = half_unit(rounded.x).sum(axis=1)[graph.contacts].sum(axis=1)
-    state = gl.contact_state(rounded)
-    errors = no_errors(graph.contact_count, overlap=away, turn=away / state.length)
+    errors = errors_of(graph, **dict(zip("xy", half_unit(rounded.x).T, strict=True)))
     known = eigenvalue_errors(graph, law, regime, sample.faces, errors, sample.faces.loops)
-    for closure, one in known.items():
-        found = smallest(gl.loop_tangents(rounded, law, sample.faces, closure).matrix)
+    for rule, one in known.items():
+        found = smallest_of(rounded, law, sample.faces, rule)
         assert (np.abs(found - one.value) <= one.error).all()
 
 
@@ -129,7 +154,7 @@ def test_contacts_within_the_errors_of_their_strength_are_at_the_edge():
     N = graph.normal_force
     share = np.array([0.5, 0.47, 0.44, -0.5, 0.0])
     graph = graph.replace(shear_force=share * N)
-    errors = no_errors(5, N=0.02 * N, T=0.02 * N)
+    errors = errors_of(graph, N=0.02 * N, T=0.02 * N)
     near = at_edge(gl.contact_state(graph), LINEAR, errors)
     assert near.tolist() == [True, True, False, True, False]
-    assert not at_edge(gl.contact_state(graph), LINEAR, no_errors(5)).any()
+    assert not at_edge(gl.contact_state(graph), LINEAR, errors_of(graph)).any()
