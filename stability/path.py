@@ -342,8 +342,8 @@ class Path(Shown):
     condition : (R,) array
         Loops: condition number of closure and control together, solved for the rates; large at a
         limit of the control.
-    sense : float
-        Packings: sign of what `gl.evolve` drives, 1 in compression; 1 of other paths.
+    turns : tuple of float
+        Packings that `gl.evolve` drives: driven strain or stress at which each stage ends.
     volume : float
         Loops: reference area V0.
     subspace : str
@@ -420,7 +420,7 @@ class Path(Shown):
     normal_energy: Floats = field(default_factory=_none)
     tangential_energy: Floats = field(default_factory=_none)
     condition: Floats = field(default_factory=_none)
-    sense: float = 1.0
+    turns: tuple[float, ...] = (1.0,)
     volume: float = math.nan
     subspace: str = ""
     model: ModelChoice = None  # type: ignore[assignment]
@@ -463,6 +463,12 @@ class Path(Shown):
         """The packing at the end."""
         self._require("state", self.states, "closure='packing'")
         return self.states[-1]
+
+    def driven(self, parameter: Floats, stage: Integers) -> Floats:
+        """Driven strain or stress at loading parameters of stages."""
+        ends = np.array([0.0, *self.turns])
+        reached = np.append(0.0, np.cumsum(np.abs(np.diff(ends))))
+        return ends[stage] + np.sign(np.diff(ends))[stage] * (parameter - reached[stage])
 
     @property
     def duration(self) -> float:

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from loops import Faces, InputError
-from loops.arrays import Floats, Integers
+from loops.arrays import Flags, Floats, Integers
 from loops.contacts import contacts_at_start
 from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
@@ -23,6 +23,7 @@ from patterns import Snapshot, planar
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import LoopRates, loop_changes, replay
+from stability.packing.loop_quantities import loop_sums
 from stability.path import describe
 from studies.beside_dem import dem_comparison, dem_comparison_summary, dem_table, replay_rate
 from studies.frames import row_table
@@ -32,6 +33,7 @@ from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
 from studies.series.packing import DEFAULT_RATE, Following, Rate
 from studies.snapshot.in_packing import balance_notes, held_snapshot
+from studies.snapshot.regions import Property, loop_regions, places_table, region_summary
 from studies.snapshot.table import loop_polygons
 from studies.study import files_of, study
 
@@ -53,7 +55,8 @@ class Programmed(Evolving):
 
     def __post_init__(self) -> None:
         check_choice("--by", self.by, get_args(By))
-        number("--to", self.to)
+        for turn in self.turns:
+            number("--to", turn)
         number("--interval", self.interval, 0.0, open_low=True)
         number("--damping", self.damping, 0.0)
         whole_number("--rows", self.rows, 0)
@@ -61,14 +64,18 @@ class Programmed(Evolving):
             if getattr(self, name) and self.by == "replay":
                 remedy = "Follow by events, or both."
                 raise InputError(f"--{name}", "--by replay", "a path by events", remedy)
-        require_reach(self.programme, self.to, self.interval)
-        _ = self.stage
+        if len(self.turns) > 1 and self.by != "events":
+            remedy = "Follow by events, or to one value."
+            raise InputError("--to", f"{self.to} with --by {self.by}", "one value", remedy)
+        require_reach(self)
+        _ = self.stages
 
     @property
-    def stage(self) -> Stage:
-        """Return the stage from the present state to the end."""
+    def stages(self) -> list[Stage]:
+        """Return the stages from the present state to the end."""
         numbers = {"fluid_bulk_modulus": self.fluid_bulk_modulus, "strain_ratio": self.strain_ratio}
-        return stage_of(self.programme, 1 if self.axis is None else self.axis, self.to, **numbers)
+        ways, axis = np.diff([0.0, *self.turns]), self.axis or 1
+        return [stage_of(self.programme, axis, way, **numbers) for way in ways.tolist()]
 
     @property
     def driven(self) -> str:
@@ -87,7 +94,7 @@ class Programmed(Evolving):
 
     def described(self) -> dict[str, Any]:
         """Return the options for the summary; those that only some programmes ask for if given."""
-        some = ("fluid_bulk_modulus", "strain_ratio", "pathologies")
+        some = ("fluid_bulk_modulus", "strain_ratio", "pathologies", "regions")
         return {k: v for k, v in asdict(self).items() if k not in some or v not in (None, False)}
 
 
@@ -103,8 +110,8 @@ class Evolution(Shown):
         Ids of its grains, as the file has them; numbers from 0 of a scene.
     driven : str
         Component that the programme drives: 'H11' a strain, 'P11' a stress (force/length).
-    to : float
-        Change of it that was asked for, positive in compression.
+    to : float or tuple of float
+        Change of it that was asked for, positive in compression; where a cycle turns, and its end.
     ways : dict of Path
         'events': from event to event; 'replay': by the equations of motion. Each has R rows with
         the nominal strain `H` and stress `P`, (R, 4), and the packing there (`states`).
@@ -113,13 +120,13 @@ class Evolution(Shown):
     scene: Scene
     ids: Integers
     driven: str
-    to: float
+    to: float | tuple[float, ...]
     ways: Mapping[str, FollowedPath]
 
     @property
     def sense(self) -> float:
-        """Return 1 in compression, -1 in extension."""
-        return self.way.sense
+        """Return 1 if it begins in compression, -1 in extension."""
+        return float(np.sign(self.way.turns[0]))
 
     @property
     def way(self) -> FollowedPath:
@@ -129,9 +136,10 @@ class Evolution(Shown):
     def facts(self) -> dict[str, object]:
         """Return the facts that the prompt and a notebook show."""
         unit = "strain" if self.driven[0] == "H" else "force/length"
-        told: dict[str, object] = {"driven": f"{self.driven} to {self.to:g} ({unit})"}
+        goals = ", ".join(f"{turn:g}" for turn in self.way.turns)
+        told: dict[str, object] = {"driven": f"{self.driven} to {goals} ({unit})"}
         for name, way in self.ways.items():
-            reached = self.sense * way.parameter[-1]
+            reached = way.driven(way.parameter, way.stage)[-1]
             told[name] = f"{way.status} at {reached:.4g}, {len(way.events)} events"
         return told | {"loops": len(self.scene.faces.loops)}
 
@@ -144,7 +152,9 @@ class Evolution(Shown):
         """Return a row a loop: its changes to the end of a way, the ids of its grains."""
         way, scene = self.ways[name] if name else self.way, self.scene
         changes = self.changes(name) if changes is None else changes
-        loops = change_table(changes, scene.faces, self.sense * way.parameter)
+        driven = way.driven(way.parameter, way.stage)
+        loops = change_table(changes, scene.faces, driven)
+        loops["open_from"], loops["back"] = openings(way, scene, driven)
         offsets, _, grains = loop_polygons(scene.graph, scene.faces)
         loops["grains"] = np.split(self.ids[grains], offsets[1:-1])
         return loops
@@ -154,7 +164,7 @@ def evolve(
     subject: Subject,
     programme: str = "drained",
     *,
-    to: float,
+    to: float | Sequence[float],
     inertial_number: float = DEFAULT_RATE,
     progress: Callable[[float], None] | None = None,
     **options: Any,
@@ -170,8 +180,9 @@ def evolve(
         'drained' (nominal stress across the driven axis constant), 'cauchy-drained' or 'biaxial'
         (Cauchy stress), 'isotropic', 'isotropic-stress', 'oedometric', 'undrained',
         'proportional-strain', 'simple-shear'.
-    to : float
-        Change of the driven strain, or stress (force/length); positive in compression.
+    to : float or sequence of float
+        Change of the driven strain, or stress (force/length), positive in compression; of a cycle
+        the values where it turns, and at last that of the end.
     inertial_number : float
         Rate of the replay, `|H'| sqrt(mean mass / p)`; above 0.
     progress : callable, optional
@@ -209,7 +220,8 @@ def evolve(
     >>> found.way.status, found.table()["H11"].round(9).tolist()
     ('finished', [0.0001, 0.0001, 0.0001, 0.0001])
     """
-    asked = options_of(Programmed, {"programme": programme, "to": to, **options})
+    turns = to if isinstance(to, float | int) else tuple(to)
+    asked = options_of(Programmed, {"programme": programme, "to": turns, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
     number("inertial_number", inertial_number, 0.0, open_low=True)
@@ -227,7 +239,7 @@ def followed(
     scene, ways = snapshot.scene, dict[str, FollowedPath]()
     if asked.by != "replay":
         ways["events"] = follow(
-            scene, asked.stage, closure="packing", max_steps=INTERVALS, rows=asked.rows,
+            scene, asked.stages, closure="packing", max_steps=INTERVALS, rows=asked.rows,
             interval=asked.interval, instabilities=asked.instabilities, past=asked.past,
             spread=asked.spread, progress=progress, pathologies=asked.pathologies,
         )  # fmt: skip
@@ -235,10 +247,10 @@ def followed(
         assert rate is not None
         # Without rows in between the end is kept, as by a path.
         how: dict[str, Any] = {"rows": max(1, asked.rows), "damping": asked.damping}
-        done = replay(scene, asked.stage, **how, **rate.options)
+        done = replay(scene, asked.stages[0], **how, **rate.options)
         said = f"{done.message}, inertial number {rate.inertial_number:.2g}"
         ways["replay"] = replace(done, message=said)
-    ways = {name: replace(way, sense=float(np.sign(asked.to))) for name, way in ways.items()}
+    ways = {name: replace(way, turns=asked.turns) for name, way in ways.items()}
     return Evolution(scene, snapshot.ids, asked.driven, asked.to, ways)
 
 
@@ -272,7 +284,7 @@ def run_evolve(
         if asked.by != "events":
             known = rates.inertial_number, rates.time_step, rates.mean_mass
             follows, moments = Following(asked.past, *known), [one.time for one in planned]
-            rate = replay_rate(snapshot, after, moments, follows, asked.stage)
+            rate = replay_rate(snapshot, after, moments, follows, asked.stages[0])
         found = followed(snapshot, asked, rate, progress)
         changes = found.changes()
         tables = {
@@ -284,11 +296,15 @@ def run_evolve(
         if len(found.ways) > 1:
             tables["replay_loops"] = found.loops("replay")
             tables["replay"] = row_table(found.ways["replay"]).drop(columns="events")
+        if asked.regions is not None:
+            tables["regions"] = evolved_regions(tables["loops"], asked.regions)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
         told |= {"dem": len(after), "forecast": None}
-        if after and found.driven[0] == "H":
+        if asked.regions is not None:
+            told["regions"] = region_summary(tables["regions"].to_dict("list"), tables["loops"])
+        if after and found.driven[0] == "H" and len(asked.turns) == 1:
             compared = found.ways, tables["dem"], found.driven, found.sense
             tables["forecast"] = dem_comparison(*compared)
             told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
@@ -302,6 +318,19 @@ def run_evolve(
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
             animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
     return summary
+
+
+def evolved_regions(loops: pd.DataFrame, regions: str) -> pd.DataFrame:
+    """Return loops inside a region and elsewhere by order: work, contacts lost; names the region.
+
+    `loops` gets the column `region`.
+    """
+    place, names = loop_regions(loops, regions)
+    loops["region"] = names[place]
+    order, work = loops["order"].to_numpy(), loops["W2"].to_numpy()
+    opened, every = loops["open_from"].notna().to_numpy(), np.ones(len(loops), dtype=bool)
+    found = {"negative": Property(work < 0, np.isfinite(work)), "opened": Property(opened, every)}
+    return pd.DataFrame(places_table(order, place, names, found))
 
 
 def evolution_summary(
@@ -324,6 +353,8 @@ def evolution_summary(
         "limit": None if math.isnan(way.limit) else way.limit,
         "limit_spread": way.limit_spread if math.isfinite(way.limit_spread) else None,
         "loops": len(tables["loops"]),
+        "opened": int(tables["loops"]["open_from"].notna().sum()),
+        "back": int(tables["loops"]["back"].sum()),
         "negative_loops": negative_share(tables["loops"]),
         "passed": {name or "other": count for name, count in passed.items()},
         "reached": float(last["driven"]),
@@ -363,17 +394,31 @@ def start_of(stress: Floats) -> Summary:
     return {"start": normal, "major_axis": major_axis(stress)}
 
 
-def require_reach(programme: str, to: float, interval: float) -> None:
+def require_reach(asked: Programmed) -> None:
     """Raise `InputError` for a strain that no cell can take, or no path of `INTERVALS` reaches."""
-    if programme == "isotropic-stress":
+    if asked.programme == "isotropic-stress":
         return
-    if to >= 1:
+    if max(asked.turns) >= 1:
         expected = "less than 1: there the cell has no length left (compression is positive)"
-        raise InputError("--to", f"a strain of {to:g}", expected, "Give 1e-3, for example.")
-    if abs(to) > INTERVALS * interval:
-        expected = f"at most {INTERVALS * interval:g}: {INTERVALS} intervals of {interval:g}"
+        received = f"a strain of {max(asked.turns):g}"
+        raise InputError("--to", received, expected, "Give 1e-3, for example.")
+    if asked.length > INTERVALS * asked.interval:
+        expected = f"at most {INTERVALS * asked.interval:g}: {INTERVALS} intervals of "
         remedy = "Give a smaller strain, or larger intervals by --interval."
-        raise InputError("--to", f"a strain of {to:g}", expected, remedy)
+        received = "a strain of " + ", ".join(f"{turn:g}" for turn in asked.turns)
+        raise InputError("--to", received, f"{expected}{asked.interval:g}", remedy)
+
+
+def openings(way: FollowedPath, scene: Scene, driven: Floats) -> tuple[Floats, Flags]:
+    """Return where a contact of each loop is open first; whether the loop is whole at the end.
+
+    The first is nan, and the second false, for a loop whose contacts are closed in every row.
+    """
+    contacts, faces = scene.graph.contact_count, scene.faces
+    closed = np.array([state.closed[:contacts] for state in way.states])
+    lost = np.array([loop_sums((~row).astype(float), faces) > 0 for row in closed])
+    first = np.where(lost.any(axis=0), driven[np.argmax(lost, axis=0)], np.nan)
+    return first, lost.any(axis=0) & ~lost[-1]
 
 
 def major_axis(stress: Floats) -> int:
@@ -397,23 +442,26 @@ def stage_of(programme: str, axis: int, to: float, **numbers: float | None) -> S
 
 
 def event_table(way: FollowedPath, ids: NDArray[np.int64]) -> pd.DataFrame:
-    """One row per event: kind, driven value, grains, continuation after an instability.
+    """One row per event of a contact: kind, driven value, grains, continuation if unstable.
 
-    A wall has the number -1.
+    A wall has the number -1. Turns of a cycle are none.
     """
-    contact = np.array([event.contacts[0] for event in way.events], dtype=int)
+    events = [event for event in way.events if event.contacts]
+    contact = np.array([event.contacts[0] for event in events], dtype=int)
     end = way.states[-1]
     # Walls are the bodies behind the grains.
     grains = np.append(ids, np.full(len(end.walls), NO_GRAIN))[end.contacts[contact]]
+    at = np.array([event.parameter for event in events], dtype=float)
+    stage = np.array([event.stage for event in events], dtype=int)
     table = {
-        "kind": np.array([event.kind for event in way.events], dtype=str),
-        "driven": way.sense * np.array([event.parameter for event in way.events], dtype=float),
-        "row": np.array([event.index for event in way.events], dtype=int),
+        "kind": np.array([event.kind for event in events], dtype=str),
+        "driven": way.driven(at, stage),
+        "row": np.array([event.index for event in events], dtype=int),
         "contact": contact,
         "id1": grains[:, 0],
         "id2": grains[:, 1],
-        "passed": np.array([event.passed for event in way.events], dtype=str),
-        "detail": np.array([describe(event) for event in way.events], dtype=str),
+        "passed": np.array([event.passed for event in events], dtype=str),
+        "detail": np.array([describe(event) for event in events], dtype=str),
     }
     return pd.DataFrame(table)
 
@@ -440,6 +488,7 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
     end = changes[-1]
     negative = np.array([change.second_order_work < 0 for change in changes])
     row = np.where(negative.any(axis=0), 1 + np.argmax(negative, axis=0), -1)
+    e = end.strain
     table = {
         "loop": np.arange(len(row)),
         "order": faces.order[faces.loops],
@@ -449,6 +498,7 @@ def change_table(changes: list[LoopRates], faces: Faces, driven: Floats) -> pd.D
         "W2": end.second_order_work,
         "w2": end.normalised_work,
         "additive_w": end.additive_work,
+        "shear": np.hypot(0.5 * (e[:, 0, 0] - e[:, 1, 1]), 0.5 * (e[:, 0, 1] + e[:, 1, 0])),
         "nonaffinity": end.nonaffinity,
         "negative_row": row,
         "negative_from": np.where(row > 0, driven[row], np.nan),

@@ -181,9 +181,9 @@ def next_rows(found: Evolution, asked: Programmed, *, spread: bool) -> pd.DataFr
         how: dict[str, Any] = {"closure": "packing", "max_steps": INTERVALS, "rows": asked.rows}
         how |= {"instabilities": asked.instabilities, "past": asked.past}
         half, same = asked.interval / 2, asked.interval
-        ways["path, interval halved"] = follow(found.scene, asked.stage, interval=half, **how)
+        ways["path, interval halved"] = follow(found.scene, asked.stages, interval=half, **how)
         other = renumbered(found.scene, 1)
-        ways["path, grains renumbered"] = follow(other, asked.stage, interval=same, **how)
+        ways["path, grains renumbered"] = follow(other, asked.stages, interval=same, **how)
     driven = found.driven, found.sense
     return pd.DataFrame(next_of(name, way, *driven) for name, way in ways.items())
 
@@ -349,13 +349,14 @@ def forecast_of(
     progress: Callable[[float], None] | None = None,
 ) -> Forecast:
     """Return the forecast of a packing."""
+    to = number("--to", asked.to)
     whole_number("--rows", asked.rows, 1)
     number("inertial_number", inertial_number, 0.0, open_low=True)
     rate = Rate.from_rest(inertial_number, "as given")
     found, graph = followed(snapshot, asked, rate, progress), snapshot.graph
     told = {name: places(found, way) for name, way in WAYS.items()}
     loops = found.loops()[["loop", "order", "area", "grains"]]
-    reach, base = forecast_reach(snapshot.scene, asked.to, asked.driven), {}
+    reach, base = forecast_reach(snapshot.scene, to, asked.driven), {}
     for kind in KINDS:
         both = getattr(told["path"], kind), getattr(told["replay"], kind)
         for name, place in zip(WAYS, both, strict=True):

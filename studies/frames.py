@@ -253,7 +253,7 @@ def row_table(way: Path) -> pd.DataFrame:
         ends = np.sort([event.parameter for event in events])
         return np.searchsorted(ends, way.parameter, side="right")
 
-    table = {"row": np.arange(len(way.H)), "driven": way.sense * way.parameter}
+    table = {"row": np.arange(len(way.H)), "driven": way.driven(way.parameter, way.stage)}
     table |= components("H", way.H) | components("P", way.P)
     if len(way.work):
         table |= zip(WORKS, way.work.T, strict=True)

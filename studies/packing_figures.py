@@ -244,11 +244,16 @@ def _stress_looks(driven: str) -> dict[str, tuple[str, str]]:
 
 
 def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
-    """Changes of both normal stresses along the path, and of a shear stress that is driven."""
+    """Changes of both normal stresses along the path, and of a shear stress that is driven.
+
+    Dots mark where a cycle turns.
+    """
+    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(path["driven"]))))
+    dots: Any = {"marker": "o", "markersize": 3.5, "markevery": turns}
     for name, (colour, style) in _stress_looks(driven).items():
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
-        ax.plot(path["driven"], path[name] - start, style, color=colour, label=label)
+        ax.plot(path["driven"], path[name] - start, style, color=colour, label=label, **dots)
     over_driven(ax, driven, "change of nominal stress\n(force/length)")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -24,6 +25,14 @@ def parse_whole_number(kind: Any, tokens: Sequence[Token]) -> int:
         if number.is_integer():
             return int(number)
     raise ValueError(f"got {tokens[0].value}, expected a whole number")
+
+
+def parse_turns(kind: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]:
+    """Return the number of an option, or several numbers between commas."""
+    with suppress(ValueError):
+        turns = tuple(float(part) for part in tokens[0].value.split(","))
+        return turns if len(turns) > 1 else turns[0]
+    raise ValueError(f"got {tokens[0].value}, expected numbers between commas")
 
 
 Whole = Annotated[int, Parameter(converter=parse_whole_number)]
@@ -102,6 +111,9 @@ class Snapshotting:
     input_error
         Errors of the file: digits (half a unit in the last place of its numbers), or that of a
         contact's force as a share of it, and of kn and kt: 0.1,0.05. Adds which signs are certain.
+    regions
+        Loops inside beside all others: a threshold on a column, deviator>120, or a table of corners
+        x, y of polygons by their names, region.
     quadrons
         Write quadrons.parquet: area and shape of the quadrilateral that each loop has in common
         with each of its grains.
@@ -113,6 +125,7 @@ class Snapshotting:
     hold: bool = False
     yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None
     input_error: Annotated[str | None, Parameter(metavar="digits|FORCE,...")] = None
+    regions: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE|FILE")] = None
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False
 
@@ -208,7 +221,7 @@ class Driving:
     Parameters
     ----------
     to
-        Change of the driven strain or stress, negative in extension; say 1e-4.
+        Change of the driven strain or stress, negative in extension; of a cycle 1e-4,-1e-4,0.
     programme
         drained (nominal stress across the driven axis constant), cauchy-drained or biaxial (Cauchy
         stress), isotropic, isotropic-stress, oedometric, undrained, proportional-strain,
@@ -219,13 +232,26 @@ class Driving:
         Strain over which the geometry is kept constant; errors are proportional to it.
     """
 
-    to: float
+    to: Annotated[
+        float | tuple[float, ...],
+        Parameter(converter=parse_turns, n_tokens=1, metavar="NUMBER,..."),
+    ]
     programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
     fluid_bulk_modulus: FluidBulkModulus = None
     strain_ratio: StrainRatio = None
     axis: Whole | None = None
     interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
     past: PastOption = "viscous"
+
+    @property
+    def turns(self) -> tuple[float, ...]:
+        """Driven values at which a cycle turns, and at last that of the end."""
+        return self.to if isinstance(self.to, tuple) else (self.to,)
+
+    @property
+    def length(self) -> float:
+        """Length of the way from 0 through all turns to the end."""
+        return sum(abs(end - start) for start, end in pairwise((0.0, *self.turns)))
 
 
 @Parameter(name="*")
@@ -238,7 +264,9 @@ class Evolving(Driving):
     by
         Method: events (quasistatic, from event to event), replay (equations of motion), or both.
     rows
-        Rows of the path's table, evenly spaced.
+        Rows of the path's table.
+    regions
+        Loops inside beside all others.
     pathologies
         Tell in every row the matrix of the contacts at yield (symmetric, definite, P-matrix) and
         count the solutions.
@@ -249,6 +277,7 @@ class Evolving(Driving):
 
     by: Annotated[str, Parameter(metavar="events|replay|both")] = "events"
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 20
+    regions: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE")] = None
     instabilities: Instabilities = 20
     pathologies: Annotated[bool, Parameter(group=FURTHER)] = False
     spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False

@@ -64,6 +64,8 @@ class Filling(Formatter):
             return str(value[1:])
         if kind.startswith("%"):
             return format(100 * value, kind[1:])
+        if isinstance(value, tuple):
+            return ", ".join(format(one, spec) for one in value)
         if digits := DIGITS.fullmatch(kind):
             number = "-" if value is None else f"{value:.{digits[1]}f}"
             return format(number, digits[2] or "")

@@ -15,7 +15,14 @@ from studies.output import Summary, definitions, readable
 from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
-from studies.snapshot.summary import chains_table, fabric_table, order_columns, snapshot_summary
+from studies.snapshot.regions import loop_regions, places_table, region_summary
+from studies.snapshot.summary import (
+    chains_table,
+    fabric_table,
+    order_columns,
+    snapshot_summary,
+    verdict_properties,
+)
 from studies.snapshot.table import loop_columns
 from studies.study import files_of, study
 
@@ -31,6 +38,8 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     configuration = {"path": path, **reading(**how)}
     if asked.input_error is not None:
         configuration["input_error"] = asked.input_error
+    if asked.regions is not None:
+        configuration["regions"] = asked.regions
     if in_packing is not None:
         from loops.in_place import METHODS
 
@@ -52,6 +61,9 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             )
         if on_loops is not None:
             table["chain_contacts"] = on_loops
+        if asked.regions is not None:
+            place, names = loop_regions(table, asked.regions)
+            table["region"] = names[place]
         certain = None
         if asked.input_error is not None:
             from studies.snapshot.input_error import add_input_errors, certain_columns
@@ -69,6 +81,11 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             summary |= certain
             summary["definitions"] |= definitions("snapshot_input_error")
             tables["certain"] = certain_columns(snapshot, table)
+        if asked.regions is not None:
+            compared = table["order"], place, names, verdict_properties(table)
+            tables["regions"] = places_table(*compared)
+            summary["regions"] = region_summary(tables["regions"], table)
+            summary["definitions"] |= definitions("regions")
         if asked.quadrons:
             from studies.snapshot.quadrons import quadron_columns, quadron_summary
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -54,11 +54,13 @@ from studies.style import (
     BLACK,
     BLUE,
     DIVERGING,
+    GREEN,
     GREY,
     LIGHT_GREY,
     ONE_COLUMN,
     ORANGE,
     ORDER_COLOURS,
+    PURPLE,
     SEQUENTIAL,
     SKY,
     TWO_COLUMNS,
@@ -90,6 +92,8 @@ MOST_STEPS_DRAWN = 500
 STRENGTH_COLOURS = {"strong": VERMILION, "weak": GREY}
 ROSE_TITLES = {"contacts": "contact normals", "branches": "branch vectors by length",
                "loops": "long axes of loops by area"}  # fmt: skip
+# Of places in a sample: beside force chains and elsewhere, or regions.
+PLACE_COLOURS = (VERMILION, BLUE, GREEN, PURPLE, ORANGE)
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
 # Whole numbers up to which each has its own colour.
 MOST_STEPS = 12
@@ -272,6 +276,8 @@ def snapshot_figures(
         yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
     if snapshot.mechanical and summary["loops"]:
         yield "eigenvalues", lambda: eigenvalue_distribution(table, groups)
+        if "region" in table:
+            yield "regions", lambda: regions_figure(table, draw, groups, unstable)
         if any(unstable[judge].any() for judge in rose_judges(table)):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
@@ -401,28 +407,54 @@ def chains_figure(
     drawn = LineCollection(lines, colors=BLUE, linewidths=1.2 * width, **look)
     left.add_collection(drawn, autolim=False)
     left.set_title("force chains")
-    judge = main_judge(table)
-    near, smallest = table["chain_contacts"] > 0, verdicts(table, judge)
-    place = np.arange(len(GROUPS))
-    looks = ("beside", near, "o", VERMILION, -0.12), ("elsewhere", ~near, "s", BLUE, 0.12)
-    for name, here, marker, colour, aside in looks:
+    near = table["chain_contacts"] > 0
+    compare_places(right, table, groups, unstable, {"beside": near, "elsewhere": ~near})
+    return figure
+
+
+@styled()
+def regions_figure(
+    table: Columns, draw: Drawer, groups: Groups, unstable: dict[str, Flags]
+) -> Figure:
+    """Loops by their region; unstable loops of each."""
+    figure, ((left, right),) = new_panels(1, 2, 3.3, width_ratios=(1.1, 1))
+    names, number = np.unique(table["region"], return_inverse=True)
+    colours = ListedColormap([PLACE_COLOURS[k % len(PLACE_COLOURS)] for k in range(len(names))])
+    draw(left, number, colours, Normalize(-0.5, len(names) - 0.5))
+    left.set_title("regions")
+    places = {str(name): number == k for k, name in enumerate(names)}
+    compare_places(right, table, groups, unstable, places)
+    return figure
+
+
+def compare_places(
+    ax: Axes,
+    table: Columns,
+    groups: Groups,
+    unstable: dict[str, Flags],
+    places: Mapping[str, Flags],
+) -> None:
+    """Smallest eigenvalue by order, median and quartiles of the loops at each place."""
+    judge, place = main_judge(table), np.arange(len(GROUPS))
+    smallest, step = verdicts(table, judge), 0.24
+    for k, (name, here) in enumerate(places.items()):
         known = here & np.isfinite(smallest)
         parts = [smallest[groups[group]][known[groups[group]]] for group in GROUPS]
         quartiles = [np.quantile(v, (0.25, 0.5, 0.75)) if len(v) else [np.nan] * 3 for v in parts]
         low, middle, high = np.array(quartiles).T
         percent = 100.0 * np.mean(unstable[judge][known]) if known.any() else np.nan
         of = "" if known[here].all() else f" of {np.count_nonzero(known)}"
-        right.errorbar(
-            place + aside, middle, (middle - low, high - middle), fmt=marker, color=colour,
-            markersize=4, elinewidth=0.8,
+        ax.errorbar(
+            place + step * (k - 0.5 * (len(places) - 1)), middle, (middle - low, high - middle),
+            fmt="osD^v"[k % 5], color=PLACE_COLOURS[k % len(PLACE_COLOURS)], markersize=4,
+            elinewidth=0.8,
             label=f"{name}: {np.count_nonzero(here)} loops, {percent:.2g} %{of} unstable",
         )  # fmt: skip
-    right.axhline(0.0, color=GREY, linewidth=0.6)
-    right.set_xticks(place, labels=GROUPS)
-    right.set(xlabel="loop order (number of grains)")
-    right.set_ylabel(f"smallest eigenvalue of $K_s$ / mean $k_n$\n({JUDGE_TITLES[judge]})")
-    right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    return figure
+    ax.axhline(0.0, color=GREY, linewidth=0.6)
+    ax.set_xticks(place, labels=GROUPS)
+    ax.set(xlabel="loop order (number of grains)")
+    ax.set_ylabel(f"smallest eigenvalue of $K_s$ / mean $k_n$\n({JUDGE_TITLES[judge]})")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def _joined(segments: Floats) -> list[Floats]:

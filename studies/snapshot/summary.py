@@ -17,7 +17,7 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from loops.arrays import Flags, Floats, Integers, median, quantiles
+from loops.arrays import Flags, Floats, Integers, quantiles
 from loops.fabric import (
     TensorMean,
     axial_mean,
@@ -29,6 +29,7 @@ from loops.fabric import (
 from patterns import Snapshot
 from stability import RTOL
 from studies.output import Columns, Summary, definitions, values_of
+from studies.snapshot.regions import Property, places_table
 from studies.snapshot.stress import stress
 from studies.snapshot.table import (
     CLOSURES,
@@ -306,34 +307,19 @@ def chains_summary(chains: ForceChains, table: Columns) -> Summary:
 
 def chains_table(table: Columns) -> dict[str, list[Any]]:
     """Loops beside force chains and elsewhere, by groups of orders: eigenvalues, unstable share."""
-    # Sorted by place, then by group: each set of loops is a slice.
-    group = np.minimum(table["order"], LAST_ORDER).astype(np.int8) - np.int8(3)
-    group[table["chain_contacts"] == 0] += len(GROUPS)
-    at = np.argsort(group, kind="stable")
-    ends = np.cumsum([0, *np.bincount(group, minlength=len(PLACES) * len(GROUPS))])
-    order = table["order"][at]
-    every = {
-        judge: (table[f"{judge}_lambda_min"][at], verdicts(table, judge)[at])
-        for judge in judges(table)
+    place = np.where(table["chain_contacts"] > 0, 0, 1)
+    return places_table(table["order"], place, PLACES, verdict_properties(table))
+
+
+def verdict_properties(table: Columns) -> dict[str, Property]:
+    """Return the verdict of each judge on the loops."""
+    by_judge = {judge: verdicts(table, judge) for judge in judges(table)}
+    return {
+        f"{judge}_unstable": Property(
+            smallest < -RTOL, np.isfinite(smallest), table[f"{judge}_lambda_min"]
+        )
+        for judge, smallest in by_judge.items()
     }
-    rows = []
-    for p, place in enumerate(PLACES):
-        first = p * len(GROUPS)
-        spans = {name: (first + k, first + k + 1) for k, name in enumerate(GROUPS)}
-        for name, (low, high) in {**spans, "all": (first, first + len(GROUPS))}.items():
-            part = slice(ends[low], ends[high])
-            count = int(ends[high] - ends[low])
-            mean = float(order[part].mean()) if count else np.nan
-            row = {"place": place, "orders": name, "loops": count, "mean_order": mean}
-            for judge, values in every.items():
-                smallest, known = (one[part][np.isfinite(one[part])] for one in values)
-                beyond = share(known < -RTOL)
-                row[f"{judge}_lambda_min"] = median(smallest)
-                row[f"{judge}_unstable"] = beyond["mean"]
-                row[f"{judge}_unstable_error"] = beyond["std_error"]
-                row[f"{judge}_undetermined"] = (count - len(known)) / count if count else np.nan
-            rows.append(row)
-    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def wall_summary(snapshot: Snapshot) -> Summary:

@@ -1,0 +1,135 @@
+"""Loops inside a region of a sample beside all others: a band, a polygon, force chains."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from loops.arrays import Flags, Floats, Integers, median
+from loops.errors import InputError, number
+from studies.output import Columns, Summary
+from studies.snapshot.table import GROUPS, LAST_ORDER, share
+
+# A column of the table of loops and a threshold, `nonaffinity>2`.
+THRESHOLD = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
+ELSEWHERE = "elsewhere"
+Strings = NDArray[np.str_]
+
+
+class Property(NamedTuple):
+    """What may be true of each loop: flags (L,), known (L,), and the eigenvalues of a verdict."""
+
+    flags: Flags
+    known: Flags
+    smallest: Floats | None = None
+
+
+def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
+    """Return the number of the region of each loop (L,), and their names; the last is elsewhere.
+
+    `regions` is a threshold on a column of the table, `deviator>120`, or a table of corners `x`,
+    `y` of polygons, in order, with their names in `region`: loops with their centroid inside
+    belong to a polygon, to the first of several.
+    """
+    if found := THRESHOLD.fullmatch(regions):
+        column, sign, value = found[1], found[2], _threshold(found[3], regions)
+        values = np.asarray(table[column]) if column in table else np.empty(0, dtype=object)
+        if values.dtype.kind not in "iuf":
+            named = [name for name in table if np.asarray(table[name]).dtype.kind in "iuf"]
+            expected = f"a column of numbers: {', '.join(named)}"
+            raise InputError("--regions", f"column {column}", expected, "Correct the name.")
+        inside = values > value if sign == ">" else values < value
+        return np.where(inside, 0, 1), np.array([regions.strip(), ELSEWHERE])
+    polygons = _polygons(Path(regions))
+    if "x" not in table:
+        remedy = "Give a threshold, nonaffinity>2."
+        raise InputError("--regions", regions, "a threshold: these loops have no places", remedy)
+    from matplotlib.path import Path as Outline
+
+    at, place = np.column_stack([table["x"], table["y"]]), np.full(len(table["x"]), len(polygons))
+    for number_of, corners in reversed(list(enumerate(polygons.values()))):
+        place[Outline(corners).contains_points(at)] = number_of
+    return place, np.array([*polygons, ELSEWHERE])
+
+
+def _threshold(text: str, regions: str) -> float:
+    """Return the number of a threshold; `InputError` if it is none."""
+    try:
+        return number("--regions", float(text))
+    except ValueError:
+        remedy = "Write deviator>120, or name a table of corners."
+        raise InputError("--regions", regions, "a column and a number", remedy) from None
+
+
+def _polygons(path: Path) -> dict[str, Floats]:
+    """Return the corners of each polygon of a file by its name."""
+    try:
+        table = pd.read_csv(path, comment="#")
+        names = table["region"].astype(str) if "region" in table else ["inside"] * len(table)
+        corners = table[["x", "y"]].astype(float)
+    except (OSError, KeyError, ValueError) as error:
+        expected = "a threshold, deviator>120, or a table of corners with columns x, y and region"
+        raise InputError("--regions", f"{path}: {error}", expected, "Correct it.") from None
+    parts = {str(k): one.to_numpy() for k, one in corners.groupby(np.asarray(names), sort=False)}
+    for name, part in parts.items():
+        if len(part) < 3 or not np.isfinite(part).all():
+            expected = "three finite corners at least"
+            raise InputError("--regions", f"{path}: region {name}", expected, "Add its corners.")
+    return parts
+
+
+def places_table(
+    order: Integers,
+    place: Integers,
+    names: Sequence[str] | Strings,
+    properties: Mapping[str, Property],
+) -> dict[str, list[Any]]:
+    """Return a row a place and group of orders: loops, share with each property, its error.
+
+    Of a verdict `<judge>_unstable` also `<judge>_lambda_min`, the median of its eigenvalues, and
+    `<judge>_undetermined`, the share of loops without one.
+    """
+    # Sorted by place, then by group: each set of loops is a slice.
+    group = np.minimum(order, LAST_ORDER).astype(np.int64) - 3 + len(GROUPS) * place
+    at = np.argsort(group, kind="stable")
+    ends = np.cumsum([0, *np.bincount(group, minlength=len(names) * len(GROUPS))])
+    parts = {
+        name: Property(flags[at], known[at], None if smallest is None else smallest[at])
+        for name, (flags, known, smallest) in properties.items()
+    }
+    order, rows = order[at], list[dict[str, Any]]()
+    for first, name in zip(range(0, len(ends) - 1, len(GROUPS)), names, strict=True):
+        spans = {one: (first + k, first + k + 1) for k, one in enumerate(GROUPS)}
+        for orders, (low, high) in {**spans, "all": (first, first + len(GROUPS))}.items():
+            part = slice(ends[low], ends[high])
+            count = int(ends[high] - ends[low])
+            mean = float(order[part].mean()) if count else np.nan
+            row = {"place": name, "orders": orders, "loops": count, "mean_order": mean}
+            for column, (flags, known, smallest) in parts.items():
+                of_them = share(flags[part][known[part]])
+                if smallest is not None:
+                    values, judge = smallest[part], column.removesuffix("_unstable")
+                    row[f"{judge}_lambda_min"] = median(values[np.isfinite(values)])
+                    unknown = (count - of_them["count"]) / count if count else np.nan
+                    row[f"{judge}_undetermined"] = unknown
+                row[column], row[f"{column}_error"] = of_them["mean"], of_them["std_error"]
+            rows.append(row)
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def region_summary(places: Mapping[str, list[Any]], table: Columns) -> Summary:
+    """Return what `places_table` has of all loops of each region, and the region's area share."""
+    whole, found = float(np.sum(table["area"])), Summary()
+    for values in zip(*places.values(), strict=True):
+        row = dict(zip(places, values, strict=True))
+        if row.pop("orders") == "all":
+            name = row.pop("place")
+            area = float(np.sum(table["area"][table["region"] == name]))
+            found[name] = {**row, "area_share": area / whole}
+    return found

@@ -1,0 +1,106 @@
+"""`--regions`: loops inside a threshold or polygons beside all others, counted once more."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from loops import InputError
+from patterns import sample_path
+from studies.evolve import run_evolve
+from studies.snapshot import run_snapshot
+from studies.snapshot.regions import loop_regions
+
+GRAINS = sample_path("grains_biaxial.csv.gz")
+SQUARE = {"order": np.array([3, 4, 5, 6]), "area": np.array([1.0, 2, 3, 4]),
+          "x": np.array([0.5, 1.5, 2.5, 0.5]), "y": np.array([0.5, 0.5, 0.5, 5.0])}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory):
+    out = tmp_path_factory.mktemp("regions") / "out"
+    run_snapshot(GRAINS, out, regions="deviator>150", figures=False)
+    names = ("loops", "regions")
+    summary = json.loads((out / "summary.json").read_text())
+    return summary, *(pd.read_parquet(out / f"{name}.parquet") for name in names)
+
+
+def test_shares_are_those_of_the_loops(judged):
+    summary, loops, regions = judged
+    inside = loops["deviator"] > 150.0
+    assert loops["region"].tolist() == np.where(inside, "deviator>150", "elsewhere").tolist()
+    groups = np.where(loops["order"] >= 8, "8+", loops["order"].astype(str))
+    for row in regions.itertuples():
+        part = loops[
+            (loops["region"] == row.place) & ((groups == row.orders) | (row.orders == "all"))
+        ]
+        known = part["traction_free_lambda_min"].dropna()
+        assert row.loops == len(part)
+        assert row.mean_order == pytest.approx(part["order"].mean(), rel=1e-14, nan_ok=True)
+        share = (known < -1e-9).mean() if len(known) else np.nan
+        assert row.traction_free_unstable == pytest.approx(share, rel=1e-14, nan_ok=True)
+        error = np.sqrt(share * (1 - share) / len(known)) if len(known) else np.nan
+        assert row.traction_free_unstable_error == pytest.approx(error, rel=1e-12, nan_ok=True)
+        middle = known.median() if len(known) else np.nan
+        assert row.traction_free_lambda_min == pytest.approx(middle, rel=1e-14, nan_ok=True)
+    areas = [part["area_share"] for part in summary["regions"].values()]
+    assert sum(areas) == pytest.approx(1.0, rel=1e-14)
+    assert areas[0] == pytest.approx(loops["area"][inside].sum() / loops["area"].sum(), rel=1e-14)
+
+
+def test_polygons_take_loops_by_their_centroids(tmp_path):
+    corners = tmp_path / "corners.csv"
+    corners.write_text("# two that overlap\nx,y,region\n0,0,a\n1,0,a\n1,1,a\n0,1,a\n"
+                       "2,1,b\n2,0,b\n0,0,b\n0,1,b\n")  # fmt: skip
+    place, names = loop_regions(SQUARE, str(corners))
+    assert names[place].tolist() == ["a", "b", "elsewhere", "elsewhere"]
+    corners.write_text("x,y\n0,0\n3,0\n3,1\n0,1\n")
+    place, names = loop_regions(SQUARE, str(corners))
+    assert names[place].tolist() == ["inside"] * 3 + ["elsewhere"]
+
+
+def test_a_band_of_a_path(tmp_path):
+    out = tmp_path / "out"
+    summary = run_evolve([GRAINS], out, to=1e-5, rows=1, regions="shear>2e-5", figures=False)
+    loops, regions = (pd.read_parquet(out / f"{name}.parquet") for name in ("loops", "regions"))
+    H = loops[["H11", "H12", "H21", "H22"]].to_numpy().reshape(-1, 2, 2)
+    e = np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, 1, 2)))
+    np.testing.assert_allclose(loops["shear"], 0.5 * (e[:, 1] - e[:, 0]), rtol=1e-9, atol=1e-18)
+    for place, part in loops.groupby("region"):
+        row = regions[(regions["place"] == place) & (regions["orders"] == "all")].iloc[0]
+        assert row["negative"] == pytest.approx((part["W2"].dropna() < 0).mean(), rel=1e-14)
+        assert row["opened"] == pytest.approx(part["open_from"].notna().mean(), rel=1e-14)
+        assert summary["regions"][place]["loops"] == len(part) > 0
+
+
+@pytest.mark.parametrize(
+    ("regions", "said"),
+    [
+        ("width>1", "column width"),
+        ("order>many", "a column and a number"),
+        ("order>nan", "a column and a number"),
+        ("nowhere.csv", "No such file"),
+    ],
+)
+def test_regions_that_are_refused(regions, said):
+    with pytest.raises(InputError, match=said):
+        loop_regions(SQUARE, regions)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("x,radius\n0,1\n", "'y'"), ("x,y\n0,0\n1,0\n", "three finite corners"), ("x,y\n0,a\n", "a")],
+)
+def test_corners_that_are_refused(tmp_path, text, said):
+    corners = tmp_path / "corners.csv"
+    corners.write_text(text)
+    with pytest.raises(InputError, match=said):
+        loop_regions(SQUARE, str(corners))
+
+
+def test_loops_without_places_have_no_polygons(tmp_path):
+    corners = tmp_path / "corners.csv"
+    corners.write_text("x,y\n0,0\n3,0\n3,1\n")
+    with pytest.raises(InputError, match="no places"):
+        loop_regions({"order": SQUARE["order"]}, str(corners))
