@@ -9,14 +9,15 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from types import FrameType
 from typing import Annotated, NoReturn
 
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 
 from loops.errors import InputError, out_of_memory
+from studies import environment
 from studies.commands import Answer
 from studies.commands.followed import evolve_command, forecast_command
 from studies.commands.loops import (
@@ -120,24 +121,12 @@ def launch(
         else word
         for word, after in zip(words, [*words[1:], ""], strict=False)
     ]
-    with _no_progress() if quiet else nullcontext():
+    # Progress bars and the clock read this variable, in worker processes too.
+    with environment(TTY_COMPATIBLE="0") if quiet else nullcontext():
         answer: Answer | None = app(asked)
     if answer is not None:
         _print(answer, quiet)
     return answer
-
-
-@contextmanager
-def _no_progress() -> Iterator[None]:
-    """Hide progress bars and the clock, which read this variable, in worker processes too."""
-    before = os.environ.get("TTY_COMPATIBLE")
-    os.environ["TTY_COMPATIBLE"] = "0"
-    try:
-        yield
-    finally:
-        del os.environ["TTY_COMPATIBLE"]
-        if before is not None:
-            os.environ["TTY_COMPATIBLE"] = before
 
 
 def _print(answer: Answer, quiet: bool) -> None:

@@ -11,12 +11,13 @@ from matplotlib.axes import Axes
 
 from loops import InputError, MacroTangent
 from loops.lazy import named
-from stability import COMPONENTS, PlaneCone, Verdict
-from studies.output import Row, values_of
-from studies.snapshot.stress import Stress
+from stability import COMPONENTS, PlaneCone
+from studies.output import Row
 
-# By the class of a result: the function or the attribute that is its table, and the function that
-# draws it.
+# Columns of the row of a rate problem.
+RATES = "status H=strain_rate P=stress_rate cauchy_=cauchy_rate"
+# By the class of a result: the function or the attribute that is its table, or the attributes of the
+# only row (tensors behind the beginning of their columns); and the function that draws it.
 ANSWERS = {
     "Check": ("rows", ""),
     "Evolution": ("loops", "studies.forecast_figures.draw_driven_stress"),
@@ -30,17 +31,20 @@ ANSWERS = {
     "MacroTangent": ("studies.results.tangent_rows", "studies.plots.plot_tangents"),
     "MaterialPath": ("studies.material.march_table", "studies.plots.plot_path"),
     "OrderKinetics": ("columns", ""),
-    "PackingResponse": ("studies.results.rate_row", ""),
+    "PackingResponse": (RATES, ""),
     "Path": ("studies.frames.path_table", "studies.plots.plot_path"),
     "PlaneCone": ("studies.results.cone_rows", ""),
     "Probe": ("studies.probe.probe_table", "studies.plots.plot_envelope"),
-    "Regimes": ("studies.results.rate_row", ""),
+    "Regimes": (RATES, ""),
     "Scene": ("studies.frames.loop_table", "studies.plots.plot_scene"),
     "Snapshot": ("studies.frames.loop_table", "studies.plots.plot_map"),
     "SnapshotLoop": ("", "studies.plots.plot_loop"),
-    "Stress": ("studies.results.stress_row", ""),
+    "Stress": (
+        "S=tensor p p_error q q_error q_over_p q_over_p_error wall_share volume volume_is rattlers",
+        "",
+    ),
     "Sustained": ("studies.sustain.direction_table", "studies.packing_figures.limit_surface"),
-    "Verdict": ("studies.results.verdict_row", ""),
+    "Verdict": ("status subspace lambda_min over_kn margin tolerance mode", ""),
 }
 
 
@@ -56,6 +60,13 @@ def table_of(result: Any) -> Any:
     if "." in place:
         table = named(place)(result)
         return table if isinstance(table, pd.DataFrame) else pd.DataFrame(table)
+    if " " in place:
+        row: Row = {}
+        for name in place.split():
+            column, _, tensor = name.rpartition("=")
+            value = getattr(result, tensor)
+            row |= _columns(column, np.reshape(value, (1, 2, 2))) if column else {name: [value]}
+        return pd.DataFrame(row)
     if place:
         own = getattr(result, place)
         return pd.DataFrame(own() if callable(own) else own)
@@ -120,20 +131,6 @@ def tangent_rows(result: MacroTangent) -> pd.DataFrame:
     return pd.DataFrame(_columns("A", rows) | columns)
 
 
-def stress_row(result: Stress) -> pd.DataFrame:
-    """Stress of a sample in one row."""
-    names = ("p", "p_error", "q", "q_error", "q_over_p", "q_over_p_error", "wall_share", "volume",
-             "volume_is", "rattlers")  # fmt: skip
-    tensor = {f"S{ij}": s for ij, s in zip(COMPONENTS, result.tensor.ravel(), strict=True)}
-    return pd.DataFrame([tensor | values_of(result, *names)])
-
-
-def verdict_row(result: Verdict) -> pd.DataFrame:
-    """Verdict in one row."""
-    names = ("status", "subspace", "lambda_min", "over_kn", "margin", "tolerance", "mode")
-    return pd.DataFrame([values_of(result, *names)])
-
-
 def cone_rows(result: PlaneCone) -> pd.DataFrame:
     """A row a cone."""
     columns: dict[str, Any] = {}
@@ -141,12 +138,3 @@ def cone_rows(result: PlaneCone) -> pd.DataFrame:
         rows = np.reshape(getattr(result, one.name), (np.size(result.status), -1))
         columns |= _columns(one.name, rows)
     return pd.DataFrame(columns)
-
-
-def rate_row(result: Any) -> pd.DataFrame:
-    """Status and rates of a rate problem in one row."""
-    row: Row = {"status": result.status}
-    for name, rate in (("H", "strain_rate"), ("P", "stress_rate"), ("cauchy_", "cauchy_rate")):
-        values = np.ravel(getattr(result, rate))
-        row |= {f"{name}{ij}": value for ij, value in zip(COMPONENTS, values, strict=True)}
-    return pd.DataFrame([row])

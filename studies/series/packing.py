@@ -59,14 +59,7 @@ PREDICTED = {
     "packing_opening": "opening",
     "packing_closing": "closing",
 }
-EVENT_FIELDS = {
-    f"{name}_{column}": field
-    for name in ("path", "replay")
-    for column, field in (
-        ("w2", "normalised_work"),
-        *((field, field) for field in ("nonaffinity", "opening", "closing")),
-    )
-}
+EVENT_FIELDS = {"w2": "normalised_work"} | {n: n for n in ("nonaffinity", "opening", "closing")}
 OWN_FIELDS = {"own_w2": "normalised_work", "own_opening": "opening", "own_closing": "closing"}
 # Smallest eigenvalues in the packing: of the state as written, and where that is at rest.
 SMALLEST = ("packing_lambda_min", "packing_lambda_min_held")
@@ -166,19 +159,14 @@ def interval_rate(
 def times_of(
     before: Snapshot, after: Snapshot, times: Sequence[float | None], asked: Following
 ) -> tuple[float | None, float | None]:
-    """Times of the two snapshots of an interval, as far as they are known."""
-    listed = zip((before, after), times, strict=True)
-    start, end = (time_of(one, time, asked.time_step) for one, time in listed)
-    return start, end
-
-
-def time_of(snapshot: Snapshot, listed: float | None, time_step: float | None) -> float | None:
-    """Time of a snapshot: that of a table, else of the file, else of its number of steps."""
-    if listed is not None:
-        return listed
-    if snapshot.time is None and snapshot.step is not None and time_step is not None:
-        return snapshot.step * time_step
-    return snapshot.time
+    """Times of both snapshots as far as known: of a table, else of the file, else by the steps."""
+    known = [*times]
+    for k, one in enumerate((before, after)):
+        if known[k] is None:
+            known[k] = one.time
+        if known[k] is None and one.step is not None and asked.time_step is not None:
+            known[k] = one.step * asked.time_step
+    return known[0], known[1]
 
 
 def velocity_beyond(before: Snapshot, after: Snapshot, H: Floats, duration: float) -> Floats:
@@ -220,7 +208,8 @@ def packing_predictions(
     columns = facts(before, fates)
     blank = np.full(len(fates.before), np.nan)
     columns |= dict.fromkeys((*PREDICTED, *OWN_FIELDS, *SMALLEST), blank)
-    columns |= {name: blank for name in EVENT_FIELDS if following}
+    ways = ("path", "replay") if following else ()
+    columns |= {f"{way}_{name}": blank for way in ways for name in EVENT_FIELDS}
     try:
         if source == "unknown":
             raise InputError("strain of the interval", "unknown", "grains in both", "Check ids.")
@@ -251,7 +240,11 @@ def packing_predictions(
         columns, notes = columns | found, [*notes, *why]
     place = place_columns(loops_in_place(before.scene), before.mean_kn)
     columns |= dict.fromkeys(SMALLEST, place[SMALLEST[0]])
-    if motion_note(before) or driven_on(before, increments):
+    # Whether slip drives a contact on that is flagged as sliding (`M_cc <= 0`).
+    edge, (_, regime) = increments.yielding, before.mechanics()
+    flagged = np.flatnonzero(regime[edge.system.contacts] == Regime.SLIDING)
+    growing = np.diag(increments.rates.whole.of_slip) <= 0
+    if motion_note(before) or growing[np.isin(edge.rows, flagged)].any():
         columns[SMALLEST[1]] = blank
         notes = [*notes, WITHHELD]
     row = {
@@ -262,15 +255,6 @@ def packing_predictions(
         **by_events,
     }
     return columns, row, notes
-
-
-def driven_on(snapshot: Snapshot, increments: PackingIncrements) -> bool:
-    """Whether slip drives a contact on that is flagged as sliding (`M_cc <= 0`)."""
-    yielding = increments.yielding
-    _, regime = snapshot.mechanics()
-    flagged = np.flatnonzero(regime[yielding.system.contacts] == Regime.SLIDING)
-    growing = np.diag(increments.rates.whole.of_slip) <= 0
-    return bool(growing[np.isin(yielding.rows, flagged)].any())
 
 
 def _by_events(
@@ -321,8 +305,8 @@ def _by_events(
         notes.append(f"not followed by events: {error}")
     columns: Columns = {}
     for name, end in ends.items():
-        fields = {key: field for key, field in EVENT_FIELDS.items() if key.startswith(name)}
-        columns |= _picked(loop_changes(graph, end, before.faces), fields)
+        changes = loop_changes(graph, end, before.faces)
+        columns |= _picked(changes, {f"{name}_{key}": field for key, field in EVENT_FIELDS.items()})
     return columns, row, notes
 
 

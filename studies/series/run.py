@@ -118,7 +118,11 @@ def run_series(
         with study(
             "series", out, configuration, csv=csv, figures=figures, continued=True
         ) as results:
-            about = finished_parts(series)
+            # Parts of other series in the folder are removed.
+            for name, files in series.parts.items():
+                keep_only(out / name, {file.name for file in files})
+                require_one_schema(files)
+            about = {name: [*map(require_about, files)] for name, files in series.parts.items()}
             tables, summary = series_tables(series, about)
             summary["notes"] = [*moved, *summary["notes"]]
             summary["skipped"] = [
@@ -177,14 +181,6 @@ def _draw(
         results.write_report(title, summary, drawn, maps, largest, pictures)
 
 
-def finished_parts(series: Series) -> dict[str, list[dict[str, Any]]]:
-    """Metadata of the parts of each dataset; parts of other series in the folder are removed."""
-    for name, files in series.parts.items():
-        keep_only(series.out / name, {file.name for file in files})
-        require_one_schema(files)
-    return {name: [require_about(one) for one in files] for name, files in series.parts.items()}
-
-
 def series_tables(
     series: Series, about: Mapping[str, list[dict[str, Any]]]
 ) -> tuple[dict[str, pd.DataFrame], dict[str, Any]]:
@@ -200,7 +196,14 @@ def series_tables(
     ends = evolution.astype(object).where(evolution.notna(), None).iloc[[0, -1]].to_dict("records")
     mapped = mapped_interval(evolution)
     notes = [note for one in about.values() for kept in one for note in kept.get("notes", ())]
-    tables = {"evolution": evolution, "exchange": exchange_table(series, about["increments"])}
+    pairs = ("snapshot_before", "snapshot_after", *ExchangeCounts._fields)
+    rows = [
+        (one.number, other.number, *counts)
+        for (one, other), kept in zip(pairwise(series.planned), about["increments"], strict=True)
+        for counts in zip(*(kept["exchange"][name] for name in ExchangeCounts._fields), strict=True)
+    ]
+    exchanged = np.array(rows, dtype=np.int64).reshape(-1, len(pairs))
+    tables = {"evolution": evolution, "exchange": pd.DataFrame(exchanged, columns=pairs)}
     summary: Summary = {
         "snapshots": len(states),
         "intervals": len(intervals),
@@ -288,17 +291,6 @@ def mapped_interval(evolution: pd.DataFrame) -> int | None:
         if solved.any():
             negative = np.where(solved, negative, -1)
     return int(np.argmax(negative))
-
-
-def exchange_table(series: Series, about: Sequence[Row]) -> pd.DataFrame:
-    """One row for each pair of orders that occurs in an interval."""
-    names = ("snapshot_before", "snapshot_after", *ExchangeCounts._fields)
-    rows = [
-        (one.number, other.number, *counts)
-        for (one, other), kept in zip(pairwise(series.planned), about, strict=True)
-        for counts in zip(*(kept["exchange"][name] for name in ExchangeCounts._fields), strict=True)
-    ]
-    return pd.DataFrame(np.array(rows, dtype=np.int64).reshape(-1, len(names)), columns=names)
 
 
 def kinetics(

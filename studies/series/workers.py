@@ -26,6 +26,7 @@ import scipy.linalg  # noqa: F401
 
 from loops import InputError
 from loops.arrays import Floats, available_cores
+from studies import environment
 from studies.output import code_version, errors_of, write_whole
 
 Asked = TypeVar("Asked")
@@ -159,8 +160,8 @@ def run_in_processes(
     """
     futures: list[Future[Answer]] = []
     try:
-        # The processes start while the tasks are handed out.
-        with _one_thread_each(), _interrupts_held():
+        # The processes start while the tasks are handed out, one a core, of one thread each.
+        with environment(**dict.fromkeys(THREADS, "1")), _interrupts_held():
             futures += [pool.submit(function, task) for task in tasks]
         for future in as_completed(futures):
             yield future.result()
@@ -174,21 +175,6 @@ def run_in_processes(
     finally:
         for future in futures:
             future.cancel()
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Give the processes that start here one thread each: there is one process per core."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager
