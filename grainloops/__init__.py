@@ -66,10 +66,10 @@ if TYPE_CHECKING:
     from stability.packing import indicators as indicators
     from stability.packing import replay as replay
     from studies import __version__ as __version__
-    from studies.answers import check as check
     from studies.evolve import evolve as evolve
     from studies.forecast import forecast as forecast
     from studies.frames import chain_table as chain_table
+    from studies.frames import check as check
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.frames import to_geodataframe as to_geodataframe

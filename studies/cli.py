@@ -19,7 +19,6 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter
 from loops.errors import InputError, out_of_memory
 from studies import environment
 from studies.commands import Answer
-from studies.commands.followed import evolve_command, forecast_command
 from studies.commands.loops import (
     bench_command,
     diamond_command,
@@ -27,8 +26,13 @@ from studies.commands.loops import (
     loop_command,
     polygon_command,
 )
-from studies.commands.material import material_command
-from studies.commands.packing import probe_command, sustain_command
+from studies.commands.packing import (
+    evolve_command,
+    forecast_command,
+    material_command,
+    probe_command,
+    sustain_command,
+)
 from studies.commands.snapshot import check_command, series_command, snapshot_command
 from studies.questions import FURTHER
 

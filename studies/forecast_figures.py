@@ -13,10 +13,8 @@ from matplotlib.figure import Figure
 from loops.arrays import Floats
 from patterns import Snapshot, planar
 from stability import COMPONENTS
-from studies.beside_dem import DROP
-from studies.calibration import Calibration, calibration
-from studies.evolve import Evolution
-from studies.forecast import Forecast, spread_of
+from studies.evolve import DROP, Evolution
+from studies.forecast import Calibration, Forecast, calibration, spread_of
 from studies.packing_figures import over_driven
 from studies.snapshot.figures import draw_scaled, loop_drawer
 from studies.study import Drawings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,9 @@ from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
 from loops.errors import check_type
 from loops.scene import Subject
+from loops.shown import Shown
 from patterns import Snapshot, planar
+from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_severity
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Event, Path
 from stability.packing.pathologies import columns
@@ -305,3 +308,49 @@ def loop_work_table(
     """One row per loop: its work (over `volume`), and that over its own area."""
     columns = {"loop": np.arange(len(order)), "order": order, "area": area, "W2": work}
     return pd.DataFrame(columns | {"additive_w": work * volume / area})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Shown):
+    """Findings of `check`: the worst of `SEVERITIES`, and a finding for each check."""
+
+    verdict: str
+    findings: tuple[Finding, ...]
+
+    def facts(self) -> dict[str, object]:
+        """Facts that the prompt and a notebook show."""
+        wrong = [one for one in self.findings if one.severity != "ok"]
+        counts: dict[str, object] = {
+            str(name): sum(one.severity == name for one in self.findings) for name in SEVERITIES
+        }
+        said = {one.check: f"{one.severity}: {one.says}" for one in wrong}
+        return {"verdict": self.verdict, **counts, **said}
+
+    def rows(self) -> pd.DataFrame:
+        """A row a check."""
+        return pd.DataFrame([one._asdict() for one in self.findings])
+
+
+def check(snapshot: Snapshot | Subject) -> Check:
+    """Check a snapshot for consistency, as `grainloops check` does: signs, units, balance.
+
+    Parameters
+    ----------
+    snapshot : Snapshot or Scene
+        A file that fails is read with `read_snapshot(path, strict=False)`; of a scene only the
+        crossings of its branches are checked.
+
+    Returns
+    -------
+    Check
+        `verdict` is 'ok', 'doubt' or 'error'; `.table()` has a row a check with what to do.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> check(read_snapshot(sample_path())).verdict
+    'ok'
+    """
+    snapshot = snapshot_of(snapshot)
+    findings = (*snapshot.findings, crossings(snapshot.graph))
+    return Check(worst_severity(findings), findings)

@@ -32,15 +32,9 @@ SETS = ("mean", "single")
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOptions(Averaging):
-    """Options of `grainloops material`.
+    """Options of `grainloops material`; `order` is 6 with `alpha0_deg`, the H-model's hexagon.
 
-    `order`: Of a regular loop, or 6 with `alpha0_deg`, the angle of the H-model's hexagon;
-    `orientations`: Copies turned evenly over half a turn; `kappa`, `phi_deg`, `confine`: Stiffness
-    ratio, friction angle, isotropic stress over kn before the programme. Of a snapshot: loops of
-    some `orders`, at most `count`, from the stress that they have. `fluid_bulk_modulus` and
-    `strain_ratio` as of `programme_named`, the modulus in the units of kn. `single`: Number of the
-    loop that is marched alone beside the mean; if left out see `_single`. `axis`: Driven, 1 or 2;
-    if left out that of the major stress of a snapshot's loops.
+    If left out `single` is that of `_single`, `axis` that of the loops' major stress.
     """
 
     order: int = 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Container
 from functools import wraps
 from itertools import cycle
@@ -15,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from loops import (
     ContactLaw,
@@ -25,7 +27,7 @@ from loops import (
     contact_state,
     macroscopic_tangent,
 )
-from loops.arrays import Floats, Regimes
+from loops.arrays import Floats, Integers, Regimes
 from loops.closures import Closure, MacroTangent, Spins
 from loops.closures.system import with_law
 from loops.errors import check_choice, check_type, listed, path_of, short
@@ -34,18 +36,10 @@ from loops.scene import Subject
 from loops.validation import require_shape
 from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import SnapshotLoop
-from stability import (
-    COMPONENTS,
-    Path,
-    directional_work,
-    plane_cone,
-    restrict,
-    symmetric_spectrum,
-)
+from stability import COMPONENTS, Path, directional_work, plane_cone, restrict, symmetric_spectrum
 from stability.material import MaterialPath
 from stability.packing import HeldPacking, Probe
 from studies.packing_figures import response_envelope
-from studies.paths.curves import cubics, symbol, with_unit
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
@@ -69,6 +63,7 @@ from studies.style import (
 )
 
 Plot = TypeVar("Plot", bound=Callable[..., Axes])
+DETERMINANT_LABELS = {"det_K": r"$\det K$", "det_Ks": r"$\det K_s$"}
 
 
 def drawn(
@@ -593,3 +588,39 @@ def plot_scene(found: Scene | HeldPacking, ax: Axes | None = None) -> Axes:
     """Loops of a packing by their order; grains and forces of a loop, which ends at nothing."""
     scene = found.scene if isinstance(found, HeldPacking) else found
     return (plot_loop if scene.boundary.kind == "free" else plot_map)(scene, ax=ax)
+
+
+def cubics(path: Path, part: Integers, columns: tuple[dict[str, Any], str, str]) -> Floats:
+    """(2, n) points of a curve through rows, over the length of `H`'s way, and a gap behind it."""
+    table, *names = columns
+    along = np.cumsum(
+        np.linalg.norm(np.diff(path.H[part], axis=0, prepend=path.H[part[:1]]), axis=1)
+    )
+    part, s = part[(moved := np.diff(along, prepend=-1.0) > 0)], along[moved]
+    fine = np.interp(np.linspace(0, len(s) - 1, 12 * len(s)), np.arange(len(s)), s)
+    points = []
+    for name in names:
+        values = np.asarray(table[name], dtype=float)[part]
+        if len(s) < 2 or not np.isfinite(values).all():
+            drawn = np.interp(fine, s, values)
+        elif f"{name}_rate" in table:
+            drawn = CubicHermiteSpline(s, values, np.asarray(table[f"{name}_rate"])[part])(fine)
+        else:
+            drawn = PchipInterpolator(s, values)(fine)
+        points.append(np.append(drawn, np.nan))
+    return np.stack(points)
+
+
+def symbol(column: str) -> str:
+    """A column as the theory writes it, else its words."""
+    component = re.fullmatch(r"([HPNT])_?(\d*)", column)
+    if component:
+        return f"${component[1]}_{{{component[2]}}}$"
+    return DETERMINANT_LABELS.get(column, column.replace("_", " "))
+
+
+def with_unit(column: str) -> str:
+    """A column with its unit."""
+    units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
+    unit = units.get(column.split("_")[0].rstrip("12"))
+    return f"{symbol(column)} ({unit})" if unit else symbol(column)

@@ -16,7 +16,7 @@ from studies.output import Row
 
 # Columns of the row of a rate problem.
 RATES = "status H=strain_rate P=stress_rate cauchy_=cauchy_rate"
-# By the class of a result: the function or the attribute that is its table, or the attributes of the
+# By the class of a result: the function or attribute that is its table, or the attributes of the
 # only row (tensors behind the beginning of their columns); and the function that draws it.
 ANSWERS = {
     "Check": ("rows", ""),

@@ -286,8 +286,12 @@ def domain_command(
     out = out_or(writing.out, f"loop-{loop}-domain" if asked.snapshot else "domain", asked.snapshot)
     ratios, directions = numbers("--kappa", asked.kappa), asked.directions
     with clock("grainloops domain"):
-        from studies.domain import DomainParameters, run_domain
-        from studies.loop_domain import LoopDomainParameters, run_loop_domains
+        from studies.domain import (
+            DomainParameters,
+            LoopDomainParameters,
+            run_domain,
+            run_loop_domains,
+        )
         from studies.present_domain import programmes_of
 
         if not given:
@@ -321,7 +325,7 @@ def domain_command(
 
 def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:
     """Raise `InputError` for an order of which no domain is drawn; `each`: there are several."""
-    from studies.loop_domain import LONGEST
+    from studies.domain import LONGEST
 
     for n in orders:
         if not 3 <= n <= LONGEST:

@@ -16,8 +16,8 @@ import pandas as pd
 
 from studies.examples import run_example, save
 from studies.examples.indicators import sample_series
+from studies.series.figures import skill_by_predictor
 from studies.series.skill import SKILL_COLUMNS
-from studies.series.skill_figures import skill_by_predictor
 
 
 def main(out: Path) -> dict[str, Any]:

@@ -28,9 +28,9 @@ from stability import (
     spectrum,
     symmetric_spectrum,
 )
-from studies.paths.comparison import Compared
 from studies.paths.diamond import FollowedDiamond
 from studies.paths.followed import RADIUS, Followed, operator_diagram
+from studies.paths.polygon import Compared
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -84,8 +84,8 @@ CONTACT_LOOKS = {
 
 def path_figures(found: Followed) -> Drawings:
     """Figures of the operators along any path, with their names."""
-    yield "determinant", lambda: draw_determinant(found)
-    yield "eigenvalues", lambda: draw_eigenvalues(found)
+    yield "determinant", lambda: draw_operators(found, "determinant")
+    yield "eigenvalues", lambda: draw_operators(found, "eigenvalues")
     yield "split", lambda: draw_split(found)
     yield "cone", lambda: draw_cone(found)
     if found.directions:
@@ -137,32 +137,20 @@ def draw_stress(found: Followed, ax: Axes) -> None:
 
 
 @panel()
-def draw_eigenvalues(found: Followed, ax: Axes) -> None:
-    """Eigenvalues of K (real parts) and of Ks in (11, 22) along the path, as Fig. 10."""
-    values, symmetric = spectrum(found.K).real, symmetric_spectrum(found.K)
-    curves = {"$K$": values, "$K_s$": symmetric}
-    _of_operators(found, ax, curves, symmetric[:, 0], "eigenvalues over $k_n$ (–)")
-
-
-@panel()
-def draw_determinant(found: Followed, ax: Axes) -> None:
-    """Determinants of K and of Ks along the path, as Figs. 7 and 9."""
-    curves = {r"$\det K$": found.det_K, r"$\det K_s$": found.det_Ks}
-    _of_operators(found, ax, curves, found.det_K, "determinant (–)")
-
-
-def _of_operators(
-    found: Followed, ax: Axes, curves: dict[str, Floats], marked: Floats, label: str
-) -> None:
-    """Numbers of K, and dashed of Ks, along the path."""
-    E1 = found.broken(found.E1)
+def draw_operators(found: Followed, of: str, ax: Axes) -> None:
+    """Determinants (Figs. 7, 9) or eigenvalues (Fig. 10) of K, and dashed of Ks, in (11, 22)."""
+    curves, marked, name = (found.det_K, found.det_Ks), found.det_K, r"$\det {}$"
+    if of == "eigenvalues":
+        curves = spectrum(found.K).real, symmetric_spectrum(found.K)
+        marked, name = curves[1][:, 0], "${}$"
     ax.axhline(0.0, color=GREY, linewidth=0.6)
-    for (name, values), colour, style in zip(
-        curves.items(), (BLUE, ORANGE), ("-", DASHED), strict=True
-    ):
-        lines = ax.plot(E1, found.broken(values), color=colour, linestyle=style)
-        lines[0].set_label(name)
-    over_strain(found, ax, marked, label, 0.1)
+    looks = zip(curves, ("K", "K_s"), (BLUE, ORANGE), ("-", DASHED), strict=True)
+    for values, operator, colour, style in looks:
+        look: Any = {"color": colour, "linestyle": style}
+        lines = ax.plot(found.broken(found.E1), found.broken(values), **look)
+        lines[0].set_label(name.format(operator))
+    units = {"determinant": "determinant (–)", "eigenvalues": "eigenvalues over $k_n$ (–)"}
+    over_strain(found, ax, marked, units[of], 0.1)
     ax.legend(loc="best")
 
 

@@ -258,9 +258,7 @@ class Followed:
     def polar_table(self) -> pd.DataFrame:
         """Normalised second-order work in every direction at the named states (45).
 
-        `alphaE_deg`, `tan(alphaE) = E1'/E2'`; `w2`; `x, y`, the points of the polar diagram,
-        `(2 + w2) (cos alphaE, sin alphaE)`; `regime` that the direction activates, 'sliding' where
-        a contact slides, else 'open' where one of the ring is; `solutions`: unique, several, none.
+        `x, y` are points `(2 + w2) (cos alphaE, sin alphaE)`, `tan(alphaE) = E1'/E2'`.
         """
         names = ("state", "alphaE_deg", "w2", "x", "y", "regime", "solutions")
         empty = pd.DataFrame(columns=names).astype(dict.fromkeys(names[1:5], float))

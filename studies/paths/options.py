@@ -190,17 +190,10 @@ class DiamondOptions(DiamondChoice):
 
 @dataclass(frozen=True)
 class PolygonOptions:
-    """Options of `grainloops polygon`.
+    """Options of `grainloops polygon`, lengths over the mean diameter, forces over `kn` times it.
 
-    `order` from 3 to 1000, regular; or `radii` in order, whose mean diameter becomes 1, the centres
-    on a circle (`polydisperse_polygon`) or next to `centres` in order, counter-clockwise, moved by
-    the least that makes neighbours just touch. `contact_law` linear, or hertz: spheres of `E* = 1`,
-    so that `kn` in units is `E* l0`. `rolling` is the stiffness of rolling springs over `kn l0^2`,
-    for free spins. `kappa` of zero or more, of spheres from 2/3 to below 4/3; `phi_deg` in [0, 90]
-    (90: nothing slides); `confine` in [0, 1), the isotropic strain at A; `programme` what follows
-    A, up to `end`, an E1 above `confine` and below 1, `confine + 0.4 (1 - confine)` if left out.
-    `H12 = H21 = 0` in all. `fluid_bulk_modulus` (over kn) is that of the fluid of `undrained`,
-    infinite if left out; `strain_ratio` the `E2'/E1'` of `proportional-strain`.
+    Of spheres (`contact_law` hertz) `E* = 1`, so that `kn` in units is `E* l0`. `H12 = H21 = 0` in
+    all programmes. `centres` are moved by the least that makes neighbours just touch.
     """
 
     order: int

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from studies.output import Summary
-from studies.paths.comparison import compare_orders
 from studies.paths.diamond import diamond_summary, diamond_tables, follow_diamond
 from studies.paths.figures import comparison_figures, diamond_figures, polygon_figures
 from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
-from studies.paths.polygon import follow_polygon, polygon_summary, polygon_table
+from studies.paths.polygon import compare_orders, follow_polygon, polygon_summary, polygon_table
 from studies.study import study
 
 

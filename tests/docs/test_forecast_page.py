@@ -4,7 +4,7 @@ import re
 
 import pandas as pd
 
-from studies.calibration import PARTS, calibration
+from studies.forecast import PARTS, calibration
 from tests.docs.pages import DOCS, page, tables
 from tests.docs.test_how_to import words
 from tests.tools.forecasting import DRAWN, figure_of

@@ -11,8 +11,8 @@ from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.domain import Fan, FanLimits
+from studies.domain import loop_limits, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
-from studies.loop_domain import loop_limits, unstable_share
 from studies.paths.options import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
 from tests.golden.answers import run

@@ -10,9 +10,8 @@ import grainloops as gl
 from studies import style
 from studies.forecast_figures import forecast_figure
 from studies.packing_figures import order_shares, stress_and_volume
-from studies.series.figures import kinetics_figure
+from studies.series.figures import kinetics_figure, skill_by_predictor
 from studies.series.skill import TARGETS
-from studies.series.skill_figures import skill_by_predictor
 from tests.packings import LAW, jammed
 
 

@@ -11,17 +11,22 @@ import grainloops as gl
 from grainloops import evolve
 from loops import Fate, find_faces, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from studies.calibration import (
+from studies.evolve import Evolution
+from studies.forecast import (
     KINDS,
     NEVER,
     PARTS,
     Calibration,
     calibration,
+    forecast_reach,
+    next_of,
+    opening_places,
     parts_cells,
     parts_of,
+    places,
+    since,
+    spread_of,
 )
-from studies.evolve import Evolution
-from studies.forecast import forecast_reach, next_of, opening_places, places, since, spread_of
 from studies.reading import rows_by_number
 from studies.series.skill import score_skill
 from tests.command import run

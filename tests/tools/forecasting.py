@@ -26,17 +26,19 @@ from loops.arrays import Floats
 from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot
 from studies import __version__
-from studies.calibration import (
+from studies.evolve import Evolving, followed
+from studies.forecast import (
     CALIBRATION,
+    DEFAULTS,
     KINDS,
     REACHES,
     WAYS,
     Calibration,
     calibration,
+    forecast_reach,
     parts_of,
+    places,
 )
-from studies.evolve import Evolving, followed
-from studies.forecast import DEFAULTS, forecast_reach, places
 from studies.forecast_figures import KIND_WORDS, reliability
 from studies.reading import cell_reader
 from studies.series.evolution import loop_increments, sample_strain, track_loops

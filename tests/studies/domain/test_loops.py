@@ -18,16 +18,17 @@ from stability.paths.domain import (
     FanLimits,
     stability_measures,
 )
-from studies.domain import Case, first_losses
-from studies.examples.larger_loops import rolling_threshold
-from studies.loop_domain import (
+from studies.domain import (
+    Case,
     LoopDomainParameters,
+    first_losses,
     limit_rows,
     loop_fan,
     loop_limits,
     run_loop_domains,
     unstable_share,
 )
+from studies.examples.larger_loops import rolling_threshold
 from studies.paths.options import PolygonOptions
 from tests.command import refusal, run
 

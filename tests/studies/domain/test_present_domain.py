@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.loop_domain import LoopDomainParameters, loop_domains
+from studies.domain import LoopDomainParameters, loop_domains
 from studies.paths.options import PolygonOptions
 from studies.present_domain import ENDS, loop_domain_figure
 from tests.command import run

@@ -14,8 +14,7 @@ from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
 from stability.packing import loop_changes
-from studies.beside_dem import dem_comparison_summary
-from studies.evolve import run_evolve, stage_of
+from studies.evolve import dem_comparison_summary, run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
 from tests.command import run
 from tests.packings import BRANCH, LAW, jammed

@@ -15,8 +15,7 @@ from patterns import read_snapshot
 from studies.paths.diamond import snapshot_tables
 from studies.paths.figures import (
     draw_cone,
-    draw_determinant,
-    draw_eigenvalues,
+    draw_operators,
     draw_polar,
     draw_stress,
 )
@@ -175,8 +174,8 @@ def test_drawing_functions_use_the_axes_they_are_given():
     path = followed(table=1)
     before = {key: matplotlib.rcParams[key] for key in STYLE}
     for draw in (
-        lambda ax: draw_determinant(path, ax=ax),
-        lambda ax: draw_eigenvalues(path, ax=ax),
+        lambda ax: draw_operators(path, "determinant", ax=ax),
+        lambda ax: draw_operators(path, "eigenvalues", ax=ax),
         lambda ax: draw_stress(path, ax=ax),
         lambda ax: draw_cone(path, ax=ax),
         lambda ax: draw_polar(operator_diagram(path.K[-1]), ax=ax),

@@ -22,6 +22,7 @@ from studies.series.evolution import (
 from studies.series.figures import (
     MOST_SCENES,
     AnimationFrame,
+    MappedInterval,
     animate_series,
     exchange_heatmap,
     fates_over_strain,
@@ -30,9 +31,10 @@ from studies.series.figures import (
     picked_snapshots,
     series_figures,
     stress_strain,
+    work_map,
+    work_signs,
 )
 from studies.series.run import evolution_table
-from studies.series.skill_figures import MappedInterval, work_map, work_signs
 from studies.snapshot.table import GROUPS
 from studies.study import Results
 

@@ -30,6 +30,12 @@ from studies.commands.snapshot import _series_lines
 from studies.reading import plan_series, reading, rows_by_number
 from studies.series import packing as series_packing
 from studies.series.evolution import loop_increments, sample_strain, track_loops
+from studies.series.figures import (
+    MappedInterval,
+    nonaffinity_map,
+    skill_by_interval,
+    skill_by_predictor,
+)
 from studies.series.packing import (
     PREDICTED,
     STRESS_ERROR,
@@ -41,12 +47,6 @@ from studies.series.packing import (
     velocity_beyond,
 )
 from studies.series.run import followed_summary, missed_stresses
-from studies.series.skill_figures import (
-    MappedInterval,
-    nonaffinity_map,
-    skill_by_interval,
-    skill_by_predictor,
-)
 from studies.snapshot.in_packing import (
     add_in_packing,
     box_corners,
