@@ -188,7 +188,7 @@ def evolve_command(
 
 
 def _reached(asked: Driving) -> Callable[[float], str]:
-    return lambda reached: f"{reached:.3g} of {abs(asked.to):g}"
+    return lambda reached: f"{reached:.3g} of {asked.length:g}"
 
 
 def forecast_command(
