@@ -58,9 +58,7 @@ def run_probe(
     """Probe a snapshot, write tables, figures and a report; return the summary.
 
     `how` are the options of `Probing`, `Holding` and `read_planar`, and files of `study`.
-    Directions that are followed to an amplitude are shared among this number of processes, by
-    default one a core, or among the workers of a Dask scheduler. `progress` is called with how
-    many are done.
+    `progress` is called with how many directions are done.
     """
     # The words are checked here, each with what is expected.
     asked: Any = taken(Probing, how)

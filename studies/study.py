@@ -206,9 +206,6 @@ def study(
 
     Units left out are those of the command in `definitions.toml`. A study that is `continued` keeps
     what else is in the folder.
-
-    A study reads its input, computes, writes tables and summary and, if figures are asked for,
-    saves figures and writes the report, from top to bottom of the block.
     """
     wanted = (ALL_FIGURES if figures else None) if isinstance(figures, bool) else figures
     for name in wanted.names if wanted else ():
@@ -440,9 +437,7 @@ def value_text(value: Any) -> str:
 def packed(loops: LoopsForMap) -> str:
     """JSON of the loops for the page; arrays are little-endian bytes in base64.
 
-    Corners are in single precision, relative to `origin`; so are columns of floats, which are shown
-    with six digits. Integers have four bytes, where four are too few eight as floats, beyond 2**53
-    as integers.
+    Corners are in single precision, relative to `origin`; so are columns of floats.
     """
     import matplotlib as mpl
     from matplotlib.colors import to_hex

@@ -61,10 +61,8 @@ def run_sustain(
 ) -> Summary:
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
 
-    The state is brought to rest first, at fixed cell or with `hold_stress` at fixed stress. `how`
-    are the options of `Sustaining` and `read_planar`, and files of `study`. Directions are shared
-    among this number of processes, by default one a core, or among the workers of a Dask scheduler.
-    Finished directions are kept beside `out`: the same call continues an interrupted run.
+    `how` are the options of `Sustaining` and `read_planar`, and files of `study`. Finished
+    directions are kept beside `out`: the same call continues an interrupted run.
     """
     control: HoldControl = "stress" if hold_stress else "strain"
     asked: dict[str, Any] = asdict(taken(Sustaining, how)) | {"spread": spread}

@@ -376,11 +376,8 @@ def _operators(found: FollowedDiamond, state: DiamondStates, graph: GrainGraph) 
 def verification(found: FollowedDiamond) -> dict[str, Any]:
     """Differences of independent routes to the same numbers on a path.
 
-    `generic_vs_closed_form`: the operator of any loop, both closures, in (11, 22) against (26),
-    `*_untrusted` its states without an answer; `isotropic`: (38) against (26); `det_K`: (35), (36)
-    against the determinant; `bromwich_margin_min`: of `min Re eig(K) - lambda_min(Ks)`;
-    `det_K_zero_by_root`: (41) against a root search; `energy_balance`: work less stored energy and
-    heat; `slope_at_A`: see the function of that name.
+    The operator of any loop against (26), (38) against (26), (35), (36) against the determinant,
+    `min Re eig(K) - lambda_min(Ks)`, (41) against a root, work less stored energy and heat.
     """
     loop, states, K, norm = found.loop, found.states, found.K, operator_norm(found.K)
     errors, untrusted = [], {}

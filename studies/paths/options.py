@@ -102,10 +102,7 @@ def programme_named(
 class DiamondOptions(DiamondChoice):
     """Options of `grainloops diamond`; parameters left out are those of Table 1.
 
-    `table` names one of the paper's sets of parameters, instead of `alpha0_deg` in (0, 90),
-    `kappa` of zero or more, `phi_deg` in [0, 90] (90: nothing slides) and `confine` in [0, 1), the
-    isotropic strain at A. When opposite grains meet, `contact_on_touch` ignores it (as the paper
-    does), stops the path, or adds a contact between them.
+    `confine` is the isotropic strain at A; at 90 degrees of `phi_deg` nothing slides.
     """
 
     closure: Closure = "affine"

@@ -223,8 +223,7 @@ def interval_row(
 ) -> Row:
     """Sum up one interval: strain, opened and closed contacts, number of loops by fate.
 
-    With forces also the number of survived loops of negative corotated work and, for every
-    prediction, numbers of loops by the sign of the actual and of the predicted work.
+    With forces also numbers of loops by the signs of actual and predicted work.
     """
     H, source = sample_strain(before, after)
     row: Row = dict(zip((f"dH{ij}" for ij in COMPONENTS), H.ravel().tolist(), strict=True))

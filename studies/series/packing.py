@@ -196,11 +196,8 @@ def packing_predictions(
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions and fates of all earlier loops, columns of the interval, notes.
 
-    `candidates` is the share of its strength from which a contact may come to slide.
-
     A packing without a rate problem, as one that floats, is `refused` and a note says why; without
-    forces there is an `InputError`. With `following` the packing's path and replay predict too, the
-    replay at the rate of the sample where `times` or the snapshots tell it.
+    forces there is an `InputError`.
     """
     graph = before.graph
     before.mechanics()

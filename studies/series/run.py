@@ -64,17 +64,9 @@ def run_series(
 ) -> Summary:
     """Find the loops of every snapshot of a series and their fates; return the summary.
 
-    `how` are the options of `Tracking`, `Replaying` and `read_planar`. Snapshots are taken by their
-    steps, see `in_order`, unless they are to be taken `as_given`. With `in_packing` the packing's
-    rate problem predicts each interval and `skill.parquet` compares the predictions with what
-    happened; with 'events' the packing's path and its replay predict too, the path with the way
-    `past` an instability, the replay at the inertial number of the sample: of the times of the
-    snapshots (a table `times`, their files, or their numbers by `time_step`) and their masses (or
-    the `mean_mass`), unless `inertial_number` is given. The `programme` is the way of both to the
-    later strain: one of `WAYS` or a table of strains over time.
-
-    Finished parts in `out` are kept: the same call continues an interrupted run. A script calls
-    this under `if __name__ == "__main__"`, because the processes import the script.
+    `how` are the options of `Tracking`, `Replaying` and `read_planar`. Finished parts in `out` are
+    kept: the same call continues an interrupted run. A script calls this under
+    `if __name__ == "__main__"`, because the processes import the script.
     """
     asked: Any = taken(Tracking, how)
     rate = asdict(taken(Replaying, how))
@@ -255,9 +247,7 @@ def long_steps(evolution: pd.DataFrame) -> list[str]:
 def evolution_table(states: Sequence[Row], intervals: Sequence[Row]) -> pd.DataFrame:
     """Join the rows of a series to one table, one row a snapshot; unknown values are missing.
 
-    Adds `H11..H22`, the displacement gradient since the first snapshot (`F = F_n ... F_1`),
-    `shear_strain`, the sum of `(e1 - e2)/2` of the intervals' stretches, and the interval that led
-    to each snapshot.
+    `H11..H22` are of `F = F_n ... F_1`; `shear_strain` sums `(e1 - e2)/2` of the stretches.
     """
     joined = [dict(row) for row in states]
     F, shear = np.eye(2), 0.0

@@ -107,11 +107,7 @@ JOINED = 200
 
 @styled()
 def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
-    """Loops coloured by order and, with forces, by the smallest eigenvalue of Ks.
-
-    Loops of small packings are polygons. Large packings are painted into a picture, each pixel in
-    the colour of the loop that contains its centre.
-    """
+    """Loops by order and, with forces, by the smallest eigenvalue of Ks; painted if they are many."""
     extent = np.ptp(snapshot.graph.x, axis=0)
     # A panel is as wide as half the page less its colour bar and labels.
     ratio = extent[1] / extent[0] if extent[0] > 0 else 1.0
