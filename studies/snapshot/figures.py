@@ -107,7 +107,7 @@ JOINED = 200
 
 @styled()
 def loop_map(snapshot: Snapshot, table: Columns, draw: Drawer) -> Figure:
-    """Loops by order and, with forces, by the smallest eigenvalue of Ks; painted if they are many."""
+    """Loops by order and, with forces, by the smallest eigenvalue of Ks; if many, painted."""
     extent = np.ptp(snapshot.graph.x, axis=0)
     # A panel is as wide as half the page less its colour bar and labels.
     ratio = extent[1] / extent[0] if extent[0] > 0 else 1.0
