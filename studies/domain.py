@@ -1,8 +1,8 @@
 """Bifurcation domains of loops: where loading programmes lose stability in (s1, s2).
 
 Diamonds: from the virgin loop, a fan of straight strain programmes `E' = (cos b, sin b)`; on
-each the first state where `det Ks = 0` and where `det K = 0`, exact, with contacts that always
-stick and with friction. Sticking contacts have `det K = kappa - N/l` (35) and
+each the first state where `det Ks = 0` and where `det K = 0`, located by `follow`, with contacts
+that always stick and with friction. Sticking contacts have `det K = kappa - N/l` (35) and
 `det Ks = det K - (T/2l)^2`, because
 `K12 - K21 = -T/l`: in terms of the branch alone, the same for every `alpha0`. With
 `T = s mu N` they slide, and `det K = -(1 + mu^2) N/l` (36) is negative at once: where a programme
@@ -32,9 +32,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from loops import GrainGraph, InputError, Regime, Scene
+from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, boundary_of
 from loops.arrays import Floats
 from loops.errors import check_choice
+from patterns import diamond
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
@@ -45,15 +46,8 @@ from patterns.diamond import (
     stress_of_isotropic_strain,
 )
 from patterns.diamond.closed_form import geometric_asymmetry, material_asymmetry
-from patterns.diamond.strain_lines import (
-    StrainLine,
-    bisect,
-    line_states,
-    sticking_shear,
-    strain_line,
-    yield_position,
-)
 from patterns.polygons import opposite_gap
+from stability import Stage, follow, programmes
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.output import Summary
 from studies.paths.options import LoopOptions, PolygonOptions, file_notes, inside
@@ -80,12 +74,14 @@ from studies.style import (
     styled,
 )
 
-# Points of a programme among which the first change of sign of det Ks is bracketed.
-POINTS = 256
+# Strain up to which programmes are followed: no diamond is left there.
+REACH = 1.5
 LOSSES = ("det_Ks_zero", "det_K_zero")
 # Opposite grains nearer than this, in reference branches, touch within rounding.
 OVERLAP_ATOL = 1e-14
-DRAWN_PROGRAMMES = 31
+# Programmes of a fan if none are asked for.
+PROGRAMMES = 181
+DRAWN_PROGRAMMES, DRAWN_STATES = 31, 40
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
@@ -135,7 +131,7 @@ class DomainParameters:
     alpha0_deg: tuple[float, ...] | None = None
     kappa: tuple[float, ...] | None = None
     phi_deg: float | None = None
-    directions: int = 1441
+    directions: int = PROGRAMMES
 
     def __post_init__(self) -> None:
         inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
@@ -165,23 +161,7 @@ def require_odd(directions: int) -> None:
         raise InputError("--directions", received, expected, "Correct it.")
 
 
-@dataclass(frozen=True, eq=False)
-class Losses:
-    """First losses along the programmes of a fan; arrays (n,), NaN where there is none.
-
-    Positions `u` on `line`, of yield too: a loss at yield is a jump. `programme` holds angles in
-    (E1, E2), radians; `mu` is infinite where the contacts stick.
-    """
-
-    programme: Floats
-    line: StrainLine
-    mu: float
-    det_Ks_zero: Floats
-    det_K_zero: Floats
-    yields: Floats
-
-
-def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
+def programme_fan(alpha0: float, directions: int) -> Floats:
     """Programmes that compress the virgin loop, evenly spread about the isotropic one.
 
     Evenly means by the angle between the line and the branch, in half diagonals: the forces along
@@ -189,60 +169,17 @@ def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
     """
     spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
     turned = alpha0 + spread / (directions // 2 + 1)
-    programme = np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
-    return programme, strain_line(alpha0, 0.0, 0.0, programme)
+    return np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
 
 
-def first_losses(case: Case, directions: int, *, friction: bool) -> Losses:
-    """Losses of one diamond along its fan of programmes."""
-    programme, line = programme_fan(case.alpha0, directions)
-    last = np.minimum(line.opening, line.folding)
-    lost_K = _within(sticking_det_K_zero(line, case.kappa), last)
-    lost_Ks = sticking_det_Ks_zero(line, case.kappa, lost_K, last)
-    mu = case.mu if friction else float("inf")
-    yields = _within(yield_position(line, case.kappa, mu), last)
-    return Losses(
-        programme=programme,
-        line=line,
-        mu=mu,
-        # fmin takes the other where one of the two is NaN.
-        det_Ks_zero=np.fmin(lost_Ks, yields),
-        det_K_zero=np.fmin(lost_K, yields),
-        yields=yields,
-    )
-
-
-def sticking_det_K_zero(line: StrainLine, kappa: float) -> Floats:
-    """`u` where `l = 1/(1 + kappa)`, the zero of (35); NaN on lines that never come so close."""
-    with np.errstate(invalid="ignore"):
-        return -np.sqrt((1.0 + kappa) ** -2 - line.distance**2)
-
-
-def sticking_det_Ks(line: StrainLine, u: Floats, kappa: float) -> Floats:
-    """`det Ks = kappa - N/l - (T/2l)^2` of sticking contacts."""
-    length = np.hypot(line.distance, u)
-    # The branch vanishes at the limit of a radial line: avoid a division by zero there.
-    length = np.maximum(length, np.finfo(float).tiny)
-    T = sticking_shear(line, u, kappa)
-    return kappa + 1.0 - 1.0 / length - (0.5 * T / length) ** 2
-
-
-def sticking_det_Ks_zero(line: StrainLine, kappa: float, lost_K: Floats, last: Floats) -> Floats:
-    """First `u` where `det Ks = 0`, no later than `lost_K` (Bromwich); NaN if none."""
-    high = np.where(np.isnan(lost_K), last, lost_K)
-    grid = line.start + np.linspace(0.0, 1.0, POINTS)[:, None] * (high - line.start)
-    lost = sticking_det_Ks(line, grid, kappa) < 0.0
-    # On a line without shear both vanish together, and rounding may hide the sign.
-    lost[-1] |= ~np.isnan(lost_K)
-    first, rows = np.argmax(lost, axis=0), np.arange(high.size)
-    bracket = grid[np.maximum(first - 1, 0), rows], grid[first, rows]
-    root = bisect(lambda u: -sticking_det_Ks(line, u, kappa), *bracket)
-    return np.where(lost.any(axis=0), root, np.nan)
-
-
-def _within(u: Floats, last: Floats) -> Floats:
-    with np.errstate(invalid="ignore"):
-        return np.where(u <= last, u, np.nan)
+def first_losses(case: Case, directions: int, *, friction: bool) -> tuple[Fan, FanLimits]:
+    """Losses of one diamond along its fan of programmes, whose P are the paper's stresses."""
+    virgin, mu = diamond(case.alpha0), case.mu if friction else np.inf
+    boundary = boundary_of(virgin, volume=2.0 * np.sin(2.0 * case.alpha0))
+    loop = Scene(virgin, LinearFrictional(1.0, case.kappa, mu), boundary)
+    programme = programme_fan(case.alpha0, directions)
+    fan = Fan(loop, "affine", "blocked", "strain", programme, REACH)
+    return fan, limits_along(fan)
 
 
 def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
@@ -251,19 +188,22 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
     for case in cases:
         for friction in (False, True) if np.isfinite(case.mu) else (False,):
             losses = first_losses(case, directions, friction=friction)
-            parts += [loss_table(case, losses, kind) for kind in LOSSES]
+            name = "frictional" if friction else "sticking"
+            parts += [loss_table(case, *losses, kind, name) for kind in LOSSES]
     return pd.concat(parts, ignore_index=True)
 
 
-def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
+def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str) -> pd.DataFrame:
     """One row for each programme with a loss of this kind: its state and determinants."""
-    u = getattr(losses, kind)
-    found = np.isfinite(u)
-    line, sliding = losses.line.take(found), (u == losses.yields)[found]
-    state = line_states(line, u[found], case.kappa, losses.mu)
-    # (29) to (36); `line.sense` is the sign of T.
-    measures = (state.E1, state.E2, state.s1, state.s2, state.alpha)
-    sign, mu = np.where(sliding, line.sense, 1.0), case.mu if np.isfinite(case.mu) else 0.0
+    found = limits.found[kind]
+    H, P, _, regime = (values[found] for values in limits.states[kind])
+    E1, E2, s1, s2 = H[:, 0], H[:, 3], P[:, 0], P[:, 3]
+    X, Y = (1.0 - E1) * np.cos(case.alpha0), (1.0 - E2) * np.sin(case.alpha0)
+    alpha, sliding = np.arctan2(Y, X), (regime == Regime.SLIDING).any(axis=1)
+    T = s1 * np.sin(case.alpha0) * np.sin(alpha) - s2 * np.cos(case.alpha0) * np.cos(alpha)
+    # (29) to (36).
+    measures = (E1, E2, s1, s2, alpha)
+    sign, mu = np.where(sliding & (T < 0.0), -1.0, 1.0), case.mu if np.isfinite(case.mu) else 0.0
     elastic, slipping = (
         determinant_elastic(*measures, case.kappa),
         determinant_sliding(*measures, mu, sign),
@@ -272,15 +212,15 @@ def loss_table(case: Case, losses: Losses, kind: str) -> pd.DataFrame:
     asymmetry = np.where(sliding, material_asymmetry(mu, sign), 0.0) + geometric_asymmetry(
         *measures
     )
-    gaps = np.minimum(*opposite_gaps(state.E1, state.E2, case.alpha0))
+    gaps = np.minimum(*opposite_gaps(E1, E2, case.alpha0))
     columns: dict[str, Any] = {
         **case.described(),
-        "contacts": "frictional" if np.isfinite(losses.mu) else "sticking",
+        "contacts": contacts,
         "kind": kind,
-        "programme_deg": np.degrees(losses.programme[found]),
+        "programme_deg": np.degrees(fan.programme[found]),
         "regime": np.where(sliding, "sliding", "elastic"),
-        **{name: getattr(state, name) for name in ("E1", "E2", "s1", "s2", "N", "T")},
-        "alpha_deg": np.degrees(state.alpha),
+        **{"E1": E1, "E2": E2, "s1": s1, "s2": s2, "N": 1.0 - np.hypot(X, Y), "T": T},
+        "alpha_deg": np.degrees(alpha),
         "det_K": det_K,
         "det_Ks": det_K - (0.5 * asymmetry) ** 2,
         "opposite_overlap": gaps < -OVERLAP_ATOL,
@@ -399,11 +339,13 @@ def draw_domain(
 
 def draw_programmes(case: Case, ax: Axes) -> None:
     """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
-    losses = first_losses(case, DRAWN_PROGRAMMES, friction=False)
-    share = np.linspace(0.0, 1.0, 200)[:, None]
-    start, end = losses.line.start, losses.det_Ks_zero
-    states = line_states(losses.line, start + share * (end - start), case.kappa)
-    ax.plot(states.s1, states.s2, color=LIGHT_GREY, linewidth=0.6, zorder=0)
+    fan, limits = first_losses(case, DRAWN_PROGRAMMES, friction=False)
+    for row in np.flatnonzero(limits.found["det_Ks_zero"]):
+        b, H = fan.programme[row], limits.states["det_Ks_zero"].H[row]
+        way = programmes.proportional_strain(float(np.cos(b)), float(np.sin(b)))
+        stage = Stage(way, "parameter", float(np.hypot(H[0], H[3])))
+        P = follow(fan.loop, stage, closure=fan.closure, rows=DRAWN_STATES).P
+        ax.plot(P[:, 0], P[:, 3], color=LIGHT_GREY, linewidth=0.6, zorder=0)
 
 
 # ---- loops of any order

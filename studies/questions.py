@@ -525,7 +525,7 @@ class DomainChoice:
         Stiffness ratios kt/kn, separated by commas.
     directions
         Number of programmes, odd. Default: 361; 61 if spins are not blocked or the law is hertz;
-        1441 without --order, --compare, --radii or --snapshot.
+        181 without --order, --compare, --radii or --snapshot.
     """
 
     order: Whole | None = None

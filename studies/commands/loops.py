@@ -287,6 +287,7 @@ def domain_command(
     ratios, directions = numbers("--kappa", asked.kappa), asked.directions
     with clock("grainloops domain"):
         from studies.domain import (
+            PROGRAMMES,
             DomainParameters,
             LoopDomainParameters,
             run_domain,
@@ -305,7 +306,7 @@ def domain_command(
                 raise InputError(where, received, expected, remedy)
             _refuse_reading(loop, reading)
             angles = numbers("--alpha0", asked.alpha0)
-            count = 1441 if directions is None else directions
+            count = PROGRAMMES if directions is None else directions
             parameters = DomainParameters(angles, ratios, asked.phi_deg, count)
             summary = run_domain(parameters, out, **writing.files())
             return answer(writing.json, out, _domain_lines(summary))

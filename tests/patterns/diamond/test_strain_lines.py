@@ -5,7 +5,7 @@ import pytest
 from mpmath import mp, mpf
 
 from patterns.diamond import angle_from_strains, opposite_gaps, tangent
-from patterns.diamond.strain_lines import (
+from tests.oracles.strain_lines import (
     half_diagonals,
     line_states,
     sticking_shear,

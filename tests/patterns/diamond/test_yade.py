@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from patterns import sample_path
-from patterns.diamond.strain_lines import (
+from tests.oracles.strain_lines import (
     StrainLine,
     half_diagonals,
     line_states,

@@ -21,7 +21,6 @@ from stability.paths.domain import (
 from studies.domain import (
     Case,
     LoopDomainParameters,
-    first_losses,
     limit_rows,
     loop_fan,
     loop_limits,
@@ -31,6 +30,7 @@ from studies.domain import (
 from studies.examples.larger_loops import rolling_threshold
 from studies.paths.options import PolygonOptions
 from tests.command import refusal, run
+from tests.oracles.diamond_domain import first_losses
 
 KAPPA = 0.3
 KIND = {("det_Ks_zero", "diagonal"): "det_Ks_zero", ("det_K_zero", "diagonal"): "det_K_zero",
