@@ -11,8 +11,6 @@ from hypothesis import settings
 # Figures are drawn to files, with or without a screen.
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# Runs inside Yade, which the tests do without.
-collect_ignore = ["tools/yade_bonded.py", "tools/yade_rest.py"]
 # Markers of tests on data that are not part of the project, and what names their folder.
 FOLDERS = {"collection": "GRAINLOOPS_DEM", "published": "GRAINLOOPS_PUBLISHED"}
 # Functions, and cases of others, that are slow besides those marked so in their files.

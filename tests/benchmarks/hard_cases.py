@@ -32,7 +32,7 @@ from stability import (
 from stability.directional.branches import edge_contacts
 from tests.oracles.fifty_digits import DIGITS, as_array, tangent_50
 from tests.oracles.hard_cases import CaseState, HardCase
-from tests.oracles.stability_fraction import imhof_fraction
+from tests.oracles.stability_fraction import imhof_in_doubles
 
 CLOSURES, SUBSPACE = ("affine", "traction"), "symmetric"
 STATUS_LETTERS = {"stable": "s", "unstable": "u", "undetermined": "?"}
@@ -136,7 +136,7 @@ def _evaluated(case: HardCase, value: float, closure: str) -> dict[str, Any]:
         return row
     exact_size = max(float(np.linalg.norm(exact.matrix)), np.finfo(float).tiny)
     spectrum = symmetric_spectrum(restrict(tangent.matrix, SUBSPACE))
-    fractions = unstable_fraction(spectrum), imhof_fraction(exact.spectrum)
+    fractions = unstable_fraction(spectrum), imhof_in_doubles(exact.spectrum)
     # The cone of the rounded exact operator is exact.
     found, true = (
         plane_cone(restrict(A, "diagonal")).edges for A in (tangent.matrix, exact.matrix)

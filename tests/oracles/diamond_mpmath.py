@@ -24,14 +24,6 @@ def elastic_state(alpha, alpha0, kappa, confinement):
     return _measures(alpha, a0, N, (N * mp.sin(alpha) - f) / mp.cos(alpha))
 
 
-def sliding_state(alpha, alpha0, phi, confinement, s):
-    """E1, E2, s1, N, T at `alpha` with every contact sliding in the sense `s`."""
-    alpha, a0, f = mpf(alpha), mpf(alpha0), mpf(confinement) * mp.sin(mpf(alpha0))
-    mu = mp.tan(mpf(phi))
-    N = f / (mp.sin(alpha) - s * mu * mp.cos(alpha))
-    return _measures(alpha, a0, N, s * mu * N)
-
-
 def yield_state(alpha0, kappa, phi, confinement, guess, s=1):
     """alpha, E1, E2, s1, N, T where `T = s mu N`, found from a guess of alpha."""
     mu = mp.tan(mpf(phi))

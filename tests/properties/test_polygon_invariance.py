@@ -10,16 +10,8 @@ from patterns import random_loop, regular_polygon
 from stability import Stage, follow, programmes, restrict, symmetric_spectrum
 
 CLOSURES = ("affine", "traction")
-SPINS = ("blocked", "affine", "free")
 LAW = LinearFrictional(kn=1.0, kt=0.4, mu=0.5)
 
-loops = st.builds(
-    random_loop,
-    st.integers(3, 9),
-    st.integers(0, 10_000),
-    polydispersity=st.sampled_from([0.0, 0.4]),
-    strain=st.floats(0.005, 0.08),
-)
 unloaded = st.builds(random_loop, st.integers(3, 7), st.integers(0, 10_000))
 frames = st.one_of(
     st.tuples(st.just("rotated"), st.floats(-3.0, 3.0)),
@@ -57,22 +49,6 @@ def moved(loop, frame):
         shear_force=sign * size * loop.shear_force[contacts],
     )
     return image, turn
-
-
-@settings(max_examples=60, deadline=None)
-@given(loops, frames, st.sampled_from(CLOSURES), st.sampled_from(SPINS))
-def test_operators(loop, frame, closure, spins):
-    image, turn = moved(loop, frame)
-    A = macroscopic_tangent(loop, LAW, closure, spins=spins).matrix
-    found = macroscopic_tangent(image, LAW, closure, spins=spins).matrix
-    both = np.kron(turn, turn)
-    wanted = both @ A @ both.T
-    assert np.isnan(A).all() == np.isnan(found).all()
-    if np.isfinite(A).all():
-        # Random shear forces leave some loops close to singular: the compliance tells how close.
-        size = np.linalg.norm(A)
-        condition = np.linalg.cond(A)
-        assert np.abs(found - wanted).max() < 1e-12 * size * max(condition, 10.0)
 
 
 @settings(max_examples=6, deadline=None)

@@ -7,18 +7,29 @@ draws lattices with rings of gears alone, whose mismatch is from 1e-15 to 1e-3.
 """
 
 from collections import Counter
+from contextlib import suppress
 
 import numpy as np
 
-from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces, loop_batches
+from loops import (
+    GrainGraph,
+    InputError,
+    LinearFrictional,
+    Regime,
+    Scene,
+    contact_state,
+    find_faces,
+    loop_batches,
+)
 from loops.arrays import frobenius
 from loops.in_place import loops_in_place
 from patterns import synthetic_network
 from stability import restrict, symmetric_part
 from studies.snapshot.in_packing import place_columns
-from tests.oracles.exact_loops import Loops, exact_tangent
 from tests.oracles.lattices import lattice
+from tests.oracles.loop_balls import ball_tangent
 from tests.oracles.loops_to_ninety_digits import operators
+from tests.oracles.rings import member
 from tests.packings import JAMMED, jammed
 
 FAMILIES = ("dense", "sparse", "flowing", "lattice", "jammed")
@@ -97,21 +108,16 @@ def closing_packing(rng, family, largest=36):
 
 
 def loops_alone(graph, law, faces, regime):
-    """(L, 4, 4) `A_loop` with 32 digits."""
-    out = np.empty((len(faces.loops), 4, 4))
+    """(L, 4, 4) `A_loop` by balls; nan where a loop has none."""
+    out = np.full((len(faces.loops), 4, 4), np.nan)
     row = {face: k for k, face in enumerate(faces.loops)}
     for batch in loop_batches(graph, faces):
-        one, own = batch.graph, regime[batch.contacts]
-        # The oracle wants a sliding contact last, if there is one.
-        last = np.argmax(own == Regime.SLIDING, axis=1)
-        turned = (np.arange(own.shape[1]) + last[:, None] + 1) % own.shape[1]
-        x = np.take_along_axis(one.x, turned[..., None], axis=1)
-        fields = one.radii, one.normal_force, one.shear_force, own
-        kn, kt, mu = (np.full(len(own), float(p)) for p in (law.kn, law.kt, law.mu))
-        turned_fields = (np.take_along_axis(np.asarray(f), turned, axis=1) for f in fields)
-        loops = Loops(x, x, *turned_fields, kn, kt, mu, law.shear_increment)
-        exact = exact_tangent(loops, "traction", "free")
-        out[[row[face] for face in batch.face]] = exact.hi + exact.lo
+        for k, face in enumerate(batch.face):
+            one = member(batch.graph, k)
+            blocks = law.local_stiffness(contact_state(one), regime[batch.contacts[k]])
+            with suppress(ZeroDivisionError):
+                by_radii = law.shear_increment == "radii"
+                out[row[face]] = ball_tangent(one, blocks, by_radii, "traction", "free")[0]
     return out
 
 

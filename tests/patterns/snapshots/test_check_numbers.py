@@ -158,45 +158,6 @@ def test_balance_with_shear_turned_is_told():
     assert found.number == pytest.approx(out_of_balance(made), rel=1e-12)
 
 
-def test_grains_on_the_rim_are_those_near_the_box_of_those_touched():
-    rng = np.random.default_rng(3)
-    seen = set()
-    for _ in range(20):
-        radii = rng.uniform(2.0, 6.0, 60)
-        # Grains that nearly touch a box, and some beyond it that no contact touches.
-        x = rng.uniform(0, 40, (60, 2))
-        side = rng.integers(0, 4, 40)
-        gap = np.append(0.0, rng.uniform(0, 0.6, 39))
-        for g, (s, far) in enumerate(zip(side, gap, strict=True)):
-            x[g, s % 2] = far + radii[g] if s < 2 else 40.0 - far - radii[g]
-        x = np.clip(x, radii[:, None], 40.0 - radii[:, None])
-        touched = rng.random(60) < 0.9
-        x[~touched] += rng.choice([-50.0, 50.0])
-        inside = np.flatnonzero(touched)
-        low = [min(x[g, a] - radii[g] for g in inside) for a in (0, 1)]
-        high = [max(x[g, a] + radii[g] for g in inside) for a in (0, 1)]
-        margin = checked.RIM * sum(radii) / 60
-        expected = [
-            any(
-                x[g, a] - radii[g] - low[a] < margin or high[a] - x[g, a] - radii[g] < margin
-                for a in (0, 1)
-            )
-            for g in range(60)
-        ]
-        assert checked.on_rim(x, radii, touched).tolist() == expected
-        seen.update(expected)
-    assert seen == {True, False}
-
-
-def test_weak_contacts_are_those_below_a_tenth_of_the_mean_force():
-    normal = np.full(COUNT, 50.0)
-    normal[:2] = 4.6, 5.1
-    made = uneven(normal=normal)
-    mean = sum(made.normal) / COUNT
-    assert made.loaded.tolist() == [n > 0.1 * mean for n in made.normal]
-    assert not made.loaded.all()
-
-
 @pytest.mark.parametrize(("gap", "share"), [(0.5e-9, 0.0), (2e-9, 1.0)])
 def test_a_gap_of_a_billionth_of_the_length_is_rounding(gap, share):
     made = uneven(share=np.full(COUNT, -gap))
@@ -224,15 +185,6 @@ def test_exchanged_components_of_the_forces_are_told(turn):
     assert abs(found.number) < checks.ALONG
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.78, False), (0.82, True)])
-def test_components_are_called_exchanged_from_twice_the_limit_on(share, told):
-    made = uneven()
-    angle = np.arctan2(made.d[:, 1], made.d[:, 0]) + np.arccos(share)
-    force = 30.0 * np.column_stack([np.sin(angle), np.cos(angle)])
-    found = checks.directions(uneven(forces=force))
-    assert ("exchanged give" in found.says) == told and found.severity == "error"
-
-
 def test_directions_and_pulling_are_shares_of_the_sums():
     normal = np.random.default_rng(2).uniform(-5.0, 60.0, COUNT)
     made = uneven(normal=normal)
@@ -240,15 +192,6 @@ def test_directions_and_pulling_are_shares_of_the_sums():
     assert checks.directions(made).number == pytest.approx(sum(normal) / sum(sizes), rel=1e-12)
     pulls = -sum(n for n in normal if n < 0) / sum(abs(normal))
     assert checks.pulling(made).number == pytest.approx(pulls, rel=1e-12) and pulls > 0
-
-
-@pytest.mark.parametrize("pulls", [30, 31])
-def test_forces_that_pull_in_half_or_more_are_for_directions_to_tell(pulls):
-    normal = np.ones(COUNT)
-    normal[:pulls] = -1.0
-    assert limits.severity(checks.pulling(uneven(normal=normal))) == (
-        "doubt" if pulls == 30 else "ok"
-    )
 
 
 def test_contacts_turned_are_named():
@@ -311,25 +254,6 @@ def test_the_contacts_of_one_ratio_are_counted_with_their_own_mu():
     assert found.number == pytest.approx(0.3, rel=1e-12)
 
 
-@pytest.mark.parametrize(("count", "doubt"), [(29, True), (30, False)])
-def test_a_packing_in_which_half_the_contacts_are_alike_is_regular(count, doubt):
-    ratios = np.linspace(0.02, 0.9, COUNT)
-    ratios[:count] = 0.3
-    assert (one_ratio_of(ratios)[0].severity == "doubt") == doubt
-
-
-@pytest.mark.parametrize("count", [4, 5])
-def test_so_few_contacts_at_one_ratio_may_be_chance(count):
-    """Of as many contacts in all as count, too."""
-    ratios = np.linspace(0.02, 0.9, COUNT)
-    ratios[:count] = 0.3
-    assert (one_ratio_of(ratios)[0].severity == "doubt") == (count == 5)
-    mu = np.full(COUNT, np.inf)
-    mu[:count] = 0.5
-    made = uneven(mu=mu, shear=0.1 * np.ones(COUNT))
-    assert (checks.one_ratio(made) is None) == (count == 4)
-
-
 @pytest.mark.parametrize(("ratio", "cause"), [(0.7, "large"), (1.3, "small")])
 def test_flags_of_another_friction_quote_what_they_need(ratio, cause):
     sliding = np.arange(COUNT) < 20
@@ -390,33 +314,6 @@ def test_stiffnesses_are_exchanged_where_the_other_one_fits(kt, factor, cause):
     kn = uneven().law.kn
     found = stiffness_checks.stiffness(elastic(factor, kt=kt * kn))
     assert cause in found.says
-
-
-@pytest.mark.parametrize("law", ["springs", "modulus", "tangents"])
-def test_forces_against_overlaps_in_numbers(law):
-    """Ratio, its error, overlaps that the forces need and their noise, contact by contact."""
-    factor = np.random.default_rng(4).uniform(0.8, 0.9, COUNT)
-    made = elastic(factor)
-    power = 1.0
-    if law != "springs":
-        # One modulus for all, or those that the tangents of each contact give.
-        modulus, ratio = (1e7, None) if law == "modulus" else (np.full(COUNT, 1e7), 0.5)
-        of_hertz = HertzMindlin(modulus, 0.0, 0.5, ratio=ratio)
-        force = factor * of_hertz.closed_force(SimpleNamespace(**hertz_state(made)))
-        made = dataclasses.replace(uneven(normal=force), law=of_hertz)
-        # kn goes with the third root of N: what N needs goes with the other two thirds.
-        factor, power = factor ** (2 / 3), 1.5 if law == "modulus" else 1.0
-    fit, scale = made.fit, np.median(factor)
-    np.testing.assert_allclose(fit.needed, factor / scale * made.overlap, rtol=1e-9)
-    np.testing.assert_allclose(fit.off, fit.needed - made.overlap, atol=1e-15)
-    typical = np.median(made.overlap)
-    larger = np.maximum(fit.needed, made.overlap)
-    noise = [np.quantile(np.abs(fit.off) / of, 0.9) for of in (larger, typical)]
-    np.testing.assert_allclose(fit.noise, noise, rtol=1e-9)
-    low, high = np.quantile(factor, [0.25, 0.75])
-    error = power * (3 * (high - low) / np.sqrt(COUNT) + noise[1] ** 2)
-    assert (fit.ratio, fit.error) == pytest.approx((scale**power, error), rel=1e-9)
-    assert fit.power == (1.0 if law == "springs" else 1.5) and fit.typical == pytest.approx(typical)
 
 
 @pytest.mark.parametrize(("x", "radius"), [(8, 8), (8, 6), (6, 8)])
@@ -607,10 +504,6 @@ def test_constraints_are_counted_grain_by_grain(rough, walls):
         assert found.number == pytest.approx(shared / freedoms, rel=1e-12)
 
 
-def test_jammed_counts_enough_grains_in_one_of_these():
-    assert checks.jammed(uneven(shear=np.ones(COUNT))) is not None
-
-
 @pytest.mark.parametrize(
     ("sign", "cause"), [(-1.0, "tension positive"), (0.5, "of other contacts")]
 )
@@ -624,13 +517,6 @@ def test_columns_that_differ_are_told_by_their_first_row(sign, cause):
     assert "0.001 in 4 rows, the first is 11:" in found.says and cause in found.says
     # Of a column of zeros against zeros nothing is said.
     assert checks.same_force("fn", used * 0, used * 0, 0.0, rows).severity == "ok"
-
-
-@pytest.mark.parametrize(("off", "cause"), [(0.9e-3, "tension"), (1.1e-3, "of other")])
-def test_a_column_of_the_other_sign_is_one_within_the_tolerance(off, cause):
-    used = np.linspace(20.0, 60.0, 7)
-    found = checks.same_force("fn", off * 40.0 - used, used, 40.0, np.arange(7))
-    assert cause in found.says
 
 
 @pytest.mark.parametrize(
@@ -795,15 +681,6 @@ def test_a_snapshot_of_a_part_is_checked_by_what_it_shares():
     found = check_kt(before, left)
     assert found.number == pytest.approx(0.7, rel=1e-5)
     assert found.says.endswith(": kt is too large")
-
-
-@pytest.mark.parametrize(("slide", "judged"), [(11, True), (12, False)])
-def test_rotations_are_fitted_where_twenty_contacts_are_to_spare(slide, judged):
-    """48 contacts of 16 grains: as many unknown spins, and the factor."""
-    before, after = limits.snapshots(1.5, size=4, rotations=False)
-    regime = np.where(np.arange(48) < slide, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    found = check_kt(before, dataclasses.replace(after, regime=regime))
-    assert (found is not None) == judged
 
 
 @pytest.mark.parametrize("ends_at_zero", [True, False])

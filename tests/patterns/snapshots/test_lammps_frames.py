@@ -109,13 +109,6 @@ def test_picked_and_in_turn_are_the_same(dumps):
             assert (picked.step, picked.notes) == (snapshot.step, snapshot.notes)
 
 
-def test_reading_in_turn_parses_each_once(dumps, parsed):
-    found = read_frames(dumps[0], cell=CELL, **LAW)
-    next(found)
-    assert len(parsed) == 2
-    assert len(list(found)) == COUNT - 1 and len(parsed) == 2 * COUNT
-
-
 def test_numbers_out_of_range(dumps, parsed):
     for frame in (COUNT, -COUNT - 1):
         with pytest.raises(InputError, match=f"--frame.*{frame}.*(below 4|-4 or more)"):

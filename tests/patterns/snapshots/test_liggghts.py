@@ -71,15 +71,6 @@ def test_the_cell_from_overlaps(tmp_path):
     assert "six digits" not in " ".join(given.notes)
 
 
-def test_without_overlaps_the_cell_stays_coarse(tmp_path):
-    own = packing(200)
-    path, _ = write_liggghts(tmp_path, own, RECIPE)
-    snapshot = read(path)
-    assert "give --cell or dump delta" in " ".join(snapshot.notes)
-    assert_same(snapshot, own, 1e-4)  # 13.xxxx has six digits
-    assert_same(read(path, cell=own.graph.cell), own, 1e-13)
-
-
 def test_overlaps_of_another_cell_are_not_fitted(tmp_path):
     own = packing(200)
     path, contacts = write_liggghts(tmp_path, own, LONG)

@@ -1,11 +1,9 @@
 """MercuryDPM files: written as its code describes them, and read back."""
 
-import gzip
-
 import numpy as np
 import pytest
 
-from loops import GrainGraph, InputError
+from loops import InputError
 from patterns import read_snapshot, sample_path, synthetic_network
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.formats import FORMATS
@@ -97,27 +95,6 @@ def test_rows_of_one_side_alone(tmp_path):
     rows[3:] = [rows[3 + 2 * k + side] for k, side in enumerate(keep.tolist())]
     contacts.write_text("\n".join(rows) + "\n")
     assert_same(read(path, cell=own.graph.cell)[0], own, 1e-13)
-
-
-def test_many_frames_and_gzip(tmp_path):
-    packings = [packing(50 + k, seed=k) for k in range(3)]
-    cell = packings[0].graph.cell
-    for k, own in enumerate(packings):
-        graph = own.graph
-        x = np.linalg.solve(graph.cell, graph.x.T).T @ cell.T
-        graph = GrainGraph(
-            x=x, radii=graph.radii, contacts=graph.contacts, images=graph.images, cell=cell,
-            normal_force=graph.normal_force, shear_force=graph.shear_force,
-        )  # fmt: skip
-        packings[k] = Packing(graph, own.ids)
-        path, contacts = write_mercury(tmp_path, packings[k], 0.1 * k)
-    for file in (path, contacts):
-        (tmp_path / f"{file.name}.gz").write_bytes(gzip.compress(file.read_bytes()))
-        file.unlink()
-    found = read(path.with_name("box.data.gz"), cell=cell)
-    assert [s.step for s in found] == pytest.approx([0, 0.1, 0.2])
-    for snapshot, own in zip(found, packings, strict=True):
-        assert_same(snapshot, own, 1e-13)
 
 
 def test_contacts_at_more_times_than_grains(tmp_path):

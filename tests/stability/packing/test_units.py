@@ -196,39 +196,6 @@ def test_a_replay_and_what_its_loops_do():
     compare_loops(*changes)
 
 
-# In shear of one per cent contacts open under shear forces, and close.
-SHEAR = np.array([[0.0, -1e-2], [0.0, 0.0]])
-
-
-@pytest.mark.parametrize(
-    ("case", "law", "strain", "kinds"),
-    [
-        ((12, 1), LAW, H, ("yield",)),
-        ((16, 2), BRANCH, H, ("yield",)),
-        ((24, 3), LAW, SHEAR, ("yield", "opening", "closing")),
-    ],
-)
-def test_paths_of_packings(case, law, strain, kinds):
-    graph = jammed(*case, law)
-    one = follow(Scene(graph, law), strained(strain), closure="packing", interval=2e-4)
-    other = follow(
-        Scene(graph_in_units(graph), law_in_units(law)),
-        strained(strain),
-        closure="packing",
-        interval=2e-4,
-    )
-    assert one.status == other.status == "finished" and len(one.events) > 2
-    assert all(one.of_kind(kind) for kind in kinds)
-    assert [(e.kind, e.contacts) for e in one.events] == [
-        (e.kind, e.contacts) for e in other.events
-    ]
-    same(one.parameter, other.parameter)
-    same(one.H, other.H, atol=1e-12)
-    size = np.abs(one.P).max()
-    same(one.P, other.P, FORCE / LENGTH, atol=1e-9 * size)
-    same(one.work, other.work, FORCE * LENGTH, rtol=1e-6, atol=1e-9 * np.abs(one.work).max())
-
-
 SCENES = ["radii", "branch", "rolling", "Hertz", "box"]
 PASSED = list(zip(SCENES, ["dynamic", "viscous"] * 3, strict=False))
 

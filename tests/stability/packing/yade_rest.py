@@ -1,8 +1,9 @@
 """States of 2,000 discs at rest, and the levels of dead load under which Yade found rest again.
 
-Made by `tests/tools/yade_rest.py`, which says when a level is at rest. Each level starts from rest
-under the one before; the last of a direction is the first under which Yade found none. The states
-are of periodic samples (Yade 2023.02a, radii lognormal and cut at 6 and 18 mm), stopped and held:
+Made by `tests/tools/yade_rest.py` of revision 755ec1cc, which says when a level is at rest. Each
+level starts from rest under the one before; the last of a direction is the first under which Yade
+found none. The states are of periodic samples (Yade 2023.02a, radii lognormal and cut at 6 and
+18 mm), stopped and held:
 
 - slow: compacted to 400 N/m with a friction of 0.1, sheared with 0.5 to an axial strain of 0.0074,
   near the peak, at an inertial number of 5e-5; stress 401, 820 N/m, held 403, 814;

@@ -133,20 +133,6 @@ def test_events_are_the_same_in_other_units(case, units):
     )
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
-def test_a_loop_off_the_origin_has_the_same_path(closure):
-    graph, stages = regular_polygon(4), [isotropic(0.1), Stage(programmes.oedometric(), "H11", 0.2)]
-    law = LinearFrictional(kn=1.0, kt=0.2, mu=0.1)
-    moved = GrainGraph(
-        x=graph.x + np.array([3.0, -2.0]), radii=graph.radii, contacts=graph.contacts
-    )
-    plain, path = (follow(Scene(each, law), stages, closure=closure) for each in (graph, moved))
-    assert path.status == plain.status == "finished"
-    np.testing.assert_allclose(path.P[-1], plain.P[-1], atol=1e-12)
-    np.testing.assert_allclose(path.H[-1], plain.H[-1], atol=1e-12)
-    assert [e.kind for e in path.events] == [e.kind for e in plain.events]
-
-
 class EventList:
     """Record of events alone."""
 

@@ -319,19 +319,6 @@ def test_contacts_that_part_under_shear_are_reported():
     assert not path.P[-1].any()
 
 
-def test_open_ring_contacts_leave_the_affine_path_to_the_others():
-    path = follow(
-        Scene(regular_polygon(6), LinearFrictional(kn=1.0, kt=0.2, mu=0.2)),
-        [isotropic(0.1), drained(-0.05, -1)],
-        closure="affine",
-    )
-    (event,) = path.of_kind("opening")
-    # The two contacts along axis 1 part where H11 = 0.
-    assert event.contacts == (1, 4)
-    assert path.H[event.index, 0] == pytest.approx(0.0, abs=1e-14)
-    assert path.P[-1, 3] == pytest.approx(path.P[event.index, 3], abs=1e-14)
-
-
 class Parabola(programmes.Programme):
     """`H22' = 20 (H11 - 0.1) H11'`: the branch turns one way, then back."""
 
@@ -386,15 +373,6 @@ def test_bad_input_is_named():
             x=bent, x0=graph.x0, radii=[0.5] * 4, contacts=graph.contacts, normal_force=1 - sides
         )
         follow(Scene(twisted, LAW), stage, closure="affine")
-
-
-def test_columns_hold_every_row():
-    path = sliding("affine")
-    table = path.columns()
-    assert {len(column) for column in table.values()} == {len(path)}
-    assert table["P11"].tolist() == path.P[:, 0].tolist()
-    assert table["H22_rate"].tolist() == path.H_rate[:, 3].tolist()
-    assert table["eig_Ks_0"].tolist() == path.symmetric_eigenvalues[:, 0].tolist()
 
 
 def test_rates_at_a_state_softening_makes_two_solutions():

@@ -95,17 +95,6 @@ def test_unequal_stiffness_of_the_contacts():
     assert np.abs(path.energy_error).max() < 1e-12
 
 
-@pytest.mark.parametrize("order", [3, 200])
-def test_shortest_and_longest_loops(order):
-    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
-    path = follow(
-        Scene(regular_polygon(order), law), drained_stages(0.05, 0.08), closure="traction"
-    )
-    assert path.status == "finished"
-    assert path.P[path.stage == 1, 3] == pytest.approx(path.P[-1, 3], rel=1e-11)
-    assert path.imbalance.max() < 1e-13
-
-
 @pytest.mark.parametrize(
     ("order", "orientation", "end", "max_step"),
     [

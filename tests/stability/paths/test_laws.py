@@ -16,7 +16,7 @@ from loops import (
     contact_state,
 )
 from patterns import diamond, regular_polygon
-from stability import Stage, branch_fraction, directional_work, follow, programmes, rates_at
+from stability import Stage, directional_work, follow, programmes, rates_at
 from tests.oracles.cohesive import Cohesive
 from tests.oracles.polygon_thresholds import critical_strain
 
@@ -173,39 +173,6 @@ def test_hertz_mindlin_shear_against_its_own_quadrature():
     run = solve_ivp(rate, (0.05, 0.25), [0.0], "DOP853", rtol=1e-12, atol=1e-15)
     assert path.shear_force[-1, 0] == pytest.approx(run.y[0, -1], abs=1e-12)
     assert np.abs(path.energy_error).max() < 1e-11
-
-
-@pytest.mark.parametrize(
-    ("closure", "spins"),
-    [
-        *(("affine", spins) for spins in ("blocked", "affine", "free")),
-        *(("traction", spins) for spins in ("blocked", "affine", "free")),
-    ],
-)
-def test_a_wrapped_law_goes_everywhere_the_plain_one_does(closure, spins):
-    """Rolling resistance of no stiffness, and a cohesive law of no adhesion, change nothing."""
-    plain = LinearFrictional(kn=1.0, kt=KAPPA, mu=MU)
-    graph = loaded(regular_polygon(5, strain=0.1), plain)
-    graph = graph.replace(shear_force=MU * graph.normal_force * (np.arange(5) == 1))
-    options = {"closure": closure, "spins": spins}
-    others = [RollingResistance(plain, k_r=0.0), Cohesive(1.0, KAPPA, MU, 0.0)]
-    stage = Stage(programmes.oedometric(), "H11", 0.12)
-    angles = np.linspace(0.1, 6.2, 23)
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-
-    def answers(law):
-        path = follow(Scene(graph, law), stage, **options)
-        work = directional_work(graph, law, circle, **options)
-        rates = rates_at(Scene(graph, law), programmes.oedometric(), **options)
-        share = branch_fraction(graph, law, **options)
-        return path.status, path.P[-1], work.work, share.unstable, rates.status
-
-    expected = answers(plain)
-    for law in others:
-        found = answers(law)
-        assert (found[0], found[4]) == (expected[0], expected[4])
-        for a, b in zip(found[1:4], expected[1:4], strict=True):
-            np.testing.assert_allclose(a, b, atol=1e-12)
 
 
 class LawWithoutEdge:

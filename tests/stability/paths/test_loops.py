@@ -15,7 +15,7 @@ from loops import (
     macroscopic_tangent,
     nominal_stress,
 )
-from patterns import regular_polygon, synthetic_network
+from patterns import regular_polygon
 from patterns.diamond import DiamondParameters
 from stability import Stage, follow, programmes
 from tests.oracles.diamond_general import drained_states
@@ -203,29 +203,6 @@ def test_long_ring_agrees_with_the_continuum_of_its_symmetry():
     assert path.normal_force[confined] == pytest.approx(np.full(order, 0.1), abs=1e-13)
     assert np.abs(path.energy_error).max() < 1e-11
     assert path.imbalance.max() < 1e-13
-
-
-def test_affine_path_of_a_periodic_packing():
-    network = synthetic_network(60, seed=3, periodic=True)
-    radii = network.radii
-    law = LinearFrictional(kn=1.0, kt=0.4, mu=0.3)
-    graph = GrainGraph(
-        x=network.x,
-        radii=radii,
-        contacts=network.contacts,
-        images=network.images,
-        cell=network.cell,
-    )
-    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
-    path = follow(
-        Scene(graph, law),
-        Stage(programmes.oedometric(), "H11", 0.02),
-        subspace="symmetric",
-        closure="affine",
-    )
-    assert path.status == "finished"
-    assert np.abs(path.energy_error).max() < 1e-11
-    assert path.P[-1, 0] > path.P[0, 0]
 
 
 @pytest.mark.parametrize("spins", SPINS)

@@ -4,65 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from loops import GrainGraph, LinearFrictional, Regime, contact_state
-from patterns import random_loop
-from stability import Stage, programmes
-from stability.paths.model import path_model
-from stability.paths.path_segment import eigenvalue_kind, event_functions
+from stability.paths.path_segment import eigenvalue_kind
 from stability.paths.segment import SINGULAR, TOO_LONG
-from stability.paths.state import Mode, initial_state, unpack
-from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from tests.stability.paths.driven import drive
-
-
-def start_of(programme, length=1.0, kn=1.0, closure="traction", regimes=()):
-    """Model, regimes and state of a lopsided loop whose grains overlap by .01 of their distance."""
-    loop = random_loop(5, 3, polydispersity=0.3)
-    law = LinearFrictional(kn, 0.3 * kn, 0.2)
-    graph = GrainGraph(x=length * loop.x, radii=1.01 * length * loop.radii, contacts=loop.contacts)
-    shear = 1e-3 * kn * length * np.array([1.0, -0.5, 0.2, 0.0, 1.5])
-    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)), shear_force=shear)
-    model = path_model(graph, contact_state(graph), law, closure, "blocked", None)
-    mode = Mode(np.full(5, Regime.ELASTIC, dtype=np.int8), np.zeros(5))
-    for c, (regime, side) in enumerate(regimes):
-        mode.regime[c], mode.side[c] = regime, side
-    y = initial_state(model, contact_state(graph))
-    return model, mode, y, StateRates(model, unpack(model, y), mode, programme, UNIT_PARAMETER)
-
-
-REGIMES = [(Regime.SLIDING, 1.0), (Regime.OPEN, 0.0)]
-LOADS = {
-    "strain": lambda size: programmes.proportional_strain(0.8 * size, 0.6 * size),
-    "stress": lambda size: programmes.proportional_stress(0.8 * size, 0.6 * size),
-}
-
-
-@pytest.mark.parametrize("load", LOADS)
-def test_event_functions_are_numbers_without_units(load):
-    """Forces and gaps are over a size of the strains; rates do not know it, nor how fast it is."""
-    stage = Stage(LOADS[load](1.0), "H11", 0.1)
-
-    def values(stage, size, **units):
-        model, mode, _, here = start_of(stage.programme, regimes=REGIMES, **units)
-        found = event_functions(model, mode, stage, 0.0, 1.0, size, ("diagonal",))
-        return model, found, found.values(here)
-
-    model, functions, plain = values(stage, 1.0)
-    kinds = np.array(functions.kinds)
-    assert set(kinds) >= {"yield", "unloading", "opening", "closing", "control_limit"}
-    assert (functions.items[-4:] == -1).all() and (np.abs(plain[:-2]) > 1e-6).all()
-    overlap = model.overlap0 / model.touching
-    np.testing.assert_allclose(plain[kinds == "opening"], -overlap[[0, 2, 3, 4]], rtol=1e-9)
-    np.testing.assert_allclose(plain[kinds == "closing"], overlap[1], rtol=1e-9)
-    beyond = 1e-3 * np.array([0.2, 0.0, 1.5]) - 0.2 * model.overlap0[[2, 3, 4]]
-    np.testing.assert_allclose(plain[kinds == "yield"], beyond / model.length, rtol=1e-9)
-    _, _, other = values(stage, 1.0, length=2.0**-9, kn=2.0**30)
-    np.testing.assert_allclose(other, plain, rtol=1e-9, atol=1e-12)
-    _, _, halved = values(stage, 0.5)
-    sized = np.isin(kinds, ("yield", "opening", "closing"))
-    np.testing.assert_allclose(halved, np.where(sized, 2.0, 1.0) * plain, rtol=1e-9)
-    _, _, fast = values(Stage(LOADS[load](8.0), "H11", 0.1), 1.0)
-    np.testing.assert_allclose(fast, plain, rtol=1e-9)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])

@@ -152,25 +152,6 @@ def test_stress_programmes_against_single_paths(order, closure):
         np.testing.assert_allclose(limits.states[kind].H[0], wanted[kind], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("order", "closure", "strain"),
-    [
-        (3, "affine", (1 + KAPPA) / (2 + KAPPA)),
-        (3, "traction", (1 + KAPPA) / (2 + KAPPA)),
-        (5, "affine", (1 + KAPPA) / (2 + KAPPA)),
-        pytest.param(5, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
-        pytest.param(6, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
-        pytest.param(12, "traction", KAPPA / (1 + KAPPA), marks=pytest.mark.slow),
-    ],
-)
-def test_isotropic_programme_meets_the_exact_threshold(order, closure, strain):
-    loop = PolygonOptions(order, kappa=KAPPA, closure=closure, phi_deg=90.0)
-    fan, limits = loop_limits(loop, "strain", 3, friction=False)
-    assert fan.programme[1] == pytest.approx(np.pi / 4)
-    found = limits.states["det_Ks_zero"].H[1]
-    np.testing.assert_allclose(found, [strain, 0.0, 0.0, strain], rtol=0, atol=1e-13)
-
-
 def yield_under_stress(order, angle):
     """Row of a path of proportional stress in which a contact first comes to its strength."""
     loop, law = regular_polygon(order), LinearFrictional(1.0, KAPPA, 0.364)
@@ -298,13 +279,6 @@ def test_sticking_contacts_of_relaxed_loops_part_with_their_shear_force():
     np.testing.assert_allclose(
         found[0].states["opening"].H, found[1].states["opening"].H, rtol=0, atol=1e-12
     )
-
-
-def test_fan_compresses_every_branch():
-    d0 = regular_polygon(6).reference_branches
-    for b in loop_fan(d0, 31):
-        assert (d0[:, 0] ** 2 * np.cos(b) + d0[:, 1] ** 2 * np.sin(b) > 0.0).all()
-    assert loop_fan(d0, 31)[15] == pytest.approx(np.pi / 4, abs=1e-14)
 
 
 @pytest.mark.slow

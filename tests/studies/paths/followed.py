@@ -16,10 +16,3 @@ def followed(**options) -> FollowedDiamond:
 @functools.cache
 def summary_of(**options):
     return diamond_summary(followed(**options))
-
-
-class Confined(DiamondOptions):
-    """The isotropic stage alone."""
-
-    def stages(self):
-        return super().stages()[:1]

@@ -18,7 +18,7 @@ from studies.paths.diamond import (
 )
 from studies.paths.options import DiamondOptions
 from studies.paths.run import run_diamond
-from tests.studies.paths.followed import followed, summary_of
+from tests.studies.paths.followed import followed
 
 
 def added(**arguments):
@@ -212,7 +212,3 @@ def test_table_and_notes(tmp_path, undrawn):
     assert summary["added_contact"]["definite_added"][1] == pytest.approx(
         [1.0 - np.sqrt(0.5), 1.2 / 2.2], rel=1e-14
     )
-
-
-def test_summary_says_nothing_of_contacts_that_are_not_added():
-    assert summary_of(table=1)["added_contact"] is None

@@ -3,10 +3,8 @@
 import mpmath
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from loops import Regime
-from patterns.diamond import tangent
 from patterns.diamond.closed_form import work_compress_then_shear
 from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
@@ -49,32 +47,6 @@ def kinds(path, stage="drained"):
     return [kind for kind, row in path.listed if path.stage[row] == stage]
 
 
-def integrate_by_strain(path, rows, slip):
-    """E2 and T at the E1 of some rows, from the first of them, by DOP853 on (26) and (8)."""
-    loop, states = path.loop, path.states
-    s2 = float(states.s2[rows[0]])
-    a0, L10, L20 = loop.alpha0, 2 * np.cos(loop.alpha0), 2 * np.sin(loop.alpha0)
-
-    def rates(E1, y):
-        E2, T = y
-        L1, L2 = L10 * (1 - E1), L20 * (1 - E2)
-        length, a = 0.5 * np.hypot(L1, L2), np.arctan2(L2, L1)
-        s1 = 2 * ((1 - length) * np.cos(a) + T * np.sin(a)) / L20
-        moduli = (loop.kappa, loop.kappa) if slip == 0 else (0, 0)
-        if slip:
-            moduli = slip * loop.mu / np.tan(a), -slip * loop.mu * np.tan(a)
-        K = tangent(E1, E2, s1, s2, a0, *moduli)
-        E2_rate = -K[1, 0] / K[1, 1]
-        un = -0.5 * (np.cos(a) * L10 + np.sin(a) * L20 * E2_rate)
-        ut = 0.5 * (-np.sin(a) * L10 + np.cos(a) * L20 * E2_rate)
-        return [E2_rate, -loop.kappa * ut if slip == 0 else -slip * loop.mu * un]
-
-    E1 = states.E1[rows]
-    start = [states.E2[rows[0]], states.T[rows[0]]]
-    found = solve_ivp(rates, (E1[0], E1[-1]), start, "DOP853", rtol=1e-12, atol=1e-14)
-    return found.y[:, -1]
-
-
 # Point B and the path around it
 
 
@@ -87,18 +59,6 @@ def test_point_B_to_20_digits(table):
     state = summary_of(table=table)["states"]["B"]
     assert {key: state[key] for key in found} == found
     assert (state["regime"], state["beyond"]["regime"]) == ("elastic", "sliding")
-
-
-@pytest.mark.parametrize("table", [1, 2])
-def test_stages_are_solutions_of_the_rate_equations(table):
-    path = followed(table=table)
-    for slides in (False, True):
-        drained = path.stage == "drained"
-        rows = np.flatnonzero(drained & (path.states.sliding == slides))
-        assert rows.size > 20
-        E2, T = integrate_by_strain(path, rows, slides * np.sign(path.states.T[rows[0]]))
-        assert abs(E2 - path.states.E2[rows[-1]]) < 2e-13
-        assert abs(T - path.states.T[rows[-1]]) < 2e-13
 
 
 @pytest.mark.parametrize("table", [1, 2])
@@ -184,13 +144,6 @@ def test_second_pair_of_opposite_grains_meets_where_its_diagonal_is_two_radii():
     assert abs(E1 - (1 - 1 / (2 * mpmath.cos(mpmath.radians(35))))) < 1e-15
 
 
-def test_stop_also_holds_in_the_drained_stage():
-    path = followed(confine=0.25, contact_on_touch="stop")
-    assert kinds(path) == ["opposite_contact"]
-    assert path.states.E1[-1] == pytest.approx(1.0 - np.sqrt(0.5), abs=1e-14)
-    assert path.marks.keys() == {"I", "A"}
-
-
 def test_sticking_again_is_an_event_and_the_path_goes_on():
     path = followed(alpha0_deg=28.0, kappa=1.5, phi_deg=6.0, confine=0.65)
     assert kinds(path) == ["yield", "unloading"]
@@ -219,30 +172,6 @@ def test_a_path_that_snaps_back_ends_at_B():
     assert path.marks["B"] == len(path.energies["work"]) - 1
     K22 = beyond_yield_operator(path)[1, 1]
     assert K22 < 0.0 < path.states.K[-1, 1, 1]
-
-
-def test_the_limit_of_strain_control_ends_the_path():
-    path = followed(alpha0_deg=6.5, kappa=4.5, phi_deg=50.0, confine=0.69)
-    assert kinds(path)[-1] == "control_limit"
-    assert path.listed[-1][1] == len(path.energies["work"]) - 1
-    K22 = path.states.K[path.stage == "drained", 1, 1]
-    assert np.all(K22[:-1] > 0.0)
-    assert abs(K22[-1]) < 1e-13 * K22[0]
-
-
-def test_determinants_that_vanish_in_the_drained_stage_are_events():
-    # det K, negative at A, comes back while N falls; the shear force keeps det Ks behind it.
-    path = followed(alpha0_deg=50.0, kappa=1.5, phi_deg=73.5, confine=0.634)
-    assert kinds(path) == ["det_K_zero", "det_Ks_zero"]
-    rows = [row for _, row in path.listed if path.stage[row] == "drained"]
-    for kind, value in (
-        ("det_K_zero", path.states.det_K),
-        ("det_Ks_zero", path.states.det_Ks),
-    ):
-        drained = [row for name, row in path.listed if name == kind and row in rows]
-        signs = np.sign(value[path.stage == "drained"])
-        assert len(drained) == np.count_nonzero(np.diff(signs[signs != 0.0])) > 0
-        assert np.all(np.abs(value[drained]) < 1e-14)
 
 
 # Coulomb's law

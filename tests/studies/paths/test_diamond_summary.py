@@ -3,16 +3,12 @@
 import mpmath
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
-from loops import InputError, LinearFrictional, affine_tangent, traction_tangent
-from patterns import diamond
+from loops import InputError
 from patterns.diamond.states import diamond_states
-from stability import restrict
-from studies.paths.diamond import follow_diamond, verification
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
-from tests.studies.paths.followed import Confined, followed, summary_of
+from tests.studies.paths.followed import followed, summary_of
 
 
 def strains(path):
@@ -24,24 +20,10 @@ def strains(path):
     return found
 
 
-def confined(**options):
-    """The same of a path that ends at A."""
-    return strains(follow_diamond(Confined(**options)))
-
-
 def isotropic_rows(path):
     """Columns of the rows of the isotropic stage."""
     rows = path.table[path.table["stage"] == "isotropic"]
     return {key: values.to_numpy() for key, values in rows.items()}
-
-
-def generic(alpha0, kappa, E, closure):
-    """Generic operator under isotropic strain, from a grain graph alone."""
-    graph = diamond(alpha0, E1=E, E2=E)
-    box = 2.0 * np.sin(2.0 * alpha0)
-    return restrict(
-        closure(graph, LinearFrictional(kn=1.0, kt=kappa), volume=box).matrix, "diagonal"
-    )
 
 
 # Events
@@ -78,35 +60,6 @@ def test_events_stand_in_path_order():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "closure", [affine_tangent, pytest.param(traction_tangent, marks=pytest.mark.slow)]
-)
-def test_determinant_events_are_the_roots_of_the_generic_operator(closure):
-    rng = np.random.default_rng(7)
-    draws = zip(rng.uniform(5.0, 85.0, 2), rng.uniform(0.05, 2.0, 2), strict=True)
-    for alpha0, kappa in draws:
-        found = confined(alpha0_deg=alpha0, kappa=kappa, confine=0.9)
-
-        def det(E, alpha0=alpha0, kappa=kappa, symmetric=False):
-            K = generic(np.radians(alpha0), kappa, E, closure)
-            return np.linalg.det(0.5 * (K + K.T) if symmetric else K)
-
-        for kind, symmetric in (("det_K_zero", False), ("det_Ks_zero", True)):
-            root = brentq(det, 1e-3, 0.9, args=(alpha0, kappa, symmetric), xtol=1e-15)
-            assert abs(root - found[kind]) < 1e-12
-
-
-@pytest.mark.parametrize("alpha0", [30.5, 37.0, 45.0, 52.0, 59.5])
-def test_opposite_grains_touch_where_their_distance_is_two_radii(alpha0):
-    found = confined(alpha0_deg=alpha0, confine=0.4)["opposite_contact"]
-
-    def gap(E):
-        x = diamond(np.radians(alpha0), E1=E, E2=E).x
-        return min(np.linalg.norm(x[0] - x[2]), np.linalg.norm(x[1] - x[3])) - 1.0
-
-    assert abs(brentq(gap, 0.0, 0.4, xtol=1e-15) - found) < 1e-12
-
-
 def test_a_confinement_short_of_I_has_no_I():
     summary = summary_of(confine=0.1)
     assert summary["states"]["I"] is None
@@ -115,26 +68,11 @@ def test_a_confinement_short_of_I_has_no_I():
     assert summary["states"]["A"]["verdict"]["status"] == "stable"
 
 
-def test_stop_ends_the_path_where_opposite_grains_meet():
-    path = followed(table=2, contact_on_touch="stop")
-    touch = 1.0 - 0.5 / np.sin(np.radians(35.0))
-    assert [kind for kind, _ in path.listed] == ["opposite_contact"]
-    assert abs(path.states.E1[-1] - touch) < 1e-15
-    summary = summary_of(table=2, contact_on_touch="stop")
-    assert summary["states"] == {"I": None, "A": None, "B": None}
-    assert any("ends where opposite grains touch" in note for note in summary["notes"])
-
-
 def test_grains_that_overlap_from_the_start_have_no_event_but_a_note():
     summary = summary_of(alpha0_deg=20.0)
     assert "opposite_contact" not in strains(followed(alpha0_deg=20.0))
     assert any("overlap from the start" in note for note in summary["notes"])
     assert summary["states"]["A"]["gaps"][1] < 0.0
-
-
-@pytest.mark.parametrize("alpha0", [30.0, 60.0])
-def test_grains_that_touch_from_the_start_meet_at_zero_strain(alpha0):
-    assert abs(strains(followed(alpha0_deg=alpha0))["opposite_contact"]) < 1e-15
 
 
 def test_without_shear_stiffness_the_unloaded_diamond_is_already_at_I():
@@ -171,15 +109,6 @@ def test_determinants_of_a_sheared_state_are_those_of_its_operator():
     np.testing.assert_allclose(found.det_K, np.linalg.det(found.K), rtol=1e-13)
     np.testing.assert_allclose(found.det_Ks, np.linalg.det(symmetric), rtol=1e-13)
     assert found.det_Ks < found.det_K - 1e-3
-
-
-def test_every_event_is_a_row():
-    path = followed(alpha0_deg=40.0, kappa=0.17, confine=0.31)
-    for kind, value in (("det_K_zero", path.states.det_K), ("yield", None)):
-        (row,) = {row for name, row in path.listed if name == kind}
-        if value is None:
-            value = np.abs(path.states.T) - path.loop.mu * path.states.N
-        assert abs(value[row]) < 1e-15
 
 
 def test_eigenvalues_of_table_1_are_one_and_the_determinant():
@@ -233,40 +162,7 @@ def test_verdicts(table):
     )
 
 
-@pytest.mark.parametrize("closure", ["affine", "traction"])
-def test_generic_tangent_holds_the_papers_operator(closure):
-    state = summary_of(table=2, closure=closure)["states"]["A"]
-    assert state["generic"]["closure"] == closure
-    corners = state["generic"]["tangent"][np.ix_([0, 3], [0, 3])]
-    np.testing.assert_allclose(corners, state["K"], rtol=0.0, atol=1e-14)
-
-
-def test_a_row_of_the_grid_that_rounds_to_an_event_is_not_there_twice():
-    E = 0.03
-    kappa = E / (1.0 - E)
-    assert 0.0 < abs(kappa / (1.0 + kappa) - E) < 1e-15
-    path = followed(kappa=kappa, confine=2.0 * E)
-    assert np.diff(path.states.E1[path.stage == "isotropic"]).min() > 1e-6
-
-
 # Verification
-
-
-def test_closed_forms_and_generic_operators_agree():
-    rng = np.random.default_rng(11)
-    asked = [{"table": 1}, {"table": 2}]
-    for _ in range(3):
-        alpha0, kappa, confine = rng.uniform([10.0, 0.05, 0.05], [80.0, 1.5, 0.6])
-        asked.append({"alpha0_deg": alpha0, "kappa": kappa, "confine": confine})
-    for options in asked:
-        found = verification(followed(**options))
-        assert found["generic_vs_closed_form_max_relative"] < 1e-13
-        assert found["isotropic_vs_closed_form_max_relative"] < 1e-14
-        assert found["det_K_max_difference"] < 1e-13
-        assert found["bromwich_margin_min"] > -1e-14
-        assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0
-        root = found["det_K_zero_by_root_difference"]
-        assert root is None or root < 1e-12
 
 
 # Polar diagrams

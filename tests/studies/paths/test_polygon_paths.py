@@ -13,15 +13,13 @@ from loops import (
     Scene,
     contact_state,
     love_weber_stress,
-    macroscopic_tangent,
     traction_tangent,
 )
-from patterns import loop_of_snapshot, read_snapshot, regular_polygon, sample_path
+from patterns import loop_of_snapshot, read_snapshot, sample_path
 from patterns.diamond import DiamondParameters
-from stability import rates_at, restrict, symmetric_spectrum
+from stability import rates_at, restrict
 from stability.programmes import proportional_strain
 from studies.commands.loops import state_lines
-from studies.paths.followed import first_yield
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -156,34 +154,6 @@ def test_unstable_fractions_are_those_of_the_operators(written):
     assert (table["unstable_fraction_full"][table["E1"] < 0.16] == 0.0).all()
 
 
-def stable(kappa):
-    return (1 + kappa) / (2 + kappa)
-
-
-def diamond(kappa):
-    return kappa / (1 + kappa)
-
-
-TABLE = [
-    ("affine", "blocked", 3, stable),
-    ("traction", "blocked", 5, diamond),
-    ("traction", "free", 4, diamond),
-]
-
-
-@pytest.mark.parametrize(("closure", "spins", "order", "threshold"), TABLE)
-def test_thresholds_through_paths(closure, spins, order, threshold):
-    kappa = 0.3
-    given = PolygonOptions(
-        order, kappa=kappa, phi_deg=90.0, closure=closure, spins=spins, confine=0.0,
-        programme="isotropic", end=threshold(kappa) + 0.01,
-    )  # fmt: skip
-    path = follow_polygon(given, ("diagonal",)).path
-    event = path.of_kind("det_Ks_zero")[0]
-    assert abs(path.H[event.index, 0] - threshold(kappa)) < 1e-9
-    assert abs(thresholds(given)["diagonal"] - threshold(kappa)) < 1e-9
-
-
 @pytest.mark.parametrize("order", [5, 6])
 def test_free_spins_roll_from_the_first_load(order):
     parameters = PolygonOptions(order, spins="free", closure="traction", confine=0.0, end=0.01)
@@ -290,33 +260,6 @@ def test_comparison(tmp_path, unsaved):
     assert table.loc[8, "end_E1"] == end["E1"] >= table.loc[8, "first_yield_E1"]
     names = {file.name for file in (tmp_path / "c").iterdir()}
     assert {"critical_strain.png", "first_loss.png", "stress_strain.png"} <= names
-
-
-def test_edges_of_a_regular_loop_against_the_operator():
-    """The tabled tangent at A is the closure's own."""
-    found = follow_polygon(PolygonOptions(7, closure="traction", confine=0.12), ("diagonal",))
-    loop = regular_polygon(7, strain=0.12)
-    A = macroscopic_tangent(loop, found.options.law(), "traction").matrix
-    row = found.marks["A"]
-    np.testing.assert_allclose(found.path.A[row], A, atol=1e-12)
-    smallest = symmetric_spectrum(restrict(A, "full"))[0]
-    assert polygon_table(found)["lambda_min_full"][row] == pytest.approx(smallest, abs=1e-12)
-
-
-@pytest.mark.parametrize("order", [5, 8])
-def test_relaxed_loops_are_stable_until_they_yield(order):
-    """As the page on larger loops says of drained paths confined below the threshold."""
-    given = PolygonOptions(order, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)
-    found = follow_polygon(given, ("diagonal",))
-    first = first_yield(found.path, found.options.mu)
-    assert found.path.H[first_loss(found), 0] >= first.H[0] - 1e-9
-    assert first.contacts
-
-
-def first_loss(found):
-    """Row of the first loss of definiteness in (11, 22); the last one if there is none."""
-    events = found.path.of_kind("det_Ks_zero")
-    return events[0].index if events else len(found.path) - 1
 
 
 def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):

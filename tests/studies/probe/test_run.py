@@ -11,7 +11,7 @@ import pytest
 from grainloops import replay
 from loops import InputError, Regime, Scene, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from stability import COMPONENTS, follow, rates_at
+from stability import COMPONENTS, follow
 from stability.packing import probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
@@ -65,17 +65,6 @@ def test_a_row_a_direction(results, numerics):
     assert np.allclose(table["W2"], work)
     assert set(table["status"]) == {"one found"} and table["residual"].max() < 1e-12
     assert (table["sliding"] > 20).all()
-
-
-def test_a_direction_is_the_packings_response_one_by_one(numerics):
-    snapshot, found = numerics
-    k = found.softest
-    one = rates_at(
-        Scene(snapshot.graph.replace(regime=snapshot.regime), snapshot.law), H=found.strain_rate[k]
-    )
-    size = np.abs(found.stress_rate).max()
-    assert np.allclose(found.stress_rate[k], one.stress_rate, rtol=0, atol=1e-13 * size)
-    assert found.sliding[k] == one.sliding == np.sum(one.regime == Regime.SLIDING)
 
 
 def test_the_samples_cone_lies_about_its_loading_direction(results, numerics):
@@ -159,16 +148,6 @@ def test_directions_in_processes_give_the_same_bytes(tmp_path, control):
         for n in (1, 2, 3)
     )
     assert all(one == alone for one in others)
-
-
-def test_stress_on_the_sphere_has_no_cones_but_a_share(tmp_path):
-    cell, how = CELL, {"shear_increment": "radii", "figures": False}
-    summary = run_probe(SLOW, tmp_path / "out", cell=cell, directions=9, control="strain",
-                        subspace="symmetric", **how)  # fmt: skip
-    table = pd.read_parquet(tmp_path / "out/probe.parquet")
-    assert summary["cones"] == [] and summary["pieces_cover"] is None
-    assert summary["unstable_fraction"] == np.mean(table["w2"] < 0)
-    assert np.allclose(table["H12"], table["H21"]) and (table["H12"].abs() > 0.1).any()
 
 
 def plain(folder, *, walls=True, forces=True):

@@ -24,7 +24,7 @@ from studies.snapshot.quadrons import quadron_figure
 from studies.snapshot.table import loop_columns
 from tests.command import run
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
-from tests.oracles.stability_fraction import space_fraction
+from tests.oracles.stability_fraction import imhof_in_doubles
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 from tests.unsaved import leave_files_empty
 
@@ -198,7 +198,7 @@ def test_table_against_fifty_digits(results):
         scale = np.abs(spectrum).max()
         assert abs(table["traction_lambda_min"][row] - spectrum[0]) < 1e-11 * scale
         share = table["traction_unstable_fraction"][row]
-        assert share == pytest.approx(float(space_fraction(spectrum)), abs=1e-9)
+        assert share == pytest.approx(imhof_in_doubles(spectrum), abs=1e-9)
         slides = np.count_nonzero(snapshot.regime[picked] == Regime.SLIDING)
         assert table["sliding_contacts"][row] == slides
 
