@@ -36,43 +36,11 @@ def parse_turns(kind: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]
 
 
 Whole = Annotated[int, Parameter(converter=parse_whole_number)]
-YieldBand = Annotated[
-    float,
-    Parameter(
-        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a tangent or a probe."
-    ),
-]
-Candidates = Annotated[
-    float,
-    Parameter(
-        group=FURTHER, help="Least |T|/(mu N) of contacts that may slide in a finite increment."
-    ),
-]
-FluidBulkModulus = Annotated[
-    float | None,
-    Parameter(
-        group=FURTHER,
-        help="Bulk modulus of the fluid over the porosity, for undrained (stress; for a regular "
-        "loop over kn). Default: infinite.",
-    ),
-]
 ClosureOption = Annotated[
     str, Parameter(help="Loading of the loop by its surroundings: affine or traction.")
 ]
 Phi = Annotated[
     float | None, Parameter(name="--phi", help="Friction angle of the contacts (degrees).")
-]
-StrainRatio = Annotated[
-    float | None,
-    Parameter(group=FURTHER, help="Strain across over the driven strain, for proportional-strain."),
-]
-PastOption = Annotated[
-    str,
-    Parameter(
-        group=FURTHER,
-        metavar="NAME",
-        help="Past an unstable contact: viscous or dynamic (inertial) motion, or stop.",
-    ),
 ]
 Instabilities = Annotated[
     Whole, Parameter(group=FURTHER, help="Number of unstable contacts at which the path stops.")
@@ -90,6 +58,55 @@ Cells = Annotated[
     Path | None,
     Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
 ]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Continuing:
+    """How a path goes on.
+
+    Parameters
+    ----------
+    past
+        Past an unstable contact: viscous or dynamic (inertial) motion, or stop.
+    """
+
+    past: Annotated[str, Parameter(group=FURTHER, metavar="NAME")] = "viscous"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Yielding(Continuing):
+    """Contacts that may slide.
+
+    Parameters
+    ----------
+    yield_band
+        Least |T|/(mu N) of contacts that may slide in a tangent or a probe.
+    candidates
+        Least |T|/(mu N) of contacts that may slide in a finite increment.
+    """
+
+    yield_band: Annotated[float, Parameter(group=FURTHER)] = 0.99
+    candidates: Annotated[float, Parameter(group=FURTHER)] = 0.7
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class OfProgramme:
+    """Numbers that some programmes ask for.
+
+    Parameters
+    ----------
+    fluid_bulk_modulus
+        Bulk modulus of the fluid over the porosity, for undrained (stress; for a regular loop over
+        kn). Default: infinite.
+    strain_ratio
+        Strain across over the driven strain, for proportional-strain.
+    """
+
+    fluid_bulk_modulus: Annotated[float | None, Parameter(group=FURTHER)] = None
+    strain_ratio: Annotated[float | None, Parameter(group=FURTHER)] = None
 
 
 @Parameter(name="*")
@@ -156,7 +173,7 @@ class Holding:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Probing:
+class Probing(Yielding):
     """Options of `probe`.
 
     Parameters
@@ -176,11 +193,8 @@ class Probing:
     directions: Whole = 72
     control: Annotated[str, Parameter(metavar="strain|stress")] = "strain"
     subspace: Annotated[str, Parameter(group=FURTHER, metavar="diagonal|symmetric")] = "diagonal"
-    yield_band: YieldBand = 0.99
     amplitude: float | None = None
     by: Annotated[str, Parameter(group=FURTHER, metavar="events|increment")] = "events"
-    candidates: Candidates = 0.7
-    past: PastOption = "viscous"
 
 
 @Parameter(name="*", group=FURTHER)
@@ -215,7 +229,7 @@ class Sustaining:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Driving:
+class Driving(OfProgramme, Continuing):
     """The programme that a packing is followed through.
 
     Parameters
@@ -237,11 +251,8 @@ class Driving:
         Parameter(converter=parse_turns, n_tokens=1, metavar="NUMBER,..."),
     ]
     programme: Annotated[str, Parameter(metavar="NAME")] = "drained"
-    fluid_bulk_modulus: FluidBulkModulus = None
-    strain_ratio: StrainRatio = None
     axis: Whole | None = None
     interval: Annotated[float, Parameter(group=FURTHER)] = 5e-6
-    past: PastOption = "viscous"
 
     @property
     def turns(self) -> tuple[float, ...]:
@@ -309,7 +320,7 @@ class Replaying:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Tracking:
+class Tracking(Yielding):
     """Options of `series`.
 
     Parameters
@@ -334,9 +345,6 @@ class Tracking:
     cells: Cells = None
     as_given: AsGiven = False
     in_packing: Annotated[str | bool, Parameter(metavar="rates|events")] = ""
-    candidates: Candidates = 0.7
-    yield_band: YieldBand = 0.99
-    past: PastOption = "viscous"
     damping: Damping = 0.3
     programme: Annotated[str, Parameter(group=FURTHER, metavar="WORD|TABLE")] = "straight"
     probe: Annotated[Whole | None, Parameter(metavar="N")] = None
@@ -347,7 +355,7 @@ class Tracking:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Averaging:
+class Averaging(OfProgramme):
     """Options of `material`; None where the default hangs on what is averaged.
 
     Parameters
@@ -394,8 +402,6 @@ class Averaging:
     count: Annotated[Whole | None, Parameter(group=FURTHER)] = None
     closure: str = "traction"
     programme: str = "drained"
-    fluid_bulk_modulus: FluidBulkModulus = None
-    strain_ratio: StrainRatio = None
     axis: Annotated[Whole | None, Parameter(group=FURTHER)] = None
     single: Annotated[Whole | None, Parameter(group=FURTHER)] = None
     end: float | None = None
@@ -435,7 +441,7 @@ class DiamondChoice:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class LoopChoice:
+class LoopChoice(OfProgramme):
     """Options of `polygon`.
 
     Parameters
@@ -487,8 +493,6 @@ class LoopChoice:
     spins: str = "blocked"
     confine: Annotated[float | None, Parameter(group=FURTHER)] = None
     programme: str = "drained"
-    fluid_bulk_modulus: FluidBulkModulus = None
-    strain_ratio: StrainRatio = None
     end: Annotated[float | None, Parameter(group=FURTHER)] = None
     model: Annotated[str, Parameter(group=FURTHER)] = "auto"
 
