@@ -417,11 +417,9 @@ def loop_limits(
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
-    """Share of the strain plane in which the loop has lost stability in (11, 22).
+    """Share of the strains up to the first opening, or `reach`, that lie beyond the loss of stability.
 
-    Of the strains on the programmes of a virgin loop up to the first opening of a contact (that of
-    the programme or, after a loss, of branches that follow the strain), or to `reach`: the part
-    beyond the loss. Areas `int rho^2/2 db` by the trapezoidal rule over the programmes.
+    Areas `int rho^2/2 db` by the trapezoidal rule over the programmes.
     """
     direction = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=-1)
     d0 = fan.loop.graph.reference_branches

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -201,18 +201,8 @@ def next_rows(found: Evolution, asked: Programmed, *, spread: bool) -> pd.DataFr
     return pd.DataFrame(next_of(name, way, *driven) for name, way in ways.items())
 
 
-class Spread(TypedDict):
-    """A value by the path, the lowest and highest of all ways that have one, and how many have."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    found: int
-    ways: int
-
-
-def spread_of(rows: pd.DataFrame, what: str) -> Spread:
-    """Return the spread of the next drop or instability over the ways."""
+def spread_of(rows: pd.DataFrame, what: str) -> dict[str, Any]:
+    """Return a value by the path, and the range of the ways that have one of those asked."""
     known = rows[what].dropna()
     first = rows[what].iloc[0]
     return {

@@ -273,8 +273,7 @@ def order_work_table(
 ) -> pd.DataFrame:
     """One row per direction and order: share of the loops in the work, in its negative part.
 
-    `work` (D, L) is that of the loops in each direction; of the `whole` (D,) order 0 has what they
-    leave: the contacts that are in no loop or in only one.
+    Of the `whole` (D,) order 0 has what the loops' `work` (D, L) leaves.
     """
     orders, at = np.unique(order, return_inverse=True)
     member = at == np.arange(len(orders))[:, None]

@@ -132,11 +132,7 @@ def run_material(
 
 
 def _single(loops: LoopSet, number: int | None) -> int:
-    """Return the number of the loop that stands for all.
-
-    If none is asked for: of the loops of the median order the one whose stress at the start is
-    nearest to the mean of all; the first of equal ones.
-    """
+    """Return the number of the loop that stands for all, by default of median order and stress."""
     count = len(loops.weights)
     if number is not None:
         if not 0 <= number < count:

@@ -296,11 +296,7 @@ def loop_domain_figure(found: Mapping[str, LoopDomain], plane: str) -> Figure:
 
 
 def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes:
-    """Boundary of a domain in the plane of strains or of stresses, its line by what ended it.
-
-    Of a loop that is unstable in its present state: the strains of the range, or the stresses that
-    they cause, and among them those along which the second-order work is negative.
-    """
+    """Boundary of a domain in the plane of strains or of stresses; of an unstable loop its cone."""
     origin = np.zeros(2) if plane == "strain" else found.start
     if found.status == "unstable":
         _draw_present(found, ax, origin, IDENTITY if plane == "strain" else found.tangent)

@@ -166,8 +166,7 @@ class Results:
 class LoopsForMap:
     """Polygons and table of the loops of one snapshot, for the map on a page.
 
-    In a series also the `name` and number of the snapshot, whether it is shown `first`, and a
-    sentence `about` the choice of maps. `links (L, 2, 2)` are the ends of the links of chains.
+    `links (L, 2, 2)` are the ends of the links of chains.
     """
 
     offsets: Integers

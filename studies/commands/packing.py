@@ -62,36 +62,15 @@ def _probe_lines(summary: Summary) -> list[str]:
     held = None
     if control["status"] == "found":
         held = ", ".join(f"{value:.4f}" for value in control["held"])
-    return printed(
-        *("probe", summary),
-        headline=_unanswered(summary) if summary["undetermined"] else None,
-        smaller=least is not None and least < summary["smallest_w2"] - 1e-9,
-        folds=folds,
-        held_strains=held,
-    )
-
-
-def _unanswered(summary: Summary) -> str:
-    """Headline where directions have no answer, with what can be done."""
     count, of = summary["undetermined"], summary["directions"]
-    if summary["ended"]:
-        nearest = min(summary["ended"], key=lambda one: one["reached"])
-        return (
-            f"{count} of {of} directions ended before {summary['amplitude']:g}: shares are of the "
-            f"others; the first is direction {nearest['direction']}, {nearest['status']} at "
-            f"{nearest['reached']:.4g}: {nearest['message']}"
-        )
+    nearest = min(summary["ended"], key=lambda one: one["reached"], default=None)
+    proved = summary["statuses"].get("none", 0) == count
     moves = any("the state moves" in note for note in summary["notes"])
-    remedy = (
-        "bring the state to rest first with --hold"
-        if moves
-        else "try another --yield-band, or take a snapshot farther from failure"
-    )
-    if summary["statuses"].get("none", 0) == count:
-        return f"{count} of {of} directions have no solution, proved: shares are of the others"
-    if count == of:
-        return f"no solution found in any of {of} directions; {remedy}"
-    return f"no solution found in {count} of {of} directions: shares are of the others; {remedy}"
+    smaller = least is not None and least < summary["smallest_w2"] - 1e-9
+    told = {"smaller": smaller, "folds": folds, "held_strains": held, "moves": moves}
+    told |= {"nearest": nearest if count else None, "proved": count and proved and not nearest}
+    told["sought"] = count and not proved and not nearest and {"all": count == of}
+    return printed("probe", summary, **told)
 
 
 def probe_command(

@@ -310,11 +310,7 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
 
 
 def diamond_summary(found: FollowedDiamond) -> Summary:
-    """Summary of the study, without its provenance.
-
-    `states` are null where not reached, B has the operators of sliding contacts too, as `beyond`;
-    `added_contact` is null where none is added.
-    """
+    """Summary of the study; `states` are null where not reached, `added_contact` where none is."""
     options, table, loop = found.options, found.table, found.loop
     states: dict[str, Any] = dict.fromkeys(NAMED)
     for name, row in found.marks.items():

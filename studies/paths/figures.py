@@ -333,8 +333,7 @@ def draw_grains(
 ) -> None:
     """Draw grains of the diameters `size`, and the force of every contact along its branch.
 
-    Its width is in proportion, the widest of the force `largest`; for few grains arrows show the
-    forces from outside that hold the contacts in balance, in proportion as well.
+    Widths and arrows are in proportion to forces; the force `largest` is the widest.
     """
     ax.add_collection(
         EllipseCollection(
@@ -452,11 +451,7 @@ def _order_axis(ax: Axes, orders: pd.Series) -> None:
 def diamond_figures(
     found: FollowedDiamond, ignored: FollowedDiamond | None, path_dependence: pd.DataFrame
 ) -> Drawings:
-    """Figures of the study with their names; `ignored` is the path without added contacts.
-
-    `path_dependence` is the table of that name. Named states are drawn where the path reaches them,
-    `added_contact` where contacts are added.
-    """
+    """Figures of the study with their names; `ignored` is the path without added contacts."""
     yield "path_dependence", lambda: draw_path_dependence(path_dependence)
     yield "axial_stress", lambda: draw_stress(found, ax=axes_or_new(None))
     yield from path_figures(found)

@@ -400,8 +400,7 @@ def verdict_values(verdict: Verdict) -> dict[str, Any]:
 def operator_diagram(K: Floats, work: Floats | None = None) -> PolarDiagram:
     """Polar diagram of one operator, or of a given second-order work along its directions.
 
-    `w2 = 0` along directions that K annuls within the tolerance: where det K vanishes, round-off
-    alone decides the sign of w2 in the kernel of K.
+    `w2 = 0` along directions that K annuls within the tolerance: there round-off has the sign.
     """
     diagram = polar_diagram(K, r=RADIUS, directions=DIRECTIONS)
     stress = np.einsum("ij,nj->ni", K, diagram.direction)

@@ -15,11 +15,7 @@ from studies.study import study
 
 
 def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
-    """Follow a diamond and write `summary.json`, tables and figures; return the summary.
-
-    Tables `path`, `polar`, `path_dependence`; the loop at A as a plain snapshot, `grains_A` and
-    `contacts_A`; with contacts added, `added_contact`. `how` are `force` and `csv` of a study.
-    """
+    """Follow a diamond and write `summary.json`, tables and figures; return the summary."""
     with study("diamond", out, options.described(), **how) as results:
         found, ignored = follow_diamond(options), None
         if options.contact_on_touch == "add":

@@ -246,11 +246,7 @@ def interval_row(
 def sample_strain(
     before: Snapshot, after: Snapshot
 ) -> tuple[Floats, Literal["cell", "walls", "grains", "unknown"]]:
-    """Displacement gradient of the sample between two snapshots, and its source.
-
-    The source is the periodic cell, or four walls along the axes, else the best fit to the motion
-    of the grains in both.
-    """
+    """Displacement gradient of the sample between two snapshots, and what it is from."""
     one, two = before.graph, after.graph
     if one.cell is not None and two.cell is not None:
         return cell_strain(one.cell, two.cell), "cell"

@@ -339,11 +339,7 @@ def facts(before: Snapshot, fates: LoopFates) -> Columns:
 
 
 def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
-    """Columns `indicator_*`: structural indicators of every loop of the earlier snapshot.
-
-    `previous` is the snapshot before it, from which the grains moved there: without it, and for a
-    packing that floats, there are no numbers.
-    """
+    """Columns `indicator_*` of every loop of the earlier snapshot; no numbers where it floats."""
     graph = before.graph
     nonaffinity = np.full(graph.grain_count, np.nan)
     if previous is not None:
@@ -360,11 +356,7 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
 
 
 def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
-    """(C, 2) later branch vectors of the contacts of a snapshot, open or not.
-
-    The image of the second grain is the one nearest to where the sample's strain moves it; not
-    numbers where a grain is gone.
-    """
+    """(C, 2) later branch vectors of the contacts of a snapshot; not numbers where a grain is gone."""
     graph, cell = before.graph, after.graph.cell
     _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     x = np.full((graph.grain_count, 2), np.nan)

@@ -81,7 +81,15 @@ def run_series(
     share, by_events, probe = None, in_packing == "events", None
     if in_packing:
         share = number("candidates", asked.candidates, 0.0, 1.0, open_low=True)
-    following = _following(asked.past, rate, asked.damping, asked.programme)
+    check_choice("--past", asked.past, get_args(Past))
+    for name, value in rate.items():
+        if value is not None:
+            number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
+    number("--damping", asked.damping, 0.0)
+    way = asked.programme
+    table = None if way in WAYS else read_strains(Path(way))
+    way = way if table is None else table.name
+    following = Following(asked.past, **rate, damping=asked.damping, programme=way, table=table)
     if not by_events and (following != Following() or times is not None):
         received = "the rates alone" if in_packing else "no path and no replay"
         remedy = "Add --in-packing events, or leave the options of paths and replays out."
@@ -134,20 +142,6 @@ def run_series(
             summary = results.write_summary(summary)
             _draw(results, series, tables, summary, animated=asked.animation)
     return summary
-
-
-def _following(
-    past: Past, rate: Mapping[str, float | None], damping: float, programme: str | Path
-) -> Following:
-    """Return how paths and replays go on, from the options of a series."""
-    check_choice("--past", past, get_args(Past))
-    for name, value in rate.items():
-        if value is not None:
-            number(f"--{name.replace('_', '-')}", value, 0.0, open_low=True)
-    number("--damping", damping, 0.0)
-    table = None if programme in WAYS else read_strains(Path(programme))
-    way = str(programme) if table is None else table.name
-    return Following(past, **rate, damping=damping, programme=way, table=table)
 
 
 def _draw(

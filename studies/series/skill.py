@@ -85,10 +85,9 @@ SNAPSHOTS = ("snapshot_before", "snapshot_after")
 def skill_tables(
     loops: Sequence[Path], increments: Sequence[Path], packing: Sequence[Path] = ()
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Tables of skill from the parts of a series: one row per interval, predictor and target.
+    """Tables of skill from the parts of a series, by interval, predictor and target, and by order.
 
-    The second table has a row for each order as well; it is empty unless the packing predicts. Both
-    are empty without forces.
+    Both are empty without forces, the second one unless the packing predicts.
     """
     rows: list[Row] = []
     by_order: list[Row] = []

@@ -103,8 +103,7 @@ def add_in_packing(
 ) -> tuple[InPacking, list[str]]:
     """Add the columns of the loops in place to the table; return how they were judged, and notes.
 
-    A share of unstable loops is one of a state at rest: of the snapshot itself or, with `hold`, of
-    the state that it comes to rest in. Contacts of each of `BANDS` slide, or of one `yield_band`.
+    Contacts of each of `BANDS` slide at rest, or of one `yield_band`.
     """
     # Loaded only when loops are judged in place.
     from loops.in_place import loops_in_place

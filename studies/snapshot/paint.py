@@ -22,11 +22,7 @@ class Painting(NamedTuple):
 
 
 def paint_loops(graph: GrainGraph, faces: Faces, longest: int) -> Painting:
-    """Paint the loops of a packing: each pixel holds the loop that contains its centre, or -1.
-
-    Loops that cross a periodic border are unrolled from their first grain. If a loop lies inside
-    another one, the later of the two is seen.
-    """
+    """Paint the loops of a packing: each pixel holds the loop that contains its centre, or -1."""
     offsets, corners, _ = loop_polygons(graph, faces)
     corners = given(corners, np.float64)
     low, high = corners.min(axis=0), corners.max(axis=0)
