@@ -417,7 +417,7 @@ def loop_limits(
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
-    """Share of the strains up to the first opening, or `reach`, that lie beyond the loss of stability.
+    """Share of the strains up to the first opening, or `reach`, beyond the loss of stability.
 
     Areas `int rho^2/2 db` by the trapezoidal rule over the programmes.
     """

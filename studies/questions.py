@@ -552,7 +552,7 @@ def options_of(kind: type[Options], given: Mapping[str, Any]) -> Options:
     names = [one.name for one in fields(kind)]  # type: ignore[arg-type]
     for name, value in given.items():
         if name not in names:
-            expected = f"one of {', '.join(names)}"
+            expected = f"one of {', '.join(sorted(names))}"
             raise InputError(name, repr(value), expected, "Leave it out.")
     return kind(**given)
 

@@ -356,7 +356,7 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
 
 
 def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
-    """(C, 2) later branch vectors of the contacts of a snapshot; not numbers where a grain is gone."""
+    """(C, 2) later branches of the contacts of a snapshot; not numbers where a grain is gone."""
     graph, cell = before.graph, after.graph.cell
     _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
     x = np.full((graph.grain_count, 2), np.nan)

@@ -379,7 +379,7 @@ def test_bad_options_are_one_clear_line(grains, capsys, tmp_path, arguments, sai
 
 
 def test_what_is_no_sample_or_no_option_is_refused(sample, tmp_path):
-    with pytest.raises(gl.InputError, match="got 'up', expected one of to, programme"):
+    with pytest.raises(gl.InputError, match="got 'up', expected one of axis, by"):
         gl.forecast(sample, to=1e-5, direction="up")
     with pytest.raises(gl.InputError, match="a Scene or a Snapshot"):
         gl.evolve(sample.graph, to=1e-5)
