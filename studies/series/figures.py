@@ -267,7 +267,7 @@ def _column(evolution: pd.DataFrame, name: str) -> Floats:
 
 @styled()
 def survival_by_verdict(table: pd.DataFrame) -> Figure:
-    """Share of the loops that survive by judge, interval and order, with 95 % intervals (Wilson)."""
+    """Share of the loops that survive, by judge, interval and order; 95 % intervals (Wilson)."""
     present, numbers = table["judge"].unique(), table["snapshot_after"].unique()
     figure, panels = new_panels(len(present), 2, 0.6 + 1.5 * len(present), sharey=True)
     orders = range(3, 3 + len(GROUPS))
