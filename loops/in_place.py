@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from loops.arrays import ROUNDING, Flags, Floats, Integers, available_cores, frobenius
 from loops.errors import InputError
@@ -34,7 +34,7 @@ from loops.multifrontal import (
 )
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
-from loops.system import System, factorised, packing_system
+from loops.system import REGULARISATION, System, packing_system, stiffness_matrix
 
 # Factor by which such an estimate may be too small: chi-squared, one in a thousand is below half.
 SKETCHED = 2.0
@@ -258,9 +258,7 @@ def inverse_at_contacts(system: System, threads: int = 1) -> Floats:
     lu.entries([Rows(number[pairs], ends, np.ones(len(pairs), dtype=bool))], use)
     if not len(system.carrying.anchors):
         return found
-    joined = sparse.coo_array((np.ones(len(pairs)), tuple(pairs.T)), (len(number), len(number)))
-    _, component = connected_components(joined, directed=False)
-    _, component = np.unique(component[grains], return_inverse=True)
+    _, component = np.unique(system.carrying.component[grains], return_inverse=True)
     T = np.zeros((len(matrix.indptr), 2 * (component.max() + 1)))
     for axis in (0, 1):
         T[freedom[grains, axis], 2 * component + axis] = 1.0
@@ -490,11 +488,14 @@ def _truncation(system: System, polygons: Polygons, matrix: Floats, rho: Floats)
     if not len(some):
         return np.where(shape > 0, shape, 0.0)
     some = np.unique(some[np.linspace(0, len(some) - 1, CHECKED).astype(np.int64)])
-    factor, true = factorised(system), []
+    springs, true = np.full(system.size, REGULARISATION * system.unit), []
+    springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
+    on_springs = (stiffness_matrix(system) + sparse.diags_array(springs)).tocsc()
+    lu = splu(on_springs, "MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
     for grains, vectors, area, row in polygons.groups:
         for k in np.flatnonzero(np.isin(row, some)):
             B = loop_loads(system, grains[k], vectors[k])
-            whole = np.linalg.inv(B.T @ factor.solve(B, refine=0) / area[k])
+            whole = np.linalg.inv(B.T @ lu.solve(B) / area[k])
             change = frobenius(matrix[row[k]] - whole) / frobenius(whole)
             true.append(change / shape[row[k]])
     return np.where(shape > 0, MARGIN * float(np.max(true)) * shape, 0.0)

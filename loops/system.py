@@ -12,20 +12,16 @@ moment rows included. Spins and moments are scaled by the mean radius, so all fr
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime
 from loops.boundary import Rows
-from loops.compiled import WIDTH
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
@@ -38,6 +34,7 @@ from loops.shown import Shown
 class Carrying(Shown):
     """Grains and contacts that carry load, and counts of those that do not.
 
+    `component` (G,) numbers the connected ones, -1 for grains that carry nothing.
     `anchors`: one grain of each component that nothing holds, whose translations are fixed.
     `rattlers`: number of grains with fewer than two contacts, pruned recursively. `clusters`,
     `clustered`: number of components, and of their grains, that touch no wall and no held grain
@@ -46,6 +43,7 @@ class Carrying(Shown):
 
     grains: Flags
     contacts: Flags
+    component: Integers
     anchors: Integers
     rattlers: int
     clusters: int
@@ -82,6 +80,7 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
     return Carrying(
         grains=grains,
         contacts=contacts & grains[graph.contacts[:, 0]],
+        component=np.where(grains, label, -1),
         anchors=first[free],
         rattlers=int(np.count_nonzero(~kept)),
         clusters=int(np.count_nonzero(~good)),
@@ -93,33 +92,6 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
 # and no grain is preferred. They resist gear modes and mechanisms. Rates are those without them;
 # paths, which are not refined, move by 1e-8 or less (docs/knobs.md).
 REGULARISATION = 1e-11
-# Relative residual at which refinement ends; one step reaches rounding.
-REFINED = 1e-14
-# Steps of refinement at most.
-REFINEMENTS = 8
-# Stiffness over the typical one against which a mechanism moves under its load: so fast that
-# regimes without it are preferred, and so slow that forces keep nine digits.
-MECHANISM = 1e-7
-# Motion of a unit load over a unit stiffness from which on mechanisms are looked for.
-SOFT = 1e8
-# So many motions are tried at once, more as long as all of them are mechanisms.
-TRIED = (4, 16, 64)
-# Right-hand sides that SuperLU solves at a time: fastest with a few.
-PANEL = 4
-# Entries of all right-hand sides beyond which the kernel is worth loading.
-LOADS_BY_KERNEL = 1_000_000
-
-
-class Mechanisms(NamedTuple):
-    """Motions `R` (size, m) that meet no force, and `L` (m, size): `K R = 0`, `L K = 0`, `L R = 1`.
-
-    `R L` takes from a load what no motion balances, from a motion its mechanisms. `compliance`
-    (m, 1) moves them under a load, translations by none.
-    """
-
-    R: Floats
-    L: Floats
-    compliance: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,19 +134,6 @@ class System(Shown):
         ends += [f"{walls} wall contacts"] if walls else []
         ends += [f"{self.held} grains held to the affine motion"] if self.held else []
         return ", ".join(ends)
-
-    @cached_property
-    def translations(self) -> Mechanisms:
-        """Translations of the components that nothing holds."""
-        carrying, graph = self.carrying, self.graph
-        pairs, anchors = graph.contacts[carrying.contacts], carrying.anchors
-        _, label = component_labels(graph.grain_count, pairs, carrying.grains)
-        T = np.zeros((self.size, 2 * len(anchors)))
-        for k, anchor in enumerate(anchors):
-            together = np.flatnonzero(label == label[anchor])
-            for axis in (0, 1):
-                T[self.freedom[together, axis], 2 * k + axis] = len(together) ** -0.5
-        return Mechanisms(T, T.T, np.zeros((T.shape[1], 1)))
 
 
 def packing_system(scene: Scene, *, regime: ArrayLike | None = None) -> System:
@@ -283,158 +242,3 @@ def packing_stress(system: System) -> Floats:
     state = system.rows.state
     forces = state.normal_force[:, None] * state.n + state.shear_force[:, None] * state.t
     return np.asarray(forces.T @ system.rows.branches / system.volume)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Factor(Shown):
-    """LU factors of `K` on weak springs, at one geometry and in reference regimes.
-
-    `matrix` is `K` without the springs, against which solutions are refined, `unit` its typical
-    stiffness, `translations` those that nothing resists.
-    """
-
-    matrix: sparse.csc_array
-    lu: SuperLU
-    unit: float
-    translations: Mechanisms
-
-    def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
-        """Return motions (size,) or (size, k) as without springs.
-
-        What mechanisms cannot carry of a load is left out of balance, and moves them.
-        """
-        return _solved(self.mechanisms, self.matrix, self.once, loads, refine)
-
-    @cached_property
-    def mechanisms(self) -> Mechanisms:
-        """Translations, and other motions that meet no force, if they are few."""
-        T = self.translations.R
-        # Spins that nothing resists and nothing loads stay where they are.
-        touched = abs(self.matrix).sum(axis=0) + abs(self.matrix).sum(axis=1) > 0
-        load = np.where(touched, np.cos(np.arange(len(T)) ** 2.0), 0.0)
-        if self.unit * np.linalg.norm(self.lu.solve(load)) > SOFT * np.linalg.norm(load):
-            for tried in TRIED:
-                R, L = (self._softest(load, tried, trans) for trans in ("N", "T"))
-                if R.shape[1] == L.shape[1] < tried:
-                    R, L = np.hstack([T, R - T @ (T.T @ R)]), np.hstack([T, L])
-                    compliance = np.full((R.shape[1], 1), 1.0 / (MECHANISM * self.unit))
-                    compliance[: T.shape[1]] = 0.0
-                    return Mechanisms(R, np.asarray(np.linalg.solve(L.T @ R, L.T)), compliance)
-        return self.translations
-
-    def _softest(self, load: Floats, count: int, trans: str) -> Floats:
-        """Return null vectors (size, m) of `K`, or of its transpose, among so many motions."""
-        x = load[:, None] * np.cos(np.outer(np.arange(len(load)), np.arange(count)))
-        for _ in range(3):
-            x = np.linalg.qr(self.lu.solve(x, trans=trans))[0]
-        matrix = self.matrix if trans == "N" else self.matrix.T
-        _, stiffness, vectors = np.linalg.svd(matrix @ x, full_matrices=False)
-        return np.asarray(x @ vectors[stiffness <= 2.0 * REGULARISATION * self.unit].T)
-
-    def once(self, loads: Floats) -> Floats:
-        """Return motions under up to eight loads on the springs, without refinement."""
-        if loads.ndim == 1 or loads.shape[1] <= PANEL:
-            return np.asarray(self.lu.solve(np.asfortranarray(loads)))
-        from loops.compiled.columns import solve_eight
-
-        x = np.zeros((len(loads), WIDTH))
-        x[self.lu.perm_r, : loads.shape[1]] = loads
-        solve_eight(*self._triangles, x)
-        return x[self.lu.perm_c, : loads.shape[1]]
-
-    def changed(
-        self, matrix: sparse.csc_array, columns: Floats, gauge: sparse.csr_array
-    ) -> Changed:
-        """Return the factors of `matrix`, `K - P G`, from columns `K^-1 P` (size, k)."""
-        small = np.linalg.inv(np.eye(columns.shape[1]) - gauge @ columns)
-        return Changed(matrix, self, columns, gauge, small)
-
-    @cached_property
-    def _triangles(self) -> tuple[Any, ...]:
-        L, U = self.lu.L, self.lu.U
-        return L.indptr, L.indices, L.data, U.indptr, U.indices, U.data
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Changed(Shown):
-    """Factors of `K - P G` from those of `K`, after Woodbury.
-
-    `columns` (size, k) are `K^-1 P`, `gauge` (k, size) is `G`, `small` (k, k) the inverse of
-    `1 - G K^-1 P`.
-    """
-
-    matrix: sparse.csc_array
-    reference: Factor
-    columns: Floats
-    gauge: sparse.csr_array
-    small: Floats
-
-    def solve(self, loads: Floats, *, refine: int = REFINEMENTS) -> Floats:
-        """Return motions (size,) or (size, k); refinement removes the effect of the springs."""
-        return _solved(self.reference.translations, self.matrix, self.once, loads, refine)
-
-    def once(self, loads: Floats) -> Floats:
-        """Return motions under up to eight loads on the springs, without refinement."""
-        v = self.reference.once(loads)
-        return np.asarray(v + self.columns @ (self.small @ (self.gauge @ v)))
-
-
-def _solved(
-    mechanisms: Mechanisms,
-    matrix: sparse.csc_array,
-    once: Callable[[Floats], Floats],
-    loads: Floats,
-    refine: int,
-) -> Floats:
-    """Return solutions of `matrix`, a few at a time, by those of a matrix close to it."""
-    if loads.ndim == 1:
-        return _solved(mechanisms, matrix, once, loads[:, None], refine)[:, 0]
-    R, L, compliance = mechanisms
-    left = L @ loads
-    loads = loads - R @ left
-    width = WIDTH if loads.size > LOADS_BY_KERNEL else PANEL
-    out = np.empty(loads.shape, order="F")
-    for start in range(0, loads.shape[1], width):
-        part = slice(start, start + width)
-        out[:, part] = _corrected(matrix, once, loads[:, part], refine)
-    out += R @ (compliance * left - L @ out)
-    return out
-
-
-def _corrected(
-    matrix: sparse.csc_array, once: Callable[[Floats], Floats], loads: Floats, refine: int
-) -> Floats:
-    """Return solutions of `matrix` under up to eight loads, each refined while that halves it."""
-    v = once(loads)
-    goal, before = REFINED * np.linalg.norm(loads, axis=0), np.full(loads.shape[1], np.inf)
-    for _ in range(refine):
-        left = loads - matrix @ v
-        size = np.linalg.norm(left, axis=0)
-        better = (size > goal) & (size <= 0.5 * before)
-        if not better.any():
-            break
-        before = size
-        v[:, better] += once(left[:, better])
-    return v
-
-
-def factorised(system: System, stiffness: Floats | None = None) -> Factor:
-    """Return LU factors of `K` on weak springs, anchors on stiff ones without load.
-
-    `stiffness` (E, 4, 4) replaces that of the system.
-    """
-    matrix = stiffness_matrix(system, stiffness)
-    springs = np.full(system.size, REGULARISATION * system.unit)
-    springs[system.freedom[system.carrying.anchors, :2].ravel()] += system.unit
-    try:
-        lu = splu(
-            (matrix + sparse.diags_array(springs)).tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.001,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        raise InputError(
-            "packing", "a singular system", "contacts that hold the grains", f"SuperLU: {error}."
-        ) from error
-    return Factor(matrix, lu, system.unit, system.translations)

@@ -16,9 +16,8 @@ from loops.errors import check_choice, whole_number
 from loops.scene import Scene, Subject, of_scene
 from loops.validation import real
 from stability.complementarity import STARTS
-from stability.packing.controls import MixedControl, component_control
 from stability.packing.response import PackingResponse, packing_rates
-from stability.packing.yielding import YIELD_BAND
+from stability.packing.yielding import YIELD_BAND, MixedControl, component_control
 from stability.paths.of_graph import rates_of_loop
 from stability.paths.regimes import EdgeTrial, Held
 from stability.paths.supported import SupportedRates, supported_rates

@@ -16,7 +16,7 @@ from loops import PlaneContacts, Scene
 from loops.boundary import plane_contacts
 from loops.in_place import LoopsInPlace, loops_in_place
 from loops.shown import LONGEST_REPR, Shown
-from loops.system import Carrying, Changed, Factor, System
+from loops.system import Carrying, System
 from stability import rates_at
 from stability.packing import loop_rates
 from studies.reading import rows_by_number
@@ -148,7 +148,7 @@ def test_every_dataclass_that_a_room_shows_prints_so():
     rooms = (gl, loops, patterns, stability, stability.packing)
     every = [getattr(room, name) for room in rooms for name in dir(room) if name[0] != "_"]
     results = {one for one in every if isinstance(one, type) and is_dataclass(one)}
-    results |= {Carrying, Changed, Factor, LoopsInPlace, PlaneContacts, System}
+    results |= {Carrying, LoopsInPlace, PlaneContacts, System}
     assert len(results) > 30
     assert not sorted(one.__name__ for one in results if not issubclass(one, Shown))
 

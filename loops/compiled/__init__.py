@@ -37,10 +37,6 @@ of a million grains it is several seconds less.
 """
 
 
-WIDTH = 8
-"""Right-hand sides that `columns.solve_eight` solves at once: a processor's vector."""
-
-
 def load_ahead(contacts: int) -> None:
     """Load the kernels on another thread if so many contacts will use them."""
     if use_compiled(None, contacts):

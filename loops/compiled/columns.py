@@ -1,46 +1,9 @@
-"""Solutions of triangular systems: eight right-hand sides of a sparse one, small dense ones."""
+"""Solutions of small dense systems."""
 
 from __future__ import annotations
 
 from loops.arrays import Floats, Integers
 from loops.compiled import kernel
-
-# `loops.compiled.WIDTH`: numba compiles a kernel anew for changes of its own file alone.
-WIDTH = 8
-
-
-@kernel
-def solve_eight(
-    lp: Integers,
-    li: Integers,
-    lx: Floats,
-    up: Integers,
-    ui: Integers,
-    ux: Floats,
-    x: Floats,
-) -> None:
-    """`L U x` in place of `x` (n, 8); columns sorted by row."""
-    if x.shape[1] != WIDTH:
-        raise ValueError("as many right-hand sides as WIDTH")
-    for j in range(len(x)):
-        some = False
-        for r in range(WIDTH):
-            some = some or x[j, r] != 0.0
-        if some:
-            v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
-            for q in range(lp[j] + 1, lp[j + 1]):
-                i, factor = li[q], lx[q]
-                for r in range(WIDTH):
-                    x[i, r] -= factor * v[r]
-    for j in range(len(x) - 1, -1, -1):
-        last = up[j + 1] - 1
-        for r in range(WIDTH):
-            x[j, r] /= ux[last]
-        v = (x[j, 0], x[j, 1], x[j, 2], x[j, 3], x[j, 4], x[j, 5], x[j, 6], x[j, 7])
-        for q in range(up[j], last):
-            i, factor = ui[q], ux[q]
-            for r in range(WIDTH):
-                x[i, r] -= factor * v[r]
 
 
 @kernel

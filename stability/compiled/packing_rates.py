@@ -3,6 +3,10 @@
 Freedoms are 3 a grain: `u`, and the spin times a length. Levers are over that length. Pairs are
 records `loops.contacts.PAIR`; regimes are those of `loops.Regime`: 0 open, 1 stuck,
 2 sliding. All kernels that a kernel calls stand in this file.
+
+A change of regimes is a small system in columns `K^-1 p`. Motions `V` (5, 3G) are those under unit
+strains and the load, `U` (m, 3G) under unit forces on rows of pairs; rates under both are numbered
+0 to 4 and from 5 on.
 """
 
 from __future__ import annotations
@@ -20,10 +24,12 @@ from loops.compiled import inlined, kernel
 GAUSS = 0.5 - math.sqrt(3.0) / 6.0
 # Columns of the rates of pairs: n . d', N', T' and the shear rate.
 UN, DN, DT, UT = range(4)
+# Strain rates of one component each, 11, 12, 21, 22, and none.
+UNIT_STRAINS = np.eye(5, 4)
 
 
 @kernel
-def _relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float, float]:
+def relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float, float]:
     """`n . d'`, the shear rate, and `t . d'`."""
     i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
     d0, d1 = pair["d"][0], pair["d"][1]
@@ -71,7 +77,7 @@ def stress_rate(
     for p in range(len(pairs)):
         if regime[p] != 0:
             pair = pairs[p]
-            un, ut, across = _relative(pair, v, h)
+            un, ut, across = relative(pair, v, h)
             dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
             dn *= pair["push"]
             for a in range(2):
@@ -104,7 +110,7 @@ def earliest(
     """
     fastest, largest = 0.0, 0.0
     for p in range(len(pairs)):
-        un, ut, _ = _relative(pairs[p], v, h)
+        un, ut, _ = relative(pairs[p], v, h)
         dn, dt = _force_rates(pairs[p], regime[p], side[p], un, ut)
         rates[p, UN], rates[p, DN], rates[p, DT], rates[p, UT] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
@@ -332,3 +338,71 @@ def _velocity_gradient(strain: Floats, h: Floats, time: float) -> tuple[float, f
         (h[2] * (1.0 - e3) + h[3] * e2) / det,
         (h[2] * e1 + h[3] * (1.0 - e0)) / det,
     )
+
+
+@kernel
+def _under(pair: Any, V: Floats, U: Floats, c: int) -> tuple[float, float]:
+    """`n . d'` and the shear rate of a pair under motion `c`: of `V`, from 5 on of `U`."""
+    un, ut, _ = relative(pair, V[c] if c < 5 else U[c - 5], UNIT_STRAINS[min(c, 4)])
+    return un, ut
+
+
+@kernel
+def mutual_rates(
+    pairs: NDArray[Any],
+    chosen: Integers,
+    V: Floats,
+    U: Floats,
+    base: Floats,
+    mutual: Floats,
+) -> None:
+    """Rates of the last chosen pair under all motions, and of all chosen under the last column."""
+    m = len(chosen)
+    last = m - 1
+    for c in range(5):
+        un, ut = _under(pairs[chosen[last]], V, U, c)
+        base[0, last, c], base[1, last, c] = un, ut
+    for k in range(m):
+        un, ut = _under(pairs[chosen[last]], V, U, 5 + k)
+        mutual[0, last, k], mutual[1, last, k] = un, ut
+        un, ut = _under(pairs[chosen[k]], V, U, 5 + last)
+        mutual[0, k, last], mutual[1, k, last] = un, ut
+
+
+@kernel
+def yield_rates(
+    pairs: NDArray[Any],
+    side: Floats,
+    chosen: Integers,
+    V: Floats,
+    U: Floats,
+    known: Floats,
+    motion_count: Integers,
+    slip_sign: Floats,
+    h: Floats,
+    w: Floats,
+    out: Floats,
+) -> None:
+    """Rates of the yield function of stuck pairs, minus the slip (k, r), under `V h + U w`.
+
+    `known` (P, 5 + columns) keeps that under each motion, for the first `motion_count` of them
+    and a pair that slides on the side `slip_sign`.
+    """
+    count, m = w.shape
+    for k in range(len(chosen)):
+        p = chosen[k]
+        pair = pairs[p]
+        if slip_sign[p] != side[p]:
+            slip_sign[p], motion_count[p] = side[p], 0
+        for c in range(motion_count[p], 5 + m):
+            un, ut = _under(pair, V, U, c)
+            shear = pair["kt"] * ut + pair["coupling"] * un
+            known[p, c] = side[p] * shear - pair["mu"] * pair["kn"] * un
+        motion_count[p] = 5 + m
+        for r in range(count):
+            value = 0.0
+            for c in range(5):
+                value += known[p, c] * h[r, c]
+            for c in range(m):
+                value += known[p, 5 + c] * w[r, c]
+            out[k, r] = value

@@ -38,13 +38,12 @@ class Order(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Factors of the stiffness; freedom f of a motion is row `into[f]`, the last bodies are walls.
+    """Factors of the stiffness; freedom f of a motion is row `into[f]`.
 
     They are `regular` if no pivot is singular.
     """
 
     order: Order
-    walls: int
     into: Integers
     begin: Integers
     rows: Integers
@@ -63,14 +62,15 @@ class Factors(NamedTuple):
         loads[4] = load
         # Without a load they take one sweep of `LOADS_AT_ONCE`, not two.
         some, motions = (loads if load.any() else loads[:4]), np.zeros_like(loads)
-        motions[: len(some)] = self.motions(some)
+        motions[: len(some)] = self.motions(some.T)
         return motions
 
-    def motions(self, loads: Floats) -> Floats:
-        """Return motions (k, 3B) under loads (k, 3B)."""
-        x = np.zeros((len(self.into), len(loads) + -len(loads) % LOADS_AT_ONCE))
-        x[self.into, : len(loads)] = loads.T
-        return self._solved(x, len(loads), 0)
+    def motions(self, loads: Floats, freedoms: Integers | slice = slice(None)) -> Floats:
+        """Return motions (k, 3B) under loads (n, k) on these freedoms."""
+        count = loads.shape[1]
+        x = np.zeros((len(self.into), count + -count % LOADS_AT_ONCE))
+        x[self.into[freedoms], :count] = loads
+        return self._solved(x, count, 0)
 
     def motions_of_rows(self, pairs: NDArray[Any], rows: list[int]) -> Floats:
         """Return motions (k, 3B) under unit forces of pairs, or shear forces beyond the pairs."""
@@ -79,29 +79,20 @@ class Factors(NamedTuple):
         return self._solved(x, len(rows), min(start))
 
     def _solved(self, x: Floats, count: int, start: int) -> Floats:
-        """Return motions (count, 3B) under loads in the order of elimination; walls stand still."""
-        x[self.into[len(x) - 3 * self.walls :]] = 0.0
+        """Return motions (count, 3B) under loads in the order of elimination."""
         out = np.empty((count, len(x)))
         system = self.begin, self.rows, self.lower, self.upper, self.pivot, self.swap
         solve(*system, self.into, x, start, out)
         return out
 
 
-def factorise(
-    pairs: NDArray[Any],
-    regime: Regimes,
-    side: Floats,
-    springs: Floats,
-    walls: int,
-    order: Order | None,
-) -> Factors:
-    """Return factors of the stiffness on `springs` (B,), in this order or in one that fills less.
+def factorise(ends: Integers, elements: Floats, springs: Floats, order: Order | None) -> Factors:
+    """Return factors of the stiffness on `springs` (B, 3), in this order or one that fills less.
 
-    The last bodies are `walls`, which are held.
+    `elements` (P, 6, 6) are those of pairs of bodies `ends` (P, 2). A freedom on a spring of
+    infinite stiffness is held.
     """
     count = len(springs)
-    ends = pairs["grains"][regime != 0]
-    ends = ends[ends[:, 1] < count - walls]
     if order is not None:
         begin, rows = structure(ends, order.place)
     if order is None or len(rows) > FILL * order.entries:
@@ -111,11 +102,11 @@ def factorise(
     parts = np.zeros((2 * len(rows) + count, 3, 3))
     lower, upper, pivot = np.split(parts, [len(rows), 2 * len(rows)])
     system = begin, rows, lower, upper, pivot
-    assemble(pairs, regime, side, springs, walls, order.place, *system)
+    assemble(ends, elements, springs, order.place, *system)
     swap = np.empty((count, 3), dtype=np.int64)
     regular = eliminate(*system, swap)
     into = (3 * order.place[:, None] + np.arange(3)).ravel()
-    return Factors(order, walls, into, *system, swap, regular)
+    return Factors(order, into, *system, swap, regular)
 
 
 def elimination_order(ends: Integers, bodies: int) -> Integers:
@@ -233,47 +224,28 @@ def strain_loads(pairs: NDArray[Any], regime: Regimes, side: Floats, out: Floats
 
 
 @kernel
-def _pair_stiffness(pair: Any, regime: int, side: float, K: Floats) -> None:
-    """Stiffness (6, 6) of a pair in the freedoms of its first grain, then of its second."""
-    for a in range(6):
-        # Unit motions one after the other.
-        f0, f1, m0, m1 = _pair_resultants(pair, regime, side, a, -1.0 if a < 3 else 1.0)
-        K[0, a], K[1, a], K[2, a] = f0, f1, m0
-        K[3, a], K[4, a], K[5, a] = -f0, -f1, m1
-
-
-@kernel
-def blocks(
-    pairs: NDArray[Any],
-    regime: Regimes,
-    side: Floats,
-    place: Integers,
-    at: Integers,
-    values: Floats,
-) -> int:
-    """Entries of the stiffness, at (row, column), freedoms numbered by `place`; their count."""
-    k, K = 0, np.empty((6, 6))
+def stiffnesses(pairs: NDArray[Any], regime: Regimes, side: Floats) -> tuple[Integers, Floats]:
+    """Bodies (P', 2) of closed pairs, and their stiffness (P', 6, 6) in the freedoms of both."""
+    ends, K, k = np.empty((len(pairs), 2), dtype=np.int64), np.empty((len(pairs), 6, 6)), 0
     for p in range(len(pairs)):
         if regime[p] == 0:
             continue
-        _pair_stiffness(pairs[p], regime[p], side[p], K)
-        i, j = 3 * pairs[p]["grains"][0], 3 * pairs[p]["grains"][1]
+        ends[k, 0], ends[k, 1] = pairs[p]["grains"][0], pairs[p]["grains"][1]
         for a in range(6):
-            for c in range(6):
-                at[0, k] = place[(i if c < 3 else j) + c % 3]
-                at[1, k] = place[(i if a < 3 else j) + a % 3]
-                values[k] = K[c, a]
-                k += 1
-    return k
+            # Unit motions one after the other.
+            s = -1.0 if a < 3 else 1.0
+            f0, f1, m0, m1 = _pair_resultants(pairs[p], regime[p], side[p], a, s)
+            K[k, 0, a], K[k, 1, a], K[k, 2, a] = f0, f1, m0
+            K[k, 3, a], K[k, 4, a], K[k, 5, a] = -f0, -f1, m1
+        k += 1
+    return ends[:k], K[:k]
 
 
 @kernel
 def assemble(
-    pairs: NDArray[Any],
-    regime: Regimes,
-    side: Floats,
+    ends: Integers,
+    elements: Floats,
     springs: Floats,
-    walls: int,
     place: Integers,
     begin: Integers,
     rows: Integers,
@@ -281,22 +253,14 @@ def assemble(
     upper: Floats,
     pivot: Floats,
 ) -> None:
-    """Add the stiffness on `springs` (B,) to the blocks, zero so far.
-
-    The last bodies are `walls`, which are held: nothing couples to them.
-    """
-    K, count = np.empty((6, 6)), len(place) - walls
+    """Add the stiffness of pairs on `springs` (B, 3) to the blocks, zero so far."""
     for g in range(len(place)):
         for a in range(3):
-            pivot[place[g], a, a] += springs[g]
-    for p in range(len(pairs)):
-        if regime[p] == 0:
-            continue
-        _pair_stiffness(pairs[p], regime[p], side[p], K)
-        i, j = place[pairs[p]["grains"][0]], place[pairs[p]["grains"][1]]
-        held = pairs[p]["grains"][1] >= count
+            pivot[place[g], a, a] += springs[g, a]
+    for p in range(len(ends)):
+        K, i, j = elements[p], place[ends[p, 0]], place[ends[p, 1]]
         low, high = begin[min(i, j)], begin[min(i, j) + 1]
-        while not held and low < high:
+        while low < high:
             middle = (low + high) // 2
             if rows[middle] < max(i, j):
                 low = middle + 1
@@ -305,8 +269,6 @@ def assemble(
         for a in range(3):
             for b in range(3):
                 pivot[i, a, b] += K[a, b]
-                if held:
-                    continue
                 pivot[j, a, b] += K[3 + a, 3 + b]
                 if i == j:
                     pivot[i, a, b] += K[3 + a, b] + K[a, 3 + b]

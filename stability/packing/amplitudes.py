@@ -14,14 +14,13 @@ from loops.contacts import contacts_at_start
 from loops.errors import number
 from loops.scene import Scene
 from stability.destabilising import no_control
-from stability.packing.controls import direction_control
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.increment import PackingIncrements
 from stability.packing.loop_quantities import loop_changes
 from stability.packing.path import PackingPathOptions, follow_packing
 from stability.packing.probe import TOLD, Probe, Solutions, additive_work
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
-from stability.packing.yielding import YieldResponse
+from stability.packing.yielding import YieldResponse, direction_control
 from stability.path import Path
 from stability.programmes import NOTHING, Programme, Stage
 from stability.spectra import subspace_basis

@@ -18,7 +18,7 @@ from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
 from loops.laws.of_pairs import SMALL_OVERLAP
 from loops.validation import finite, positive
-from stability.packing.controls import MixedControl
+from stability.packing.yielding import MixedControl
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo
@@ -127,16 +127,6 @@ def masses_of(
     return np.ascontiguousarray(masses), np.ascontiguousarray(inertias)
 
 
-def motion_of(
-    radii: Floats, velocity: ArrayLike | None, spin: ArrayLike | None
-) -> tuple[Floats, Floats]:
-    """Velocities and spins of grains, zero if left out."""
-    count = len(radii)
-    velocities = np.zeros((count, 2)) if velocity is None else velocity
-    spins = np.zeros(count) if spin is None else spin
-    return finite("velocity", velocities, count, 2), finite("spin", spins, count)
-
-
 def step_of(masses: Floats, inertias: Floats, state: Contacts, stride: float = 1.0) -> float:
     """Length of a step; `stride` times that of a replay where this is stable."""
     stiffest = state.law.typical_stiffness(state.overlap).max()
@@ -152,21 +142,22 @@ def step_of(masses: Floats, inertias: Floats, state: Contacts, stride: float = 1
 
 def largest_step(masses: Floats, inertias: Floats, state: Contacts) -> float:
     """Length from which on steps are unstable: two over the largest frequency of the contacts."""
-    from stability.compiled.packing_system import blocks
+    from stability.compiled.packing_system import stiffnesses
 
     frame = state.records()
     regime = np.where(state.closed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
     regime = np.resize(regime, len(frame))
     size = 3 * len(state.x)
-    at, values = np.empty((2, 36 * len(frame)), dtype=np.int32), np.empty(36 * len(frame))
-    entries = blocks(frame, regime, np.zeros(len(frame)), np.arange(size), at, values)
+    ends, K = stiffnesses(frame, regime, np.zeros(len(frame)))
+    at = (3 * ends[:, :, None] + np.arange(3)).reshape(-1, 6)
     # Walls don't move. Rotations are in units of the mean radius.
     lightness = np.zeros((len(state.x), 3))
     lightness[: state.count, :2] = 1.0 / masses[:, None]
     lightness[: state.count, 2] = state.mean_radius**2 / inertias
-    root, (rows, columns) = np.sqrt(lightness).ravel(), at[:, :entries]
-    scaled = values[:entries] * root[rows] * root[columns]
-    matrix = sparse.csr_array((scaled, (rows, columns)), (size, size))
+    root = np.sqrt(lightness).ravel()
+    scaled = root[at][:, :, None] * K * root[at][:, None, :]
+    places = np.repeat(at, 6, axis=1).ravel(), np.tile(at, (1, 6)).ravel()
+    matrix = sparse.csr_array((scaled.ravel(), places), (size, size))
     # No mode of a regular packing is orthogonal to random numbers.
     first = np.random.default_rng(0).standard_normal(size)
     found = eigsh(matrix, k=1, which="LM", v0=first, tol=1e-2, return_eigenvectors=False)
@@ -242,7 +233,7 @@ class Moving:
     """A packing in motion; its pairs are listed anew where grains come closer.
 
     The velocity gradient of the cell is that of the servo if it isn't given. Masses, inertias,
-    velocities and spins are those of the grains; walls go with the cell.
+    velocities and spins (zero if left out) are those of the grains; walls go with the cell.
     """
 
     def __init__(
@@ -252,8 +243,8 @@ class Moving:
         inertias: Floats,
         servo: Servo,
         *,
-        velocity: ArrayLike = 0.0,
-        spin: ArrayLike = 0.0,
+        velocity: ArrayLike | None = None,
+        spin: ArrayLike | None = None,
         gradient: Floats | None = None,
         steps: int = 0,
     ) -> None:
@@ -269,7 +260,10 @@ class Moving:
         self.lightness = np.zeros(bodies), np.zeros(bodies)
         self.lightness[0][grains], self.lightness[1][grains] = 1.0 / masses, 1.0 / inertias
         velocities, spins = np.zeros((bodies, 2)), np.zeros(bodies)
-        velocities[grains], spins[grains] = velocity, spin
+        if velocity is not None:
+            velocities[grains] = finite("velocity", velocity, start.count, 2)
+        if spin is not None:
+            spins[grains] = finite("spin", spin, start.count)
         count, law = len(start.contacts), start.law
         self.motion = MovingDiscs(
             x=np.array(start.x),

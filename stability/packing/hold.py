@@ -23,7 +23,6 @@ from stability.packing.equations_of_motion import (
     Moving,
     lasting,
     masses_of,
-    motion_of,
     servo_of,
     steered,
     step_of,
@@ -225,7 +224,6 @@ def hold(
         raise InputError("hold", received, expected, "Hold the walls, and give the area.")
     start = contacts_at_start(scene, still=True)
     masses, inertias = masses_of(scene.graph.radii, mass, inertia)
-    velocities, spins = motion_of(scene.graph.radii, velocity, spin)
     dt = step_of(masses, inertias, start)
     if not np.linalg.norm(start.forces[start.closed]) > 0:
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
@@ -237,7 +235,7 @@ def hold(
             servo = servo._replace(lag=slower * servo.lag)
             servo = steered(servo, start, HELD_STRESS, NO_ROTATION, np.zeros(4))
             servo = lasting(servo, dt)
-        moving = Moving(start, masses, inertias, servo, velocity=velocities, spin=spins)
+        moving = Moving(start, masses, inertias, servo, velocity=velocity, spin=spin)
         before = moving.unbalanced(start)
         return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
 

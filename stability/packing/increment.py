@@ -27,7 +27,6 @@ from loops.laws.frictional import ContactLaw, Regime, edge_rates
 from loops.scene import Scene, of_scene
 from loops.system import balancing_forces, relative_motion
 from stability.complementarity import positive_definite, raise_load
-from stability.packing.controls import MixedControl, component_control
 from stability.packing.response import (
     CONDENSED,
     TRUSTED,
@@ -37,7 +36,9 @@ from stability.packing.response import (
     response_of,
 )
 from stability.packing.yielding import (
+    MixedControl,
     YieldResponse,
+    component_control,
     forces_with_slip,
     yield_response,
 )
@@ -52,7 +53,7 @@ class PackingIncrements:
     """The increments of one state, prepared for any number of them."""
 
     def __init__(self, yielding: YieldResponse) -> None:
-        self.rates = PackingRates(nearest_candidates(yielding), refine=1)
+        self.rates = PackingRates(nearest_candidates(yielding))
         self.yielding = self.rates.yielding
 
     def response(self, strain: ArrayLike, stress: ArrayLike | None = None) -> PackingResponse:
@@ -69,10 +70,8 @@ class PackingIncrements:
         h = control.strains(elastic.stress, stress_of_slip)
         H = h.reshape(2, 2)
         motion = elastic.motion @ h + self.rates.slips @ slip
-        relative, forces = self._forces(motion, H, slip)
-        # What one refinement of each motion under slip has left.
-        motion -= elastic.factor.solve(balancing_forces(system, forces))
-        relative, forces = self._forces(motion, H, slip)
+        relative = relative_motion(system, motion, H)
+        forces = forces_with_slip(yielding, relative, slip)
         size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
         residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
         status: ResponseStatus = "nearest" if raised.held.any() else "one found"
@@ -92,11 +91,6 @@ class PackingIncrements:
             reached=raised.first,
             beyond=int(np.count_nonzero(self._beyond(relative))),
         )
-
-    def _forces(self, motion: Floats, H: Floats, slip: Floats) -> tuple[Floats, Floats]:
-        """Return relative motions of the contacts (E, 4), and changes of their forces."""
-        relative = relative_motion(self.yielding.system, motion, H)
-        return relative, forces_with_slip(self.yielding, relative, slip)
 
     def _beyond(self, relative: Floats) -> Flags:
         """Return contacts, no candidates, that end beyond their strength (E,)."""

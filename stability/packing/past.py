@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from loops.arrays import Floats
 from loops.contacts import Contacts
-from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import snap_through
 from stability.packing.point import RELEASED, PackingPoint
+from stability.packing.yielding import MixedControl
 from stability.path import Event, How, Past
 
 

@@ -13,7 +13,7 @@ from loops.contacts import contacts_at_start
 from loops.scene import Scene
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.past import PassBy, Passed, Viscous, past_of
-from stability.packing.pathologies import pathologies
+from stability.packing.pivots import pathologies
 from stability.packing.point import MAY_CLOSE_GAP, PackingPoint, regimes_of
 from stability.packing.rattlers import free_rattlers, settle
 from stability.packing.regime_factor import OPEN, Memory, RegimeFactor

@@ -11,8 +11,8 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts, PackingState
-from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, Memory
+from stability.packing.yielding import MixedControl
 from stability.path import Event
 from stability.programmes import Stage
 

@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.controls import Edge, MixedControl
+from stability.packing.yielding import Edge, MixedControl
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Order
@@ -34,8 +34,6 @@ RATE_RTOL = 1e-9
 OPEN = int(Regime.OPEN)
 ELASTIC = int(Regime.ELASTIC)
 SLIDING = int(Regime.SLIDING)
-# Strain rates of one component each, 11, 12, 21, 22, and none.
-STRAIN_RATES = np.eye(5, 4)
 
 
 class Combination(NamedTuple):
@@ -98,7 +96,8 @@ class RegimeFactor:
         self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
         self.load = np.zeros(freedoms) if load is None else load
-        self.ground_spring = np.zeros(self.count)
+        # Walls stand still.
+        self.ground_spring = np.where(np.arange(self.count) < state.count, 0.0, np.inf)
         self.time_to_event = np.full(len(self.frame), np.inf)
         # Cached yield-function rates of contacts: value per motion, number of motions, slip sign.
         self.yield_rates = np.empty((len(self.frame), 5 + ROOM))
@@ -128,15 +127,17 @@ class RegimeFactor:
 
     def factorise(self) -> None:
         """Factorise the system in its present regimes: the reference without any column."""
-        from stability.compiled import packing_system
+        from stability.compiled.packing_system import factorise, stiffnesses
 
         self.reference = (self.regime.copy(), self.side.copy())
         closed = self.regime[: self.pair_count] != OPEN
         self.touched: Flags = np.zeros(self.count, dtype=bool)
         self.touched[self.frame["grains"][: self.pair_count][closed]] = True
         system, load = (self.frame, *self.reference), self._held_load()
-        springs = np.maximum(REGULARISATION, self.ground_spring) * float(self.frame["kn"].mean())
-        self.factors = packing_system.factorise(*system, springs, self.walls, self.order)
+        springs = np.maximum(REGULARISATION, self.ground_spring)[:, None]
+        ends, elements = stiffnesses(*system)
+        springs = springs * np.full(3, self.frame["kn"].mean())
+        self.factors = factorise(ends, elements, springs, self.order)
         self.order = self.factors.order
         if not self.factors.regular:
             raise ArithmeticError("it is singular in these regimes")
@@ -160,7 +161,7 @@ class RegimeFactor:
     def set_load(self, load: Floats) -> None:
         """Replace the load; only while there are no columns."""
         self.load = load
-        self.V[4] = self._relative(self.factors.motions(self._held_load()[None]))[0]
+        self.V[4] = self._relative(self.factors.motions(self._held_load()[:, None]))[0]
 
     def _held_load(self) -> Floats:
         """Return the load of grains with contacts; in a cell without the resultant of all."""
@@ -184,7 +185,7 @@ class RegimeFactor:
 
     def column(self, row: int) -> int:
         """Return the number of the column of a row, which is solved for if it is new."""
-        from stability.compiled.packing_columns import mutual_rates
+        from stability.compiled.packing_rates import mutual_rates
 
         if row not in self.at:
             k = len(self.at)
@@ -301,11 +302,11 @@ class RegimeFactor:
             return np.zeros((4, 5)), np.zeros((4, m))
         if not self.stressed:
             for k in range(5):
-                kernels.stress_rate(frame, *self.reference, self.V[k], STRAIN_RATES[k], out)
+                kernels.stress_rate(frame, *self.reference, self.V[k], kernels.UNIT_STRAINS[k], out)
                 self.stress0[:, k] = out / self.volume
         # Of the columns that have none yet, their own force included.
         for k in range(max(self.stressed - 1, 0), m):
-            kernels.stress_rate(frame, *self.reference, self.U[k], STRAIN_RATES[4], out)
+            kernels.stress_rate(frame, *self.reference, self.U[k], kernels.UNIT_STRAINS[4], out)
             pair, shear = frame[self.rows[k] % len(frame)], self.rows[k] >= len(frame)
             own = np.outer(pair["t"] if shear else pair["n"], pair["d"]).ravel()
             self.column_stress[:, k] = (out + own) / self.volume
@@ -315,14 +316,14 @@ class RegimeFactor:
 
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """Return `n . d'` and the shear rate of a pair."""
-        from stability.compiled.packing_columns import rates_of
+        from stability.compiled.packing_rates import relative
 
-        un, ut = rates_of(self.frame, c, self.V, self.U, *rates)
+        un, ut, _ = relative(self.frame[c], self.motion(rates), rates.h)
         return un, ut
 
     def edge(self, rates: Sequence[Combination], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs: rate of the yield function if stuck, minus slip rate."""
-        from stability.compiled.packing_columns import yield_rates
+        from stability.compiled.packing_rates import yield_rates
 
         h, w = (np.array(parts) for parts in zip(*rates, strict=True))
         out = np.empty((len(c), len(rates)))

@@ -16,7 +16,6 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.directional.branches import plane_directions, works
-from stability.packing.controls import MixedControl, direction_control
 from stability.packing.response import (
     CRITICAL,
     SCALED,
@@ -28,7 +27,7 @@ from stability.packing.response import (
     PackingResponse,
     Solved,
 )
-from stability.packing.yielding import complementary_rates
+from stability.packing.yielding import MixedControl, complementary_rates, direction_control
 from stability.regimes import HELD_STUCK
 from stability.second_order_work import plane_cone
 from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch

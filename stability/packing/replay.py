@@ -18,7 +18,6 @@ from stability.packing.equations_of_motion import (
     duration_of,
     lasting,
     masses_of,
-    motion_of,
     require_upright,
     servo_of,
     steered,
@@ -121,7 +120,6 @@ def replay(
     """
     start = contacts_at_start(scene)
     masses, inertias = masses_of(scene.graph.radii, mass, inertia)
-    velocities, spins = motion_of(scene.graph.radii, velocity, spin)
     number("damping", damping, 0.0)
     number("viscous", viscous, 0.0)
     number("inertial_number", inertial_number, 0.0, open_low=True)
@@ -145,7 +143,7 @@ def replay(
     at = _shares(sizes, shares)
     gradients = {} if servo.on else _gradients(ends, at, steps, dt)
     moving = Moving(
-        start, masses, inertias, servo, velocity=velocities, spin=spins,
+        start, masses, inertias, servo, velocity=velocity, spin=spin,
         gradient=gradients.get(0), steps=steps,
     )  # fmt: skip
     motion = moving.motion

@@ -20,7 +20,7 @@ from loops.laws.frictional import Regime
 from loops.scene import Scene
 from loops.shown import Shown
 from loops.stress_strain import cauchy_rate
-from loops.system import REFINEMENTS, System, balancing_forces, packing_stress
+from loops.system import System, balancing_forces, packing_stress
 from stability.complementarity import (
     SIGN,
     STARTS,
@@ -28,25 +28,21 @@ from stability.complementarity import (
     Family,
     feasible_for_all,
     nearest_regimes,
-    regular_factors,
     solve_from,
 )
-from stability.packing.controls import (
-    ROUNDED,
-    Edge,
-    MixedControl,
-    component_control,
-)
 from stability.packing.yielding import (
+    ROUNDED,
     YIELD_BAND,
+    Edge,
     LinearAnswer,
+    MixedControl,
     YieldResponse,
     complementary_rates,
+    component_control,
     condensed,
     linear_answer,
     slip_motion,
     stiffness_of,
-    updated_factor,
     yield_response,
 )
 from stability.programmes import Programme
@@ -201,17 +197,13 @@ class Solved(NamedTuple):
 
 
 class PackingRates:
-    """The rate problem of one state, prepared for any number of strain rates.
+    """The rate problem of one state, prepared for any number of strain rates."""
 
-    `refine`: refinements of the motions under slip; one leaves some 1e-9 of them.
-    """
-
-    def __init__(self, yielding: YieldResponse, refine: int = REFINEMENTS) -> None:
+    def __init__(self, yielding: YieldResponse) -> None:
         self.yielding = yielding
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
         self.elastic = linear_answer(yielding, self.none)
-        self.refine = refine
         self.last = (self.none, self.elastic)
         # The last matrix under which no control is infeasible.
         self._feasible: Floats = np.empty((0, 0))
@@ -223,7 +215,7 @@ class PackingRates:
 
     @cached_property
     def _slips(self) -> tuple[Floats, float]:
-        motion, left = slip_motion(self.yielding, self.elastic, self.every, self.refine)
+        motion, left = slip_motion(self.yielding, self.elastic, self.every)
         return motion, float(left.max(initial=0.0))
 
     @property
@@ -249,7 +241,7 @@ class PackingRates:
 
     def given(self, control: MixedControl, active: Flags) -> PackingResponse:
         """Answer one control with these candidates sliding, whether that agrees or not."""
-        answer = linear_answer(self.yielding, active) if active.any() else self.elastic
+        answer = self._answer(active)
         told = of_sets(Complementarity(active[None], GIVEN))
         return self._response(answer, active, told, control)
 
@@ -313,17 +305,11 @@ class PackingRates:
         return Solved(response, active, answer, sets.reshape(len(sets), len(self.every)))
 
     def _answer(self, active: Flags) -> LinearAnswer:
-        """Answer with these candidates sliding, from the factorisation with none.
-
-        Where they slide without resistance the packing is factorised anew, with its regularisation.
-        """
+        """Answer with these candidates sliding."""
         if not active.any():
             return self.elastic
         if not np.array_equal(active, self.last[0]):
-            factor = None
-            if regular_factors(self.whole.of_slip[np.ix_(active, active)]) is not None:
-                factor = updated_factor(self.yielding, self.elastic, active, self.slips)
-            self.last = (active, linear_answer(self.yielding, active, factor=factor))
+            self.last = (active, linear_answer(self.yielding, active, self.elastic))
         return self.last[1]
 
     def _response(

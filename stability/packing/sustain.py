@@ -21,7 +21,6 @@ from loops.graph import GrainGraph
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from stability.packing.amplitudes import stage_along
-from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     Moving,
@@ -41,7 +40,7 @@ from stability.packing.path_solver import PackingPathSolver, Stop
 from stability.packing.point import PackingPoint
 from stability.packing.probe import Probe, probe_directions, probe_edge
 from stability.packing.regime_regions import Subspace
-from stability.packing.yielding import yield_response
+from stability.packing.yielding import MixedControl, yield_response
 from stability.path import LARGE_MOTION, Path, PathStatus
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give

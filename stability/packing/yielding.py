@@ -1,4 +1,4 @@
-"""Contacts of a packing at yield, the candidates for sliding, and the linear answers of regimes."""
+"""Controls of rates, contacts at yield, the candidates for sliding, and answers of regimes."""
 
 from __future__ import annotations
 
@@ -7,33 +7,107 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
 from loops.assembly import contact_kinematics, contact_tangent
 from loops.contacts import AT_YIELD
-from loops.errors import number
+from loops.errors import InputError, number
 from loops.graph import ContactState
 from loops.laws.frictional import ContactLaw, Regime, edge_of
 from loops.scene import Scene
 from loops.system import (
-    REFINEMENTS,
-    Changed,
-    Factor,
     System,
     balancing_forces,
-    factorised,
     in_freedoms,
     packing_stress_rate,
     relative_motion,
-    stiffness_matrix,
     system_of,
 )
-from stability.packing.controls import Edge
+from stability.factor import Factor
+from stability.programmes import NOTHING
+from stability.spectra import subspace_basis
 
 # Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
 YIELD_BAND = 0.99
 # H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
 UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
+
+
+# Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
+ROUNDED = 1e-13
+
+
+class MixedControl(NamedTuple):
+    """`stress @ P' + strain @ H' = rate`, four rows of either or of both; 11, 12, 21, 22."""
+
+    stress: Floats
+    strain: Floats
+    rate: Floats
+
+    def matrix(self, tangent: Floats) -> Floats:
+        """Return what the strain rate of a packing with this tangent (4, 4) is multiplied by."""
+        return self.stress @ tangent + self.strain
+
+    def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
+        """Return strain rates (4,) at which the stress rate is `tangent @ H' + offset`."""
+        right = self.rate - self.stress @ offset
+        return np.asarray(np.linalg.solve(self.matrix(tangent), right))
+
+
+class Edge(NamedTuple):
+    """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
+
+    Of them all under unit strains (m, 4) and unit slips (m, k), and under the load (m,); the stress
+    rates (4, 4), (4, k), (4,) of these.
+    """
+
+    of_strain: Floats
+    of_slip: Floats
+    stress: Floats
+    stress_of_slip: Floats
+    of_load: Floats | float = 0.0
+    stress_of_load: Floats = NOTHING
+
+    def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
+        """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
+        still = control._replace(rate=np.zeros((4, 1)))
+        driven = self.of_strain @ still.strains(self.stress, self.stress_of_slip)
+        M = self.of_slip + driven
+        M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
+        h = control.strains(self.stress, self.stress_of_load)
+        return self.of_load + self.of_strain @ h, M
+
+
+def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:
+    """Return the control of components of `H'` where they are numbers, else of `P'`."""
+    H = np.asarray(strain, dtype=float)
+    P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
+    driven = np.isnan(H)
+    if H.shape != (2, 2) or np.isinf(H).any():
+        expected = "(2, 2) finite numbers, or nan for stress control"
+        remedy = "Give a number for each component that is prescribed, nan for the others."
+        raise InputError("strain_rate", f"{H.tolist()}", expected, remedy)
+    if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
+        expected = "finite numbers of shape (2, 2) where the strain is nan"
+        remedy = "Give zero to hold the stress."
+        raise InputError("stress_rate", f"{P.tolist()}", expected, remedy)
+    by_stress = np.diag(1.0 * driven.ravel())
+    return MixedControl(by_stress, np.eye(4) - by_stress, np.where(driven, P, H).ravel())
+
+
+def direction_control(direction: Floats, subspace: str, driven: str) -> MixedControl:
+    """Return the control that drives strain or stress along a direction of a subspace.
+
+    Strain outside of it is zero.
+    """
+    basis = subspace_basis(subspace)
+    m = len(basis)
+    # The rest of an orthonormal basis.
+    rows = np.vstack([basis, np.linalg.svd(basis)[2][m:]])
+    of_stress = np.diag((np.arange(4) < m) * float(driven == "stress"))
+    rate = np.append(direction, np.zeros(4 - m))
+    return MixedControl(of_stress @ rows, rows - of_stress @ rows, rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +140,7 @@ class LinearAnswer:
     balances.
     """
 
-    factor: Factor | Changed
+    factor: Factor
     loads: Floats
     unbalanced: Floats
     motion: Floats
@@ -155,11 +229,14 @@ def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
 
 
 def linear_answer(
-    yielding: YieldResponse, active: Flags, factor: Factor | Changed | None = None
+    yielding: YieldResponse, active: Flags, before: LinearAnswer | None = None
 ) -> LinearAnswer:
-    """Solve for the four unit strains with the active candidates sliding."""
+    """Solve for the four unit strains with the active candidates sliding.
+
+    The order of elimination may be that of an answer `before`.
+    """
     system, blocks = yielding.system, stiffness_of(yielding, active)
-    factor = factor or factorised(system, blocks)
+    factor = Factor(system, blocks, before.factor.order if before else None)
     affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
     loads = balancing_forces(system, blocks @ affine)
     motion = factor.solve(loads)
@@ -172,26 +249,16 @@ def linear_answer(
 
 
 def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers, refine: int = REFINEMENTS
+    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers
 ) -> tuple[Floats, Floats]:
     """Return the motion per unit of slip `z` of each chosen candidate (size, k).
 
     Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
     """
     loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads, refine=refine)
+    motion = answer.factor.solve(loads)
     left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
     return motion, left / np.linalg.norm(loads, axis=0)
-
-
-def updated_factor(
-    yielding: YieldResponse, elastic: LinearAnswer, active: Flags, slips: Floats
-) -> Changed:
-    """Return factors with active candidates sliding, as an update of those with all sticking."""
-    gauge = in_freedoms(yielding.system, yielding.rows[active], yielding.gauge[active])
-    matrix = stiffness_matrix(yielding.system, stiffness_of(yielding, active))
-    assert isinstance(elastic.factor, Factor)
-    return elastic.factor.changed(matrix, -slips[:, active], gauge)
 
 
 def condensed(
@@ -209,7 +276,8 @@ def condensed(
     )
     blocks = stiffness_of(yielding, active)
     lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
-    stress = balancing_forces(system, lines.reshape(len(blocks), 4, 4)).T @ motion
+    # Few columns at the right: the other way round BLAS takes twelve times as long.
+    stress = (motion.T @ balancing_forces(system, lines.reshape(len(blocks), 4, 4))).T
     own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
     of_strain = complementary_rates(yielding, active, answer.relative)[chosen]
     return Edge(of_strain, matrix, answer.stress, (stress - own) / system.volume)

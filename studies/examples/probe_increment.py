@@ -23,8 +23,7 @@ from loops.arrays import Floats
 from stability import follow
 from stability.packing import PackingIncrements, PackingRates
 from stability.packing.amplitudes import stage_along
-from stability.packing.controls import direction_control
-from stability.packing.yielding import yield_response
+from stability.packing.yielding import direction_control, yield_response
 from studies.examples import run_example, save
 from studies.examples.probing import convected, increments, state
 from studies.style import BLUE, GREEN, TWO_COLUMNS, VERMILION, new_figure, styled

@@ -5,7 +5,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, PlaneContacts, Scene, find_faces
 from loops.in_place import loops_in_place
-from loops.system import Factor, carrying_grains, factorised, packing_system
+from loops.system import carrying_grains, packing_system
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5)
@@ -81,44 +81,3 @@ def test_walls_slide_without_shear_stiffness_and_stick_with_any():
     kt = np.array([0.0, 1e-12, 0.5])
     planes = PlaneContacts(np.arange(3), np.tile([0.5, 0.0], (3, 1)), np.ones(3), kt)
     assert planes.regime.tolist() == [2, 1, 1]
-
-
-class Counted(Factor):
-    """Factors that count their solves."""
-
-    def once(self, loads):
-        vars(self)["solves"] = vars(self).get("solves", 0) + 1
-        return super().once(loads)
-
-
-def test_refinement_ends_at_rounding():
-    system = packing_system(Scene(strips(1), LAW))
-    factor = factorised(system)
-    rng = np.random.default_rng(0)
-    loads = factor.matrix @ rng.normal(size=system.size)
-    rough = factor.solve(loads, refine=0)
-    counted = Counted(factor.matrix, factor.lu, factor.unit, factor.translations)
-    fine = counted.solve(loads)
-    left = [
-        np.linalg.norm(loads - factor.matrix @ v) / np.linalg.norm(loads) for v in (rough, fine)
-    ]
-    assert 1e-12 < left[0] < 1e-9 and left[1] < 2e-15
-    # One step of eleven digits is enough, and no second is taken for nothing.
-    assert counted.solves == 2
-    # In any unit of force.
-    counted.solve(2.0**40 * loads)
-    counted.solve(2.0**-40 * loads)
-    assert counted.solves == 6
-
-
-def test_a_load_that_nothing_carries_moves_nothing():
-    """All grains pushed across, where the band floats: what is left of the load is all of it."""
-    system = packing_system(Scene(strips(1), LAW))
-    factor = factorised(system)
-    loads = np.zeros(system.size)
-    loads[system.freedom[:, 1]] = 1.0
-    assert np.abs(factor.solve(loads)).max() < 1e-12
-    balanced = factor.matrix @ np.cos(np.arange(system.size))
-    both, alone = factor.solve(loads + balanced), factor.solve(balanced)
-    np.testing.assert_allclose(both, alone, rtol=0, atol=1e-12)
-    assert np.abs(alone[system.freedom[:, :2]].mean(axis=0)).max() < 1e-15

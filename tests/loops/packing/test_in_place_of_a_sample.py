@@ -18,9 +18,10 @@ from loops import (
 from loops.arrays import frobenius
 from loops.gears import spin_modes
 from loops.in_place import inverted, loops_in_place, polygons_of
-from loops.system import factorised, packing_system
+from loops.system import packing_system
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
+from stability.factor import Factor
 from studies.reading import rows_by_number
 from tests.oracles import eighty_bits
 
@@ -102,10 +103,10 @@ def sheared_and_flagged():
 
 @pytest.mark.parametrize("name", ["elastic", "flagged"])
 def test_selected_inverse_is_the_direct_solve(request, name):
-    """SuperLU's solves, refined until they know no regularisation."""
+    """Solves of the rates, refined until they know no regularisation."""
     state = request.getfixturevalue(name)
     system = packing_system(Scene(state.graph, state.law))
-    factor = factorised(system)
+    factor = Factor(system)
     row = {face: k for k, face in enumerate(state.faces.loops)}
     for batch in loop_batches(state.graph, state.faces):
         vectors, area = boundary_vectors(batch.graph.x), polygon_area(batch.graph.x)

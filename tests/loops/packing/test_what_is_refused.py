@@ -6,13 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from loops import Boundary, GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.boundary import outline_grains, plane_contacts
 from loops.in_place import loops_in_place
 from loops.multifrontal import Front, _tasks, frontal_lu
-from loops.system import Factor, Mechanisms, carrying_grains, factorised, packing_system
+from loops.system import carrying_grains, packing_system
 from tests.loops.packing.whole_operators import CASES
 from tests.packings import packing
 
@@ -112,25 +111,6 @@ def test_the_outline_is_the_outer_cycle_of_the_largest_cluster():
     held = outline_grains(some, find_faces(some))
     assert held[np.argmax(some.x, axis=0)].all() and held[np.argmin(some.x, axis=0)].all()
     assert 0.1 < held.mean() < 0.6
-
-
-def test_changed_factors_are_those_of_the_changed_matrix():
-    system = packing_system(Scene(packing(16), LAW))
-    factor = factorised(system)
-    rng = np.random.default_rng(0)
-    K = np.diag(2.0 + np.arange(6.0)) + rng.normal(size=(6, 6)) * 0.1
-    P, G = rng.normal(size=(6, 2)), rng.normal(size=(2, 6))
-    none = Mechanisms(np.zeros((6, 0)), np.zeros((0, 6)), np.zeros((0, 1)))
-    plain = Factor(sparse.csc_array(K), splu(sparse.csc_array(K)), 1.0, none)
-    changed = plain.changed(sparse.csc_array(K - P @ G), np.linalg.solve(K, P), sparse.csr_array(G))
-    for b in (rng.normal(size=6), rng.normal(size=(6, 11))):
-        assert np.allclose((K - P @ G) @ changed.once(b[..., :8]), b[..., :8], atol=1e-13)
-        assert np.allclose((K - P @ G) @ changed.solve(b), b, atol=1e-13)
-    # Columns are solved eight at a time, and not refined where that is not asked for.
-    loads = factor.matrix @ rng.normal(size=(system.size, 11))
-    each = np.column_stack([factor.solve(one) for one in loads.T])
-    assert np.allclose(factor.matrix @ factor.solve(loads), loads, atol=1e-12)
-    assert np.allclose(factor.matrix @ each, loads, atol=1e-12)
 
 
 def test_small_subtrees_are_one_task_and_those_above_wait_for_them():

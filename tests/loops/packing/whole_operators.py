@@ -26,7 +26,6 @@ from loops.gears import spin_modes
 from loops.in_place import inverse_at_contacts, loops_in_place
 from loops.system import (
     balancing_forces,
-    factorised,
     in_freedoms,
     packing_stress_rate,
     packing_system,
@@ -34,6 +33,7 @@ from loops.system import (
     stiffness_matrix,
 )
 from patterns import synthetic_network
+from stability.factor import Factor
 from tests.packings import LAW, packing, with_idle_triangle
 
 WORDS, NUMBERS = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".npz"))
@@ -162,7 +162,7 @@ def system_of(case):
     forces = -np.einsum("eij,ejk->eik", system.stiffness, motion)
     rows = np.arange(0, len(system.ends), 3)
     matrix = stiffness_matrix(system)
-    factor = factorised(system)
+    factor = Factor(system)
     balanced = matrix @ wave
     mode, moves, _ = spin_modes(system.stiffness, system.ends, system.size)
     words["mode"] = mode.tolist()

@@ -11,9 +11,8 @@ from stability.complementarity import _every_solution, raise_load, violation
 from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
 from stability.packing import increment as increment_module
 from stability.packing.amplitudes import probe_by_increment
-from stability.packing.controls import component_control
 from stability.packing.increment import nearest_candidates
-from stability.packing.yielding import forces_of_motion, yield_response
+from stability.packing.yielding import component_control, forces_of_motion, yield_response
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain
 from tests.stability.packing.walled_packings import between, jammed_in_box

@@ -14,7 +14,6 @@ from stability import Event, Programme, Stage, follow
 from stability.packing import loop_changes, strain_increment, sustain
 from stability.packing import past as past_module
 from stability.packing.amplitudes import stage_along
-from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     STABLE,
@@ -43,7 +42,7 @@ from stability.packing.sustain import (
     motion_past,
     move,
 )
-from stability.packing.yielding import forces_of_motion, yield_response
+from stability.packing.yielding import MixedControl, forces_of_motion, yield_response
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
 

@@ -10,7 +10,6 @@ import pytest
 from loops import HertzMindlin, Regime, Scene, contact_state
 from loops.in_place import loop_loads, loops_in_place, polygons_of
 from loops.system import (
-    factorised,
     in_freedoms,
     packing_system,
     relative_motion,
@@ -19,6 +18,7 @@ from loops.system import (
 from patterns import read_snapshot, sample_path
 from stability import restrict, subspace_basis
 from stability.complementarity import solve_from
+from stability.factor import Factor
 from stability.packing import loops_at_yield
 from tests.packings import LAW, packing
 
@@ -61,7 +61,7 @@ def rates_of(scene, regimes, row, strain):
     system = packing_system(regimes)
     grains, vectors, area = loop_of(scene, row)
     loads = loop_loads(system, grains, vectors)
-    under = factorised(system).solve(loads)
+    under = Factor(system).solve(loads)
     stress = np.linalg.solve(loads.T @ under / area, strain)
     return system, relative_motion(system, -under @ stress), stress
 

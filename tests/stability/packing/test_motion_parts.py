@@ -10,7 +10,6 @@ from loops import InputError, LinearFrictional, RollingResistance
 from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage
 from stability.packing import equations_of_motion
-from stability.packing.controls import MixedControl
 from stability.packing.equations_of_motion import (
     Moving,
     _affine_stiffness,
@@ -25,6 +24,7 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.replay import _span
+from stability.packing.yielding import MixedControl
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle
 

@@ -9,9 +9,9 @@ from loops import Scene
 from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
 from stability.packing import pivots, strain_increment
-from stability.packing.controls import MixedControl
 from stability.packing.pivots import disagreeing, pivot
 from stability.packing.regime_factor import ELASTIC, RegimeFactor
+from stability.packing.yielding import MixedControl
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_regime_factor import stiffness
 

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy import sparse
 
 from loops import Scene, branch_vectors
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.packing_rates import stress_rate
-from stability.compiled.packing_system import blocks, strain_loads
+from stability.compiled.packing_system import stiffnesses, strain_loads
 from stability.packing import regime_factor, strain_increment
-from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
+from stability.packing.yielding import MixedControl
 from tests.packings import BRANCH, LAW, forces_after, jammed, packing
 from tests.stability.packing.yade_rest import STATES, yade_rest
 
@@ -49,10 +48,10 @@ def pieces_of(graph, changes=()):
 def stiffness(pieces):
     """Dense stiffness in the present regimes, without springs."""
     system, n = (pieces.frame, pieces.regime, pieces.side), 3 * pieces.count
-    at = np.empty((2, 36 * len(pieces.frame)), dtype=np.int32)
-    values = np.empty(at.shape[1])
-    k = blocks(*system, np.arange(n), at, values)
-    return sparse.coo_array((values[:k], tuple(at[:, :k])), (n, n)).toarray()
+    (ends, elements), K = stiffnesses(*system), np.zeros((n, n))
+    at = (3 * ends[:, :, None] + np.arange(3)).reshape(-1, 6)
+    np.add.at(K, (at[:, :, None], at[:, None, :]), elements)
+    return K
 
 
 def rates_of(pieces):

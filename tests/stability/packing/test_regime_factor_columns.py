@@ -6,7 +6,6 @@ import pytest
 from loops.contacts import contacts_of, start_state
 from stability.compiled.packing_system import Order, structure
 from stability.packing import regime_factor
-from stability.packing.controls import MixedControl
 from stability.packing.regime_factor import (
     ELASTIC,
     OPEN,
@@ -14,6 +13,7 @@ from stability.packing.regime_factor import (
     SLIDING,
     RegimeFactor,
 )
+from stability.packing.yielding import MixedControl
 from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS, stiffness
 from tests.stability.packing.test_units import unequal
 

@@ -6,7 +6,7 @@ import pytest
 from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, RollingResistance, Scene
 from loops.contacts import contacts_of, start_state
 from loops.system import packing_system, stiffness_matrix
-from stability.compiled.packing_system import assemble, structure
+from stability.compiled.packing_system import stiffnesses
 from stability.packing.regime_factor import RegimeFactor
 from tests.packings import jammed
 
@@ -43,16 +43,10 @@ def test_rates_and_paths_have_one_stiffness_matrix(name):
     regimes = np.concatenate(springs[: contacts.law.springs])
     sides = np.tile(np.sign(T), contacts.law.springs)
     factor = RegimeFactor(contacts, regimes, sides, np.zeros(3 * len(graph.x)))
-    of_path = np.zeros((factor.count, 3, factor.count, 3))
-    place, none = np.arange(factor.count), np.zeros(factor.count)
-    begin, rows = structure(factor.frame["grains"][regimes != Regime.OPEN], place)
-    column = np.repeat(place, np.diff(begin))
-    parts = np.zeros((2, len(rows), 3, 3)), np.zeros((factor.count, 3, 3))
-    given = factor.frame, regimes, sides, none, 0, place, begin, rows
-    assemble(*given, *parts[0], parts[1])
-    of_path[rows, :, column], of_path[column, :, rows] = parts[0]
-    of_path[place, :, place] = parts[1]
-    of_path = of_path.reshape(3 * factor.count, -1)
+    of_path = np.zeros((3 * factor.count, 3 * factor.count))
+    ends, elements = stiffnesses(factor.frame, regimes, sides)
+    at = (3 * ends[:, :, None] + np.arange(3)).reshape(-1, 6)
+    np.add.at(of_path, (at[:, :, None], at[:, None, :]), elements)
     moves = system.freedom >= 0
     at = system.freedom[moves]
     carried = of_path[np.ix_(moves.ravel(), moves.ravel())]
