@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import pandas as pd
 import pytest
 
 from patterns import Snapshot, sample_cell, sample_path, write_snapshot
-from studies.cli import main
+from tests.command import run as run_command
 from tests.packings import LAW, jammed
 from tests.unsaved import leave_files_empty
 
@@ -38,12 +37,10 @@ def run(folder: Path, *arguments: object) -> Path:
     """Result folder of a command, its figures empty files."""
     out = folder / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["grainloops", *map(str, arguments), "--out", str(out)])
         leave_files_empty(patch)
-        with pytest.raises(SystemExit) as stop:
-            main()
-    if stop.value.code != 0:
-        raise RuntimeError(f"{arguments}: exit status {stop.value.code}")
+        status = run_command(*arguments, "--out", out)
+    if status != 0:
+        raise RuntimeError(f"{arguments}: exit status {status}")
     return out
 
 

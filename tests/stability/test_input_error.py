@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from loops.closures import macroscopic_tangent
+from loops import macroscopic_tangent
 from stability import restrict, symmetric_spectrum
 from stability.input_error import RULES, InputErrors, at_edge, eigenvalue_errors
 

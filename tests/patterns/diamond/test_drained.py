@@ -103,17 +103,6 @@ def test_slope_of_the_path_is_the_papers(name, sliding):
     assert other[0, -1] == pytest.approx(-K[1, 0] / K[1, 1], rel=1e-2)
 
 
-def test_snap_back_is_seen_in_the_strain():
-    path = drained_path(DiamondParameters(alpha0=0.6, kappa=0.4, phi=0.05, confinement=0.38))
-    assert path.status == "yield"
-    assert path.snaps_back
-    end = float(path.end.alpha)
-    before, _ = drained_states(path, [end - 1e-4, end])
-    after, _ = drained_states(path, [end, end + 1e-4])
-    assert before.E1[1] > before.E1[0]
-    assert after.E1[1] < after.E1[0]
-
-
 def test_falling_contacts_stick_again():
     path = drained_path(FALLING)
     p, stick = path.parameters, path.stick_angle
@@ -131,28 +120,6 @@ def test_falling_contacts_stick_again():
     ratio = np.abs(state.T) / (p.mu * state.N)
     np.testing.assert_allclose(ratio[:3], 1.0, rtol=1e-12)
     assert np.all(np.diff(ratio[2:]) < 0)
-
-
-def test_unconfined_diamond_locks_until_the_friction_angle():
-    path = drained_path(DiamondParameters(alpha0=0.4, kappa=0.3, phi=0.5, confinement=0.0))
-    assert path.status == "yield"
-    assert float(path.end.alpha) == pytest.approx(0.5, abs=1e-16)
-    assert path.end.N > 0.02
-    assert path.snaps_back
-    state, regime = drained_states(path, [0.45, float(path.end.alpha), 0.6])
-    assert regime.tolist() == ["elastic", "elastic", "open"]
-    np.testing.assert_allclose(state.T[:2] / state.N[:2], np.tan([0.45, 0.5]), rtol=1e-14)
-    assert state.N[2] == 0.0
-
-
-def test_frictionless_contacts_slide_at_once():
-    path = drained_path(DiamondParameters(alpha0=0.8, kappa=0.3, phi=0.0, confinement=0.1))
-    assert path.status == "yield"
-    assert float(path.end.alpha) == 0.8
-    state, regime = drained_states(path, [0.8, 1.0])
-    assert regime.tolist() == ["elastic", "sliding"]
-    assert state.T.tolist() == [0.0, 0.0]
-    assert state.N[1] == pytest.approx(0.1 * np.sin(0.8) / np.sin(1.0), abs=1e-16)
 
 
 def test_strain_control_reaches_its_limit():

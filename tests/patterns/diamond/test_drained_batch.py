@@ -78,14 +78,6 @@ def test_falling_sweep_against_mpmath():
     assert errors.max() < 1e-12
 
 
-def test_K22_zero_at_the_start_follows_the_growing_angle():
-    # tan^2 a0 + kappa = E/(1 - E) at kappa = 1/2, up to rounding; both sides of it differ.
-    end = drained_end(np.pi / 4, [0.5 - 1e-9, 0.5, 0.5 + 1e-9], 0.02, 0.6)
-    assert end.direction[[0, 2]].tolist() == [-1.0, 1.0]
-    assert end.status.tolist() == ["yield"] * 3
-    assert np.all(end.state.E1 > 0.6)
-
-
 def test_closed_cases():
     alpha0 = np.array([0.3, 0.3, 0.8, 0.8, 0.8, 0.8, 0.3])
     kappa = np.array([0.4, 0.4, 0.0, 0.4, 0.4, 0.0, 0.0])

@@ -1,5 +1,6 @@
 import gzip
 import json
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +10,6 @@ import pytest
 
 from loops import InputError, Regime, contact_forces, love_weber_stress
 from patterns import count_frames, read_frames, read_snapshot, sample_cell, sample_path
-from patterns.snapshots import files
 
 GRAINS = {
     "id": [10, 11, 12, 13, 99],
@@ -493,7 +493,7 @@ def test_lack_of_memory_is_named(tmp_path, monkeypatch):
             patched.setattr(name, refuse)
             with pytest.raises(MemoryError, match="malloc of size 800 failed"):
                 read_snapshot(path)
-    monkeypatch.setitem(files.PACKED, b"\x1f\x8b", refuse)
+    monkeypatch.setitem(sys.modules["patterns.snapshots.files"].PACKED, b"\x1f\x8b", refuse)
     with pytest.raises(MemoryError, match=r"out of memory while .*grains_1.csv.gz was read"):
         read_snapshot(write(tmp_path, ending="csv.gz"))
     for said in ("can't start new thread", "Failed to launch worker thread: Resource temporarily"):

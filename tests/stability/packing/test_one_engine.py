@@ -20,7 +20,6 @@ from loops import (
     contact_state,
 )
 from stability import Stage, follow
-from stability.programmes import drained_biaxial
 from tests.oracles.lattices import lattice
 from tests.packings import diamonds, strained, touching_lattice
 from tests.stability.packing.walled_packings import between
@@ -222,14 +221,14 @@ def test_a_lattice_between_walls_follows_the_path_of_the_loop(law, target):
     """Walls at four grains are uniform traction; forces and strain of the centres, past yield."""
     errors = []
     for interval in INTERVALS[1:]:
-        stage = Stage(drained_biaxial(), "H11", target)
+        stage = Stage("drained_biaxial", "H11", target)
         graph, path = between_walls(law, stage, interval)
         end = path.states[-1]
         # Free spins may let one contact slip for all four.
         assert path.status == "finished" and 1 <= len(path.of_kind("yield")) <= 4
         spans = [x[[0, 1], [0, 1]] - x[[2, 3], [0, 1]] for x in (graph.x, end.x)]
         strain = 1.0 - spans[1] / spans[0]
-        drained = Stage(drained_biaxial(), "H11", strain[0])
+        drained = Stage("drained_biaxial", "H11", strain[0])
         loop = follow(Scene(graph, law), drained, closure="traction", spins="blocked")
         (event,) = loop.of_kind("yield")
         assert loop.status == "finished" and len(event.contacts) == 4

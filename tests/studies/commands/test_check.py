@@ -8,7 +8,6 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from patterns.snapshots.snapshot import SAMPLE
 from tests.command import refusal, run
 from tests.patterns import snapshot_faults as faults
 
@@ -70,7 +69,7 @@ def slow(tmp_path_factory):
     def write(factor, rotations):
         folder = tmp_path_factory.mktemp("slow")
         paths = []
-        for path in sorted((SAMPLE / "slow").glob("grains_*.parquet"))[:2]:
+        for path in sorted(sample_path("slow").glob("grains_*.parquet"))[:2]:
             deck = faults.Tables("parquet", path)
             deck["ks"] = factor * deck["ks"]
             if not rotations:
@@ -89,7 +88,7 @@ def slow(tmp_path_factory):
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "doubt"), (1.0, "ok"), (2.0, "doubt")])
 def test_kt_of_a_series(capsys, slow, factor, verdict, rotations):
     """T increments say what kt is, from the grains' own motion."""
-    cells = ("--cells", SAMPLE / "slow" / "cells.csv", "--shear-increment", "radii")
+    cells = ("--cells", sample_path("slow/cells.csv"), "--shear-increment", "radii")
     assert run("check", *slow(factor, rotations), *cells, "--json") == 0
     found = json.loads(capsys.readouterr().out)
     told = [row for row in found["checks"] if row["check"] == "kt"]
@@ -101,7 +100,7 @@ def test_kt_of_a_series(capsys, slow, factor, verdict, rotations):
 
 
 def test_cells_of_other_snapshots(capsys):
-    cells = SAMPLE / "slow" / "cells.csv"
+    cells = sample_path("slow/cells.csv")
     assert run("check", sample_path("grains_periodic.parquet"), "--cells", cells) == 2
     assert "no number in it" in capsys.readouterr().err
     assert run("check", sample_path(), "--cell", "1,0,0,1", "--cells", cells) == 2

@@ -1,10 +1,7 @@
 """The bifurcation domain: exact losses along strain programmes, and what the study writes."""
 
-import json
-
 import numpy as np
 import pandas as pd
-import pyarrow.parquet
 import pytest
 from mpmath import mp, mpf
 
@@ -196,29 +193,6 @@ def test_fan_holds_the_isotropic_programme_and_only_compression():
     assert np.all(np.diff(programme) > 0.0)
     assert np.all(line.start < 0.0)
     assert line.sense.tolist() == [1.0] * 25 + [0.0] + [-1.0] * 25
-
-
-def test_study_writes_its_results(tmp_path):
-    asked = DomainParameters(kappa=(0.1, 0.5), phi_deg=10.0, directions=11)
-    summary = run_domain(asked, tmp_path / "out", csv=True)
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"domain.parquet", "domain.csv", "domain.png", "summary.json"}
-    table = pyarrow.parquet.read_table(tmp_path / "out" / "domain.parquet").to_pandas()
-    assert set(table.columns) >= {
-        *("alpha0_deg", "kappa", "phi_deg", "contacts", "kind", "programme_deg", "regime"),
-        *("E1", "E2", "s1", "s2", "N", "T", "alpha_deg", "det_K", "det_Ks", "opposite_overlap"),
-    }
-    written = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert written["cases"] == summary["cases"]
-    assert [case["kappa"] for case in summary["cases"]] == [0.1, 0.5]
-    for case in summary["cases"]:
-        rows = table[table.kappa == case["kappa"]]
-        for name, found in case["contacts"].items():
-            own = rows[(rows.contacts == name) & (rows.kind == "det_Ks_zero")]
-            assert found["det_Ks_zero"] == len(own)
-            assert found["by_yielding"] == (own.regime == "sliding").sum()
-            assert found["det_Ks_zero"] >= found["det_K_zero"]
-            assert found["s1"] == [own.s1.min(), own.s1.max()]
 
 
 def test_without_friction_angle_nothing_slides(tmp_path):

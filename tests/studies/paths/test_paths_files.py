@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 from matplotlib.figure import Figure
 
-from loops import InputError, find_faces
+from loops import find_faces
 from patterns import read_snapshot
 from studies.paths.diamond import snapshot_tables
 from studies.paths.figures import (
@@ -116,17 +116,6 @@ def test_figures_are_drawn_and_say_what_made_them(saved, name):
     assert b"grainloops diamond" in data and b"alpha0_deg" in data
 
 
-def test_the_same_study_gives_the_same_bytes(written, tmp_path, undrawn):
-    run_diamond(DiamondOptions(table=1), tmp_path / "again")
-    one, two = (
-        json.loads((folder / "summary.json").read_text()) | {"files": [], "figures": {}}
-        for folder in (tmp_path / "again", written[1][0])
-    )
-    assert one == two
-    for file in sorted((tmp_path / "again").glob("*.parquet")):
-        assert file.read_bytes() == (written[1][0] / file.name).read_bytes(), file.name
-
-
 def test_loop_at_A_is_a_snapshot(written):
     folder, summary = written[2]
     snapshot = read_snapshot(folder / "grains_A.parquet")
@@ -144,21 +133,6 @@ def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
         pd.DataFrame(columns).to_csv(tmp_path / f"{name}.csv", index=False)
     shear = read_snapshot(tmp_path / "grains.csv").graph.shear_force
     np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)
-
-
-def test_results_are_not_overwritten_without_force(tmp_path, undrawn):
-    out, kept = tmp_path / "out", tmp_path / "out" / "summary.json"
-    out.mkdir()
-    kept.write_text("mine")
-    with pytest.raises(InputError, match="holds files"):
-        run_diamond(DiamondOptions(), out)
-    assert [file.name for file in out.iterdir()] == ["summary.json"]
-    assert kept.read_text() == "mine"
-    run_diamond(DiamondOptions(), out, force=True, csv=True)
-    assert json.loads(kept.read_text())["parameters"]["kappa"] == 0.2
-    assert {file.name for file in out.glob("*.csv")} == {
-        "path.csv", "polar.csv", "path_dependence.csv", "grains_A.csv", "contacts_A.csv"
-    }  # fmt: skip
 
 
 def test_a_path_without_named_states_is_written(tmp_path, unsaved):

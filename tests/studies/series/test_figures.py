@@ -124,15 +124,6 @@ def draw(folder, series):
     return [one.name for one in Results(folder, SOURCE).save_figures(drawn)]
 
 
-def test_without_forces_and_of_one_snapshot(tmp_path, unsaved):
-    bare = Series(mechanical=False)
-    assert draw(tmp_path, bare) == ["orders_over_strain", "fates", "exchange"]
-    one = evolution_table([evolution_row(bare.states[0], plain_table(bare.states[0]))], [])
-    assert [name for name, _ in series_figures({"evolution": one}, {}, None)] == [
-        "orders_over_strain"
-    ]
-
-
 def test_orders_and_stress_lines(series):
     left, right = orders_over_strain(series.evolution).axes
     for ax, kind in ((left, "share"), (right, "area_share")):

@@ -1,6 +1,5 @@
 import json
 import shutil
-from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -9,7 +8,6 @@ import pyarrow.parquet
 import pytest
 
 from loops import (
-    LinearFrictional,
     Regime,
     branch_vectors,
     find_faces,
@@ -17,11 +15,10 @@ from loops import (
     love_weber_stress,
     traction_tangent,
 )
-from patterns import Snapshot, read_snapshot, sample_cell, sample_path, synthetic_network
+from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
-from studies.snapshot import figures, run_snapshot
+from studies.snapshot import run_snapshot
 from studies.snapshot.quadrons import quadron_figure
-from studies.snapshot.table import loop_columns
 from tests.command import run
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.stability_fraction import imhof_in_doubles
@@ -220,21 +217,6 @@ def test_half_shared_pressures_make_the_samples(results):
     assert mean == pytest.approx(expected, rel=1e-12)
 
 
-def test_table_of_a_network_whose_loops_are_triangles():
-    """Regular triangles under N alone: every number in closed form."""
-    graph = synthetic_network(64, seed=1, periodic=True)
-    snapshot = Snapshot(
-        graph=graph,
-        law=LinearFrictional(kn=np.full(graph.contact_count, 2.0), kt=1.0),
-        regime=np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8),
-        ids=np.arange(graph.grain_count) + 100,
-        wall_contacts=0,
-        notes=(),
-    )
-    table = loop_columns(snapshot)
-    assert min(grain for row in table["grains"].to_pylist() for grain in row) >= 100
-
-
 def test_json_on_stdout(tmp_path, capsys):
     arguments = ("--out", tmp_path / "r", "--json", "--no-figures")
     assert run("snapshot", write(tmp_path), *arguments) == 0
@@ -385,18 +367,6 @@ def test_a_snapshot_without_loops_still_gives_its_counts(tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["loops"], summary["mean_order"], summary["stress"]) == (0, None, None)
     assert summary["dangling_grains"] == 4
-
-
-def test_same_input_gives_the_same_files(tmp_path, monkeypatch):
-    path = write(tmp_path, ending="parquet")
-    drawn = figures.snapshot_figures
-    # Two figures tell whether drawing them leaves a trace of the run.
-    two = lambda *given, **links: islice(drawn(*given, **links), 2)  # noqa: E731
-    monkeypatch.setattr(figures, "snapshot_figures", two)
-    for name in ("one", "two"):
-        assert run("snapshot", path, "--out", tmp_path / name) == 0
-    for file in (tmp_path / "one").iterdir():
-        assert file.read_bytes() == (tmp_path / "two" / file.name).read_bytes(), file.name
 
 
 def test_the_page_holds_the_figures_and_the_map(results):
