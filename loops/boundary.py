@@ -162,6 +162,16 @@ class Boundary(Shown):
             return "walls"
         return "free" if self.held is None or not self.held.any() else "outline"
 
+    def of_kept(self, grains: Integers, count: int) -> Boundary:
+        """Return the boundary of the grains that stay of `count`: contacts with walls go along."""
+        number, walls = np.full(count, -1), self.walls
+        number[grains] = np.arange(len(grains))
+        if walls is not None:
+            stays = number[walls.grain] >= 0
+            own = {k: v[stays] for k, v in vars(walls).items() if v is not None and k != "fixed"}
+            walls = replace(walls, **own | {"grain": number[walls.grain[stays]]})
+        return replace(self, walls=walls, held=None if self.held is None else self.held[grains])
+
     def box(self, graph: GrainGraph) -> Walls:
         """Return the four walls along the axes that the contacts touch; they may move.
 

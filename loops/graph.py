@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,14 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.compiled import given, on_parts, use_passes
 from loops.errors import InputError, plain, short
 from loops.shown import Shown
-from loops.validation import check_branches, check_graph, checked_regimes, integers, real
+from loops.validation import (
+    check_branches,
+    check_graph,
+    checked_regimes,
+    integers,
+    real,
+    require_shape,
+)
 
 if TYPE_CHECKING:
     import networkx
@@ -225,6 +232,42 @@ class GrainGraph(Shown):
         """Forces, regimes and rolling moments of some contacts, by the names of their fields."""
         values = {name: getattr(self, name) for name in CONTACT_FIELDS}
         return {name: None if v is None else v[..., rows] for name, v in values.items()}
+
+
+class Kept(NamedTuple):
+    """What stays of a graph: the graph, and its grains and contacts by their former numbers."""
+
+    graph: GrainGraph
+    grains: Integers
+    contacts: Integers
+
+
+def graph_without(graph: GrainGraph, grains: ArrayLike, contacts: ArrayLike) -> Kept:
+    """Return a graph without some grains, and without the contacts between pairs of grains.
+
+    With a grain its contacts go. `InputError` for a grain or a contact that there is not.
+    """
+    require_one_state(graph)
+    gone, pairs = _integers("grains", grains, columns=0).ravel(), _integers("contacts", contacts, 2)
+    require_shape("contacts", pairs, None, 2, remedy="Give pairs of grains.")
+    count, joined, cut = graph.grain_count, np.sort(graph.contacts), np.sort(pairs)
+    known = np.isin(cut @ [count, 1], joined @ [count, 1]) & (cut >= 0).all(axis=1)
+    known &= (cut < count).all(axis=1)
+    wrong = [f"grain {one}" for one in gone[(gone < 0) | (gone >= count)].tolist()]
+    wrong += ["contact {}-{}".format(*pair) for pair in pairs[~known].tolist()]
+    if wrong:
+        expected = f"grains below {count}, and pairs of them in contact"
+        raise InputError("without", ", ".join(wrong[:MOST_NAMED]), expected, "Correct them.")
+    stays = np.ones(count, dtype=bool)
+    stays[gone] = False
+    cut_off = np.isin(joined @ [count, 1], cut @ [count, 1])
+    rows = np.flatnonzero(~cut_off & stays[graph.contacts].all(axis=1))
+    number, images = np.cumsum(stays) - 1, graph.images
+    of_cell: dict[str, Any] = {} if images is None else {"images": images[rows]}
+    fields = graph.at_contacts(rows) | of_cell | {"cell": graph.cell, "cell0": graph.cell0}
+    x, x0, radii = graph.x[stays], graph.x0[stays], graph.radii[stays]
+    kept = GrainGraph(x, radii, number[graph.contacts[rows]], x0=x0, **fields)
+    return Kept(kept, np.flatnonzero(stays), rows)
 
 
 def require_one_state(graph: GrainGraph) -> None:

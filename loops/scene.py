@@ -8,11 +8,19 @@ from functools import cached_property, wraps
 from os import PathLike
 from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
+from numpy.typing import ArrayLike
+
 from loops.arrays import one_blas_thread
 from loops.boundary import Boundary, Rows, boundary_of, rows_of
 from loops.errors import InputError, check_type
 from loops.faces import Faces, find_faces
-from loops.graph import ContactState, GrainGraph, contact_state, require_one_state
+from loops.graph import (
+    ContactState,
+    GrainGraph,
+    contact_state,
+    graph_without,
+    require_one_state,
+)
 from loops.laws.frictional import ContactLaw, require_law
 from loops.shown import Shown
 
@@ -74,6 +82,39 @@ class Scene(Shown):
     def rows(self) -> Rows:
         """Return all contacts in one table, those with walls included, made when asked for."""
         return rows_of(self.graph, self.law, self.boundary, self.contact_state)
+
+    def without(self, grains: ArrayLike = (), contacts: ArrayLike = ()) -> Scene:
+        """Return the scene without some grains and contacts, as they stand: out of balance.
+
+        Parameters
+        ----------
+        grains : (K,) array of int
+            Their numbers in the graph; their contacts, with walls too, go along.
+        contacts : (M, 2) array of int
+            Pairs of grains, all contacts of each.
+
+        Returns
+        -------
+        Scene
+            Grains are numbered anew in their order; area and cell of the boundary stay. `gl.hold`
+            brings it to rest.
+
+        Raises
+        ------
+        InputError
+            For a grain or a contact that there is not.
+
+        Examples
+        --------
+        >>> from loops import GrainGraph, LinearFrictional, Scene
+        >>> row = GrainGraph(x=[[0, 0], [1, 0], [2, 0]], radii=[0.5] * 3, contacts=[[0, 1], [1, 2]])
+        >>> less = Scene(row, LinearFrictional(1.0, 0.5, 0.5)).without(grains=[0])
+        >>> less.graph.grain_count, less.graph.contacts.tolist()
+        (2, [[0, 1]])
+        """
+        kept = graph_without(self.graph, grains, contacts)
+        boundary = self.boundary.of_kept(kept.grains, self.graph.grain_count)
+        return Scene(kept.graph, self.law.take(kept.contacts), boundary)
 
     def facts(self) -> dict[str, object]:
         """Return the facts that the prompt and a notebook show."""

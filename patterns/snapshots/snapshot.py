@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from loops import (
     ContactLaw,
@@ -28,7 +28,7 @@ from loops.arrays import Integers, Regimes, in_threads
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
 from loops.errors import check_type, path_of, short, whole_number
-from loops.graph import state_of
+from loops.graph import graph_without, state_of
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
@@ -142,6 +142,60 @@ class Snapshot(Shown):
             # Already found.
             vars(scene)["faces"] = self.faces
         return scene
+
+    def without(self, grains: ArrayLike = (), contacts: ArrayLike = ()) -> Snapshot:
+        """Return the snapshot without some grains and contacts, as they stand: out of balance.
+
+        Parameters
+        ----------
+        grains : (K,) array of int
+            Their ids; their contacts, with walls too, go along.
+        contacts : (M, 2) array of int
+            Pairs of ids, all contacts of each.
+
+        Returns
+        -------
+        Snapshot
+            A note says what was left out; area and cell of the sample stay. `gl.hold` brings it to
+            rest.
+
+        Raises
+        ------
+        InputError
+            For an id or a contact that there is not.
+
+        Examples
+        --------
+        >>> from patterns import read_snapshot, sample_path
+        >>> read_snapshot(sample_path()).without(grains=[96], contacts=[[97, 120]])
+        Snapshot(grains: 599, contacts: 814, contacts with walls: 61, forces: known, notes: 2)
+        """
+        scene, walls = self.scene, self.walls
+        ids = [integers(name, one) for name, one in (("grains", grains), ("contacts", contacts))]
+        number = {one: k for k, one in enumerate(self.ids.tolist())}
+        unknown = [str(one) for part in ids for one in part.ravel().tolist() if one not in number]
+        if unknown:
+            expected, remedy = "ids of the snapshot", "Look in snapshot.ids."
+            raise InputError("without", f"ids {few(unknown)}", expected, remedy)
+        gone, pairs = (np.vectorize(number.get, otypes=[int])(one) for one in ids)
+        kept = graph_without(scene.graph, gone, pairs)
+        boundary = scene.boundary.of_kept(kept.grains, len(self.ids))
+        if walls is not None:
+            walls = walls.of_kept(kept.grains)
+        names = ("rotation", "mass", "velocity", "spin", "ids")
+        known = {name: value for name in names if (value := getattr(self, name)) is not None}
+        own: Any = {name: value[kept.grains] for name, value in known.items()}
+        lost = self.graph.contact_count - len(kept.contacts)
+        own["notes"] = (
+            *self.notes,
+            f"{len(self.ids) - len(kept.grains)} grains and {lost} contacts left out",
+        )
+        own |= {"law": scene.law.take(kept.contacts), "regime": kept.graph.regime, "walls": walls}
+        own["wall_contacts"] = self.wall_contacts if walls is None else len(walls.grain)
+        less = replace(self, graph=kept.graph, **own)
+        # The area of the sample stays.
+        vars(less)["boundary_and_notes"] = boundary, self.boundary_and_notes[1]
+        return less
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""

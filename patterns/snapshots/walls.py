@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,14 @@ class WallContacts(Shown):
     kt: NDArray[np.float64] | None = None
     mu: NDArray[np.float64] | None = None
     sliding: NDArray[np.bool_] | None = None
+
+    def of_kept(self, grains: NDArray[np.int64]) -> WallContacts:
+        """Return the contacts of the grains that stay, which are numbered in their order."""
+        at = np.isin(self.grain, grains)
+        number = np.searchsorted(grains, self.grain[at])
+        own: Any = (self.force, self.branch, self.kn, self.kt, self.mu, self.sliding)
+        kept: Any = (None if values is None else values[at] for values in own)
+        return WallContacts(number, *kept)
 
     def facts(self) -> dict[str, object]:
         """Facts shown at the prompt and in a notebook."""

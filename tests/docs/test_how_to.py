@@ -87,7 +87,11 @@ def test_blocks_on_a_sample_at_rest_run_or_say_what_is_missing(tmp_path, monkeyp
     exec(code, names)
     status = {
         "forecast": lambda: names["found"].answered and len(names["loops"]) > 5,
-        "packing-paths": lambda: names["path"].status == "finished" and names["end"].steps > 0,
+        "packing-paths": lambda: (
+            names["path"].status == "finished"
+            and names["end"].steps > 0
+            and names["held"].steps > 0
+        ),
         "probing": lambda: len(names["found"].status) == 4 and names["held"].status == "at rest",
         "sustaining": lambda: len(names["found"].status) == 4,
     }

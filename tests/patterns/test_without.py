@@ -1,0 +1,91 @@
+"""Scenes and snapshots without some grains and contacts."""
+
+import numpy as np
+import pytest
+
+import grainloops as gl
+from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import small_sample
+
+
+@pytest.fixture(params=["cell", "walls", "outline"])
+def sample(request):
+    return small_sample(request.param, LAW)
+
+
+def stress_of(snapshot):
+    return gl.stress(snapshot).tensor * gl.stress(snapshot).volume
+
+
+def test_what_stays_is_as_it_was(sample):
+    gone = sample.ids[[2, 5]]
+    first = next(
+        pair
+        for pair in sample.ids[sample.graph.contacts].tolist()
+        if not {*pair} & {*gone.tolist()}
+    )
+    less = sample.without(grains=gone, contacts=[first[::-1]])
+    assert less.ids.tolist() == [one for one in sample.ids.tolist() if one not in gone]
+    pairs = sample.ids[sample.graph.contacts]
+    stays = ~np.isin(pairs, gone).any(axis=1) & ~(np.sort(pairs) == np.sort(first)).all(axis=1)
+    assert 0 < stays.sum() < len(stays) - 1
+    assert np.array_equal(less.ids[less.graph.contacts], pairs[stays])
+    for name in ("branches", "normal_force", "shear_force"):
+        assert np.array_equal(getattr(less.graph, name), getattr(sample.graph, name)[stays]), name
+    assert np.array_equal(less.regime, sample.regime[stays])
+    kept = np.isin(sample.ids, less.ids)
+    assert np.array_equal(less.graph.x, sample.graph.x[kept])
+    assert less.scene.boundary.volume == sample.scene.boundary.volume
+    assert less.scene.boundary.kind == sample.scene.boundary.kind
+    if sample.walls is not None:
+        on = np.isin(sample.walls.grain, np.flatnonzero(kept))
+        assert np.array_equal(less.ids[less.walls.grain], sample.ids[sample.walls.grain[on]])
+        assert np.array_equal(less.walls.force, sample.walls.force[on])
+    if sample.scene.boundary.held is not None:
+        assert np.array_equal(less.scene.boundary.held, sample.scene.boundary.held[kept])
+    assert less.notes[-1] == f"2 grains and {len(stays) - stays.sum()} contacts left out"
+    # As a scene, by the numbers of the grains.
+    number = {one: k for k, one in enumerate(sample.ids.tolist())}
+    scene = sample.scene.without([2, 5], [[number[one] for one in first]])
+    assert np.array_equal(scene.graph.contacts, less.graph.contacts)
+    tangents = (gl.affine_tangent(one.graph, one.law, volume=1.0) for one in (scene, less.scene))
+    assert np.array_equal(*(tangent.matrix for tangent in tangents))
+
+
+def test_the_stress_loses_what_the_contacts_carried():
+    sample = small_sample("cell", LAW)
+    i, j = sample.graph.contacts[0]
+    less = sample.without(contacts=[sample.ids[[i, j]]])
+    state = gl.contact_state(sample.graph)
+    force = state.normal_force[0] * state.n[0] + state.shear_force[0] * state.t[0]
+    lost = np.outer(force, sample.graph.branches[0])
+    np.testing.assert_allclose(stress_of(sample) - stress_of(less), lost, atol=1e-12)
+
+
+def test_a_sample_without_a_contact_is_brought_to_rest():
+    scene = gl.Scene(jammed(16, 2), LAW)
+    pair = scene.graph.contacts[np.argmin(scene.graph.normal_force)]
+    held = gl.hold(scene.without(contacts=[pair]))
+    assert held.status == "at rest"
+
+
+def test_nothing_left_out_is_the_same(sample):
+    same = sample.without()
+    assert np.array_equal(same.graph.contacts, sample.graph.contacts)
+    assert same.notes[-1] == "0 grains and 0 contacts left out"
+
+
+@pytest.mark.parametrize(("what", "said"), [
+    ({"grains": [10**6]}, "without: got ids 1000000, expected ids of the snapshot"),
+    ({"contacts": [[0, 10**6]]}, "ids .*1000000"),
+    ({"contacts": [1, 2]}, "contacts: got shape"),
+    ({"grains": [0.5]}, "grains: got"),
+    ({"grains": "a"}, "grains: got 'a'"),
+])  # fmt: skip
+def test_what_is_not_there_is_named(what, said):
+    sample = small_sample("cell", LAW)
+    with pytest.raises(gl.InputError, match=said):
+        sample.without(**what)
+    scene = {"grains": [99], "contacts": [[0, 0]]}
+    with pytest.raises(gl.InputError, match="without: got grain 99, contact 0-0, expected grains"):
+        sample.scene.without(**scene)
