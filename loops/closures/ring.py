@@ -95,6 +95,14 @@ class Solver(NamedTuple):
     order: Integers
 
 
+def solver_of(N: int) -> Solver:
+    """Return the arrays for a solve of N equations."""
+    return Solver(
+        np.empty(N * (N + 3 + LANES)), np.empty(N * N), np.empty((N, 4)), np.empty((N, 4)),
+        np.empty((3, N)), np.empty(N, np.int64),
+    )  # fmt: skip
+
+
 def fill_ring(
     ring: Ring, rows: Floats, branches: Floats, reference: Floats, radii: Floats, begin: int,
     n: int, grains: Integers, contacts: Integers, forward: Flags,
@@ -291,9 +299,7 @@ def balance_rolls(ring: Ring, A: Floats, n: int, N: int, gear: Any, E: Floats) -
     Where `gear` is 1 the ring has a gear mode: the last of its dependent equations is replaced.
     """
     own, columns, roll = ring.contacts, E.shape[1], -1
-    for i in range(N):
-        for j in range(columns):
-            E[i, j] = A[i, j]
+    E[:N] = A[:N]
     for c in range(n):
         roll, after = ring.places[ROLL, c], N + (c + 1 if c + 1 < n else 0)
         if roll >= 0:
@@ -515,9 +521,7 @@ def solve(E: Floats, N: int, solver: Solver) -> None:
 def invert_stress(E: Floats, N: int, solver: Solver) -> None:
     """Solve the transposed system for the rows of the inverse that give `P`: `Y`, scaled rows."""
     Y, below = solver.Y, solver.below[: N * N].reshape((N, N))
-    for i in range(N):
-        for k in range(4):
-            Y[i, k] = 0.0
+    Y[:N] = 0.0
     for k in range(4):
         for i in range(N - 4 + k, N):
             value = 1.0 if i == N - 4 + k else 0.0
@@ -551,9 +555,7 @@ def solve_ring(
         if not least > LEAST_PIVOT:
             return 0.0
         solve(E, N, solver)
-    for i in range(4):
-        for k in range(4):
-            out[i, k] = solver.X[N - 4 + i, k]
+    out[:] = solver.X[N - 4 : N]
     return least
 
 
@@ -632,13 +634,8 @@ def tangents(
     matrices = np.full((len(wanted), count, 4, 4), np.nan)
     errors, sensitivity = np.full((len(wanted), count), np.inf), np.zeros((len(wanted), count))
     area, growth, N = np.empty(count), np.empty(count), 3 * longest + 6
-    ring = Ring(
-        np.empty((longest, COLUMNS)), np.empty((3, longest + 1), np.int64)
-    )  # fmt: skip
-    solver = Solver(
-        np.empty(N * (N + 3 + LANES)), np.empty(N * N), np.empty((N, 4)), np.empty((N, 4)),
-        np.empty((3, N)), np.empty(N, np.int64),
-    )  # fmt: skip
+    ring = Ring(np.empty((longest, COLUMNS)), np.empty((3, longest + 1), np.int64))
+    solver = solver_of(N)
     own, other, still = np.empty((4, 4)), np.empty((4, 4)), np.zeros((2, 4))
     arms, equations = np.empty((longest, 2)), np.empty((N + longest) * (N + 3 + LANES))
     for at in range(count):
@@ -653,10 +650,7 @@ def tangents(
             closure, spins = wanted[k, 0] if n > 3 else AFFINE, wanted[k, 1]
             if n == 3 and k > 0 and spins == wanted[k - 1, 1]:
                 # The closure makes no difference.
-                errors[k, at] = errors[k - 1, at]
-                for i in range(4):
-                    for j in range(4):
-                        matrices[k, at, i, j] = matrices[k - 1, at, i, j]
+                errors[k, at], matrices[k, at] = errors[k - 1, at], matrices[k - 1, at]
                 continue
             free, spin = spins == FREE, turn[at % len(turn)] if spins == TURNING else still
             gear, N = prepare(ring, n, free), place_unknowns(ring, n, closure)
@@ -728,19 +722,12 @@ def balance(
 
 def move(ring: Ring, n: int, N: int, size: float, X: Floats, branches: Floats, begin: int) -> None:
     """Move the branches of a ring to the solution `X`."""
-    own = ring.contacts
+    own, x = ring.contacts, X[:, 0]
     for c in range(n):
-        kept, first, mx, my = ring.places[KEPT, c], ring.places[FIRST, c], own[c, MX], own[c, MY]
-        nx, ny = own[c, NX], own[c, NY]
-        fx = X[N - 6, 0] - mx * X[N - 4, 0] - my * X[N - 3, 0]
-        fy = X[N - 5, 0] - mx * X[N - 2, 0] - my * X[N - 1, 0]
-        fn, ft = own[c, FN] - nx * fx - ny * fy, own[c, FT] - nx * fy + ny * fx
-        en, et = own[c, SNN] * fn + own[c, SNT] * ft, own[c, STN] * fn + own[c, STT] * ft
-        if kept == 1:
-            et = X[first, 0]
-            en -= own[c, KNT] / own[c, KNN] * et
-        elif kept == 2:
-            en, et = X[first, 0], X[first + 1, 0]
+        nx, ny, fn, ft = own[c, NX], own[c, NY], own[c, FN], own[c, FT]
+        en, et, _ = moves(ring, n, TRACTION, c, x, N, 0.0)
+        en += own[c, SNN] * fn + own[c, SNT] * ft
+        et += own[c, STN] * fn + own[c, STT] * ft
         branches[begin + c, 0] += size * (nx * en - ny * et)
         branches[begin + c, 1] += size * (ny * en + nx * et)
 
@@ -761,11 +748,7 @@ def relax(
         longest = max(longest, offsets[loop + 1] - offsets[loop])
     N = 2 * longest + 6
     ring = Ring(np.zeros((longest, COLUMNS)), np.full((3, longest + 1), -1))
-    solver = Solver(
-        np.empty(0), np.empty(N * N), np.empty((N, 4)), np.empty((0, 4)), np.empty((3, N)),
-        np.empty(N, np.int64),
-    )  # fmt: skip
-    still, equations = np.zeros(4), np.empty(N * (N + 3 + LANES))
+    solver, still = solver_of(N), np.zeros(4)
     for q in range(len(answers)):
         for loop in range(len(size)):
             if status[q, loop] != MOVING:
@@ -781,7 +764,7 @@ def relax(
                 continue
             N = place_unknowns(ring, n, TRACTION)
             width = (N + 3 + LANES) // LANES * LANES
-            E = equations[: N * width].reshape((N, width))
+            E = solver.E[: N * width].reshape((N, width))
             assemble(ring, E, n, TRACTION, BLOCKED, still)
             done = worst <= BALANCED * n / 6.0 * stiffness * size[loop]
             if not done:
@@ -804,6 +787,35 @@ def relax(
             for i in range(4):
                 stress[q, loop, i] = stiffness * solver.X[N - 4 + i, 0]
     return moving
+
+
+def moves(
+    ring: Ring, n: int, closure: int, c: int, x: Floats, N: int, spin: float
+) -> tuple[float, float, float]:
+    """Motion of a contact in its frame and its roll, from the unknowns and, behind them, H'.
+
+    `spin` is that of grains that turn with their loop.
+    """
+    own, roll, P0 = ring.contacts, ring.places[ROLL, c], ring.places[FIRST, n]
+    nx, ny = own[c, NX], own[c, NY]
+    z = x[roll] if roll >= 0 else own[c, FELT] * (own[c, BI] + own[c, BJ]) * spin
+    if closure == AFFINE:
+        ex = -x[N] * own[c, DX] - x[N + 1] * own[c, DY]
+        ey = -x[N + 2] * own[c, DX] - x[N + 3] * own[c, DY]
+        en, et = nx * ex + ny * ey, nx * ey - ny * ex
+    else:
+        fx = x[P0] - x[P0 + 2] * own[c, MX] - x[P0 + 3] * own[c, MY]
+        fy = x[P0 + 1] - x[P0 + 4] * own[c, MX] - x[P0 + 5] * own[c, MY]
+        fn, ft = nx * fx + ny * fy, nx * fy - ny * fx
+        en = own[c, ZN] * z - own[c, SNN] * fn - own[c, SNT] * ft
+        et = own[c, ZT] * z - own[c, STN] * fn - own[c, STT] * ft
+        kept, first = ring.places[KEPT, c], ring.places[FIRST, c]
+        if kept == 1:
+            et += x[first]
+            en -= own[c, KNT] / own[c, KNN] * x[first]
+        elif kept == 2:
+            en, et = en + x[first], et + x[first + 1]
+    return en, et, z / own[c, FELT] if roll >= 0 else 0.0
 
 
 def change(own: Floats, other: Floats) -> float:

@@ -280,10 +280,7 @@ def _eliminate_poor(
     known = (found.residual <= RESIDUAL_LIMIT) & (found.ambiguity <= AMBIGUITY_LIMIT)
     known &= found.error < ERROR_LIMIT * frobenius(found.matrix)
     for at in np.flatnonzero(~known):
-        solver = equations.Solver(
-            np.empty(N * (N + 4)), np.empty(N * N), np.empty((N, 4)), np.empty((N, 4)),
-            np.empty((3, N)), np.empty(N, dtype=np.int64),
-        )  # fmt: skip
+        solver = equations.solver_of(N)
         out, alone = np.empty((4, 4)), Ring(contacts[..., at], ring.places)
         spin = turn[:, at % turn.shape[1]]
         mode = gear[at] if gear[at] == equations.NO_GEAR else equations.GEAR

@@ -47,18 +47,12 @@ from loops.closures.ring import (
     RI,
     RJ,
     ROLL,
-    SNN,
-    SNT,
-    STN,
-    STT,
     TRACTION,
     TURN_N,
     TURN_T,
     TURNING,
     WI,
     WJ,
-    ZN,
-    ZT,
     G,
     Ring,
     Solver,
@@ -67,6 +61,7 @@ from loops.closures.ring import (
     condense,
     factor,
     kept_motions,
+    moves,
     place_unknowns,
     prepare,
     turn_block,
@@ -356,35 +351,6 @@ def mode_by_depths(p: Problem, n: int, moments: bool) -> float:
             depth /= table[c, RADIUS_J]
             turned -= math.log1p(-depth)
     return (1.0 - depth) * math.expm1(turned)
-
-
-def moves(
-    ring: Ring, n: int, closure: int, c: int, x: Floats, N: int, spin: float
-) -> tuple[float, float, float]:
-    """Motion of a contact in its frame and its roll, from the unknowns and, behind them, H'.
-
-    `spin` is that of grains that turn with their loop.
-    """
-    own, roll, P0 = ring.contacts, ring.places[ROLL, c], ring.places[FIRST, n]
-    nx, ny = own[c, NX], own[c, NY]
-    z = x[roll] if roll >= 0 else own[c, FELT] * (own[c, BI] + own[c, BJ]) * spin
-    if closure == AFFINE:
-        ex = -x[N] * own[c, DX] - x[N + 1] * own[c, DY]
-        ey = -x[N + 2] * own[c, DX] - x[N + 3] * own[c, DY]
-        en, et = nx * ex + ny * ey, nx * ey - ny * ex
-    else:
-        fx = x[P0] - x[P0 + 2] * own[c, MX] - x[P0 + 3] * own[c, MY]
-        fy = x[P0 + 1] - x[P0 + 4] * own[c, MX] - x[P0 + 5] * own[c, MY]
-        fn, ft = nx * fx + ny * fy, nx * fy - ny * fx
-        en = own[c, ZN] * z - own[c, SNN] * fn - own[c, SNT] * ft
-        et = own[c, ZT] * z - own[c, STN] * fn - own[c, STT] * ft
-        kept, first = ring.places[KEPT, c], ring.places[FIRST, c]
-        if kept == 1:
-            et += x[first]
-            en -= own[c, KNT] / own[c, KNN] * x[first]
-        elif kept == 2:
-            en, et = en + x[first], et + x[first + 1]
-    return en, et, z / own[c, FELT] if roll >= 0 else 0.0
 
 
 def keep_symmetric(p: Problem, N: int, x: Floats) -> None:
