@@ -19,7 +19,7 @@ from patterns import Snapshot, planar
 from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_severity
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Event, Path
-from stability.packing.pivots import columns
+from stability.packing.path import columns
 from studies.output import SIGNS, components, described, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables

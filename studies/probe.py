@@ -19,9 +19,8 @@ from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import Probe
 from stability.packing import probe as probe_packing
-from stability.packing.amplitudes import probe_by_increment, probe_to
 from stability.packing.hold import HoldControl
-from stability.packing.probe import probe_edge, search_step
+from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.path import Past
 from studies.frames import loop_work_table, order_work_table

@@ -1,10 +1,9 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
 from loops.contacts import PackingState as PackingState
+from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold
-from stability.packing.increment import PackingIncrements as PackingIncrements
-from stability.packing.increment import packing_increment as packing_increment
 from stability.packing.loop_quantities import LoopRates as LoopRates
 from stability.packing.loop_quantities import indicators as indicators
 from stability.packing.loop_quantities import loop_changes as loop_changes
@@ -14,8 +13,9 @@ from stability.packing.loop_regimes import loops_at_yield as loops_at_yield
 from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
-from stability.packing.replay import replay as replay
+from stability.packing.response import PackingIncrements as PackingIncrements
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
+from stability.packing.response import packing_increment as packing_increment
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain

@@ -12,7 +12,6 @@ import numpy as np
 from loops.arrays import Flags, Floats
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.of_pairs import AT_TOUCH
-from stability.packing.pivots import disagreeing, pivot, seek
 from stability.packing.point import INCREMENT, RELEASED, SLIP, PackingPoint
 from stability.packing.rattlers import LIGHT_SHARE, UNLOADED_SHARE, carrying_nothing
 from stability.packing.regime_factor import (
@@ -24,6 +23,9 @@ from stability.packing.regime_factor import (
     SLIDING,
     Combination,
     RegimeFactor,
+    disagreeing,
+    pivot,
+    seek,
 )
 from stability.path import Event, EventKind, Spring
 

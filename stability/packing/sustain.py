@@ -20,7 +20,6 @@ from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
-from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     Moving,
@@ -34,11 +33,9 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
-from stability.packing.past import Passed
-from stability.packing.path import halved
-from stability.packing.path_solver import PackingPathSolver, Stop
+from stability.packing.path import PackingPathSolver, Passed, Stop, halved
 from stability.packing.point import PackingPoint
-from stability.packing.probe import Probe, probe_directions, probe_edge
+from stability.packing.probe import Probe, probe_directions, probe_edge, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.yielding import MixedControl, yield_response
 from stability.path import LARGE_MOTION, Path, PathStatus

@@ -27,7 +27,7 @@ from loops.neighbours import near_pairs
 from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import HeldPacking, hold
-from stability.packing.pivots import columns
+from stability.packing.path import columns
 from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, edge_ticks, new_panels, styled
 

@@ -22,7 +22,7 @@ from loops import love_weber_stress
 from loops.arrays import Floats
 from stability import follow
 from stability.packing import PackingIncrements, PackingRates
-from stability.packing.amplitudes import stage_along
+from stability.packing.probe import stage_along
 from stability.packing.yielding import direction_control, yield_response
 from studies.examples import run_example, save
 from studies.examples.probing import convected, increments, state

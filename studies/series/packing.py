@@ -35,8 +35,8 @@ from stability.packing import (
     replay,
 )
 from stability.packing.equations_of_motion import duration_of, masses_of, step_of
-from stability.packing.increment import CANDIDATES
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
+from stability.packing.response import CANDIDATES
 from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from studies.output import Columns, Row

@@ -20,8 +20,7 @@ from loops import (
 from loops.in_place import loops_in_place
 from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
-from stability.packing.amplitudes import probe_to
-from stability.packing.probe import probe_edge
+from stability.packing.probe import probe_edge, probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_edge

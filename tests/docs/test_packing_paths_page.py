@@ -10,7 +10,6 @@ from stability.packing import (
     equations_of_motion,
     loop_changes,
     path,
-    path_solver,
     point,
     rattlers,
     regime_factor,
@@ -37,7 +36,7 @@ def test_settings():
     assert shares == (1e-4, 1e-5, 1e-2)
     assert rattlers.CAUGHT_SHARE == 2e-3 and "at a force of at most 2e-3 of the mean" in PAGE
     assert "no force above 1e-4 of the mean" in PAGE and "until 1e-5 of the mean force" in PAGE
-    assert path_solver.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
+    assert path.HISTORY == 64 and path.STRETCH == 0.5 and "half of them, at most 64" in PAGE
     assert path.MOST_HALVINGS == 5 and path.CONVERGED == 0.01 and "After five halvings" in PAGE
     assert (
         strain_increment.GROUND_SPRINGS[:3] == (1e-3, 1e-2, 1e-1) and "1e-3, 1e-2, 1e-1 kn" in PAGE

@@ -24,15 +24,15 @@ from stability.packing import (
     equations_of_motion,
     loop_changes,
     loop_rates,
-    pivots,
     probe,
+    regime_factor,
     regime_regions,
     response,
     strain_increment,
     sustain,
 )
-from stability.packing.amplitudes import probe_to
 from stability.packing.loop_quantities import least_squares_nonaffinity
+from stability.packing.probe import probe_to
 from stability.path import Path as AnyPath
 from stability.path import describe
 from tests.packings import BRANCH, LAW, LIMITS, jammed, packing, strained
@@ -257,7 +257,7 @@ def paths_that_chatter():
     for chatter, steps, rank in ((0, 40, 96), (1, 40, 2), (12, 1, 0)):
         with (
             patch.object(strain_increment, "CHATTER", chatter),
-            patch.object(pivots, "PIVOT_STEPS", steps),
+            patch.object(regime_factor, "PIVOT_STEPS", steps),
             patch.object(strain_increment, "RANK", rank),
         ):
             yield path_of(graph, LAW, strained(2 * PURE), interval=1e-4, instabilities=99)

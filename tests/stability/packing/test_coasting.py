@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
 from stability import Stage, programmes
-from stability.packing.path_solver import PackingPathSolver
+from stability.packing.path import PackingPathSolver
 from stability.packing.rattlers import MOST_COAST, settle
 
 LARGE, FORCE = 0.505, 0.01

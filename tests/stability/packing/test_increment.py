@@ -9,9 +9,9 @@ from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from stability import Programme, Stage, follow
 from stability.complementarity import _every_solution, raise_load, violation
 from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
-from stability.packing import increment as increment_module
-from stability.packing.amplitudes import probe_by_increment
-from stability.packing.increment import nearest_candidates
+from stability.packing import response as increment_module
+from stability.packing.probe import probe_by_increment
+from stability.packing.response import nearest_candidates
 from stability.packing.yielding import component_control, forces_of_motion, yield_response
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain

@@ -12,8 +12,7 @@ from loops import LinearFrictional, RollingResistance, Scene, find_faces
 from loops.contacts import start_state
 from stability import Event, Programme, Stage, follow
 from stability.packing import loop_changes, strain_increment, sustain
-from stability.packing import past as past_module
-from stability.packing.amplitudes import stage_along
+from stability.packing import path as past_module
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     STABLE,
@@ -22,9 +21,16 @@ from stability.packing.equations_of_motion import (
     masses_of,
     rests,
 )
-from stability.packing.path_solver import PackingPathSolver
-from stability.packing.pivots import disagreeing, pivot, unstable_mode
-from stability.packing.regime_factor import ELASTIC, SLIDING, RegimeFactor
+from stability.packing.path import PackingPathSolver
+from stability.packing.probe import stage_along
+from stability.packing.regime_factor import (
+    ELASTIC,
+    SLIDING,
+    RegimeFactor,
+    disagreeing,
+    pivot,
+    unstable_mode,
+)
 from stability.packing.response import PackingRates
 from stability.packing.strain_increment import StrainIncrement
 from stability.packing.sustain import (

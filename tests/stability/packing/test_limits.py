@@ -14,8 +14,8 @@ from loops import GrainGraph, Scene, find_faces
 from loops.contacts import contacts_at_start, start_state
 from stability import Programme, Stage, follow
 from stability.packing import rattlers, regime_factor, strain_increment, sustain
-from stability.packing.amplitudes import stage_along
-from stability.packing.path_solver import PackingPathSolver
+from stability.packing.path import PackingPathSolver
+from stability.packing.probe import stage_along
 from stability.packing.sustain import (
     INERTIA,
     LARGE,

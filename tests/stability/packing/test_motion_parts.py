@@ -13,6 +13,7 @@ from stability.packing import equations_of_motion
 from stability.packing.equations_of_motion import (
     Moving,
     _affine_stiffness,
+    _span,
     duration_of,
     lasting,
     masses_of,
@@ -23,7 +24,6 @@ from stability.packing.equations_of_motion import (
     steered,
     work_of,
 )
-from stability.packing.replay import _span
 from stability.packing.yielding import MixedControl
 from tests.packings import LAW, jammed
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle

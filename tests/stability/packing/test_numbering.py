@@ -8,7 +8,8 @@ import pytest
 
 from loops import GrainGraph, Scene
 from loops.contacts import start_state
-from stability.packing import path_solver, sustain
+from stability.packing import path as path_solver
+from stability.packing import sustain
 from stability.packing.sustain import Loading, load_path, renumbered
 from tests.packings import LAW, jammed
 

@@ -11,7 +11,7 @@ from loops import InputError, Scene
 from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage, follow
 from stability.packing import equations_of_motion
-from stability.packing import past as past_module
+from stability.packing import path as past_module
 from stability.packing.equations_of_motion import (
     Moving,
     lasting,
@@ -21,7 +21,7 @@ from stability.packing.equations_of_motion import (
     steered,
     step_of,
 )
-from stability.packing.past import OTHER_WAYS, Dynamic, past_of
+from stability.packing.path import OTHER_WAYS, Dynamic, past_of
 from tests.packings import BRANCH, jammed, strained
 from tests.stability.packing.test_path import H, followed, unaccounted
 

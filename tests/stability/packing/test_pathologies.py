@@ -6,8 +6,8 @@ import pytest
 from loops import Scene
 from stability import Stage, follow
 from stability.complementarity import solve_complementarity
-from stability.packing import pivots as room
-from stability.packing.pivots import columns
+from stability.packing import path as room
+from stability.packing.path import columns
 from stability.packing.response import PackingRates, component_control, yield_response
 from tests.oracles.minors import principal_minors
 from tests.packings import LAW, jammed, packing

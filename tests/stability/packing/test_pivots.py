@@ -8,9 +8,8 @@ import pytest
 from loops import Scene
 from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
-from stability.packing import pivots, strain_increment
-from stability.packing.pivots import disagreeing, pivot
-from stability.packing.regime_factor import ELASTIC, RegimeFactor
+from stability.packing import regime_factor, strain_increment
+from stability.packing.regime_factor import ELASTIC, RegimeFactor, disagreeing, pivot
 from stability.packing.yielding import MixedControl
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_regime_factor import stiffness
@@ -149,7 +148,7 @@ def path_to_an_instability():
 
 def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
     """Proved to have none; three springs are tried before the mode stops."""
-    searched, sought = [], pivots.agreeing
+    searched, sought = [], regime_factor.agreeing
     springs, added = [], RegimeFactor.add_ground_springs
 
     def search(problem):
@@ -160,7 +159,7 @@ def test_regimes_are_sought_once_however_many_springs_are_tried(monkeypatch):
         springs.append(spring)
         added(packing, grains, spring)
 
-    monkeypatch.setattr(pivots, "agreeing", search)
+    monkeypatch.setattr(regime_factor, "agreeing", search)
     monkeypatch.setattr(RegimeFactor, "add_ground_springs", add)
     path = path_to_an_instability()
     (instability,) = path.of_kind("instability")

@@ -9,8 +9,8 @@ import pytest
 from loops import InputError, LinearFrictional, Scene, find_faces
 from stability import Programme, Stage, follow
 from stability.packing import probe
-from stability.packing.amplitudes import probe_to
 from stability.packing.path import follow_packing
+from stability.packing.probe import probe_to
 from tests.packings import LAW, jammed
 
 
@@ -51,7 +51,7 @@ def test_a_row_is_the_path_itself(case):
 def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
     graph, _faces = case
     short = functools.partial(follow_packing, max_steps=2)
-    monkeypatch.setattr(sys.modules["stability.packing.amplitudes"], "follow_packing", short)
+    monkeypatch.setattr(sys.modules["stability.packing.probe"], "follow_packing", short)
     found = probe_to(probe(Scene(graph, LAW), 2), Scene(graph, LAW), 1e-4)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):

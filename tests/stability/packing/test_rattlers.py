@@ -10,8 +10,7 @@ from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.cages import normals_and_overlaps, parting_and_slip, work_of_shear
 from stability.packing import rattlers
-from stability.packing.past import Passed
-from stability.packing.path_solver import PackingPathSolver
+from stability.packing.path import PackingPathSolver, Passed
 from stability.packing.rattlers import (
     CAUGHT_SHARE,
     IN_BALANCE,

@@ -23,9 +23,8 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.packing import probe
-from stability.packing.amplitudes import stage_along
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
-from stability.packing.probe import probe_edge
+from stability.packing.probe import probe_edge, stage_along
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,

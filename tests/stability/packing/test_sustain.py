@@ -26,7 +26,7 @@ from loops import (
 from loops.contacts import start_state
 from stability import Stage
 from stability.packing import sustain
-from stability.packing.path_solver import PackingPathSolver
+from stability.packing.path import PackingPathSolver
 from stability.packing.sustain import (
     FLOW_STRAIN,
     LARGE,

@@ -19,7 +19,7 @@ from loops import (
 from loops.contacts import start_state
 from stability import Programme, Stage, follow, programmes, rates_at
 from stability.packing import probe
-from stability.packing.amplitudes import probe_to
+from stability.packing.probe import probe_to
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import (
     JAMMED,
