@@ -65,19 +65,12 @@ app = App(
     print_error=False,
 )
 COMMANDS: dict[str, Callable[..., Answer]] = {
-    "check": check_command,
-    "snapshot": snapshot_command,
-    "series": series_command,
-    "probe": probe_command,
-    "sustain": sustain_command,
-    "evolve": evolve_command,
-    "forecast": forecast_command,
-    "diamond": diamond_command,
-    "polygon": polygon_command,
-    "loop": loop_command,
-    "domain": domain_command,
-    "material": material_command,
-    "bench": bench_command,
+    command.__name__.removesuffix("_command"): command
+    for command in (
+        *(check_command, snapshot_command, series_command, probe_command, sustain_command),
+        *(evolve_command, forecast_command, diamond_command, polygon_command, loop_command),
+        *(domain_command, material_command, bench_command),
+    )
 }
 for place, (name, command) in enumerate(COMMANDS.items()):
     app.command(command, name=name, sort_key=place)

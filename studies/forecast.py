@@ -143,13 +143,10 @@ def forecast_reach(scene: Scene, to: float, driven: str) -> float:
 
 
 class Next(NamedTuple):
-    """Next instability and next drop by one way of following the packing, nan for none.
+    """Next instability, drop and limit by one way of following the packing, nan for none.
 
-    Values are those of the driven component. A drop is where the driven stress falls by more than
-    `DROP` of what it was at the start, `drop_size` how far it does over that; none is looked for in
-    the start of a replay. `limit` and its spread are those of a path that ends at a limit of the
-    control. `residual` is the largest drift of a grain's resultant along a path, the unbalanced
-    force at the end of a replay, over the mean force.
+    Values are of the driven component; `drop_size` is over the driven stress of the start,
+    `residual` over the mean force.
     """
 
     way: str

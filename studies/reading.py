@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -24,7 +24,6 @@ from patterns.snapshots.formats import frame_steps
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
 
-Cell = tuple[float, float, float, float]
 CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 # Names of the files of one snapshot differ in these words and in their endings only.
 CONTENTS = re.compile(
@@ -164,14 +163,6 @@ def rows_by_number(path: Path, names: Sequence[str] = CELL_COLUMNS) -> dict[int,
     return dict(zip(numbers, rows, strict=True))
 
 
-def cell_reader(cells: Path) -> Callable[[Path, int | None], Cell]:
-    """Function that gives the cell of a snapshot, by its file and its number in a file of several.
-
-    `InputError` where the table has no row of it.
-    """
-    return cast(Callable[[Path, int | None], Cell], number_reader("--cells", cells, CELL_COLUMNS))
-
-
 def number_reader(
     option: str, path: Path, names: Sequence[str]
 ) -> Callable[[Path, int | None], tuple[float, ...]]:
@@ -194,6 +185,11 @@ def number_reader(
         )
 
     return row_of
+
+
+def cell_reader(cells: Path) -> Callable[[Path, int | None], tuple[float, ...]]:
+    """Function that gives the cell of a snapshot, by its file and its number in one of several."""
+    return number_reader("--cells", cells, CELL_COLUMNS)
 
 
 def number_of(path: Path, frame: int | None = None) -> int:

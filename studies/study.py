@@ -249,11 +249,7 @@ def write_report(
     provenance: Mapping[str, Any],
     largest: int | None = None,
 ) -> Path:
-    """Write `report.html`, one file that loads nothing else; figures are title, caption, picture.
-
-    The first map is shown, the others can be chosen; `largest` is the number of loops of the
-    largest snapshot, by default that of the maps, else `loops` of the summary.
-    """
+    """Write `report.html`, which loads nothing else; figures are title, caption, picture."""
     if maps:
         largest = max(map(len, maps))
     elif largest is None:

@@ -228,11 +228,7 @@ def direction_table(found: Sustained) -> pd.DataFrame:
 
 
 def sustain_tables(found: Sustained) -> dict[str, pd.DataFrame]:
-    """Tables of directions, motions at constant load, paths, and loops in the modes.
-
-    Of the loops: their shares by order in the work of each mode, and their work in the mode of the
-    weakest direction.
-    """
+    """Tables of directions, motions at constant load, paths, and loops in the modes."""
     faces, weakest, strains = found.scene.faces, weakest_of(found), [f"H{ij}" for ij in COMPONENTS]
     order, area = faces.order[faces.loops], faces.area[faces.loops]
     motions, paths, works = [], [], []

@@ -256,9 +256,8 @@ def answered(
 ) -> Answer:
     """Run the study of a packing, and answer: `run_NAME` of `studies.NAME`, from the first path.
 
-    `groups` are dataclasses of options. `progress` is what the clock says of what the study tells,
-    unless that has a bar of its own; `kept` what an interruption leaves, `most` the number of notes
-    that are printed. Exit status 1 if `unanswered`.
+    `groups` are dataclasses of options; `kept` is what an interruption leaves. Exit status 1 if
+    `unanswered`.
     """
     first = paths if isinstance(paths, Path) else paths[0]
     out = out_or(writing.out, command, first)

@@ -73,8 +73,7 @@ MOST_SPLIT = 60
 class Directions(NamedTuple):
     """Second-order work of a state in every direction of (11, 22), in the regimes it activates.
 
-    `diagram`: Polar diagram, of several solutions that of the smallest work; `work`, `share`: The
-    rate problem in these directions, and the shares of all directions, exact.
+    `share` are shares of all directions, exact.
     """
 
     diagram: PolarDiagram

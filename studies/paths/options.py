@@ -72,11 +72,7 @@ def programme_named(
     fluid_bulk_modulus: float | None = None,
     strain_ratio: float | None = None,
 ) -> Programme:
-    """Return the programme of a name on the command line, with the numbers that it asks for.
-
-    `fluid_bulk_modulus` is that of `undrained`, infinite if left out; `strain_ratio` is the strain
-    across over the driven one of `proportional-strain`.
-    """
+    """Return the programme of a name on the command line, with the numbers that it asks for."""
     if fluid_bulk_modulus is not None and name != "undrained":
         received, expected = f"given with {name}", "--programme undrained"
         raise InputError("--fluid-bulk-modulus", received, expected, "Leave it out.")
@@ -322,9 +318,7 @@ class PolygonOptions:
 class LoopOptions(PolygonOptions):
     """One loop of a snapshot, followed from its state there, which is the reference.
 
-    `loop` is its number in the table of loops. Lengths are over the mean diameter of its grains,
-    stiffnesses and forces over the mean `kn` of its contacts; law, forces and regimes are the
-    snapshot's. `end` is an E1 beyond that state, five mean overlaps if left out.
+    Lengths are over the mean diameter, stiffnesses and forces over the mean `kn` of its contacts.
     """
 
     snapshot: Snapshot | None = None

@@ -101,8 +101,7 @@ def read_strains(path: Path) -> StrainTable:
 class IntervalLoading(NamedTuple):
     """Loading of an interval: what `replay` is given, and the stages of a path.
 
-    `start` is the strain that the whole interval would have at the velocity gradient of its
-    beginning, `size` the sum of its strains.
+    `start` is the strain of the whole interval at the velocity gradient of its beginning.
     """
 
     strain: Floats | Stage

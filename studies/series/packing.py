@@ -87,9 +87,7 @@ STRESS_ERROR = 5e-3
 class Following(NamedTuple):
     """Options of paths and replays: continuation after an instability, rate of the replay, way.
 
-    `inertial_number` comes before the times of the snapshots; `time_step` is that of their numbers,
-    `mean_mass` stands in for masses that the files lack. `programme` is one of `WAYS`, or the name
-    of the `table` of strains.
+    `programme` is one of `WAYS`, or the name of the `table` of strains.
     """
 
     past: Past = "viscous"
@@ -124,8 +122,7 @@ def interval_rate(
 ) -> Rate:
     """Rate at which the code strained its sample by `H` from one snapshot to the next.
 
-    `times` are those of a table, which come before those of the files. The strain was reached on
-    the way of a `loading`, or straight.
+    Listed `times` come before those of the files.
     """
     if asked.inertial_number is not None:
         return Rate.from_rest(asked.inertial_number, "as given")
@@ -172,9 +169,7 @@ def times_of(
 def velocity_beyond(before: Snapshot, after: Snapshot, H: Floats, duration: float) -> Floats:
     """(G, 2) velocities of the grains beyond the affine motion that strains the sample by `H`.
 
-    Between walls it is that of the lower left corner. A periodic sample as a whole is at rest; some
-    codes store velocities that leave its affine motion out: of the velocities with and without it
-    the smaller ones are taken.
+    Some codes leave the affine motion of a periodic sample out: the smaller ones are taken.
     """
     given, x, rate = np.asarray(before.velocity), before.graph.x, H / duration
     if before.walls is not None and after.walls is not None:

@@ -24,6 +24,8 @@ from loops.tracking import Fate
 from stability import RTOL
 from stability.packing.loop_quantities import EXPECTED
 from studies.output import Columns, Row, Summary, as_json, described_table, words
+from studies.series.evolution import PREDICTIONS
+from studies.series.packing import EVENT_FIELDS
 from studies.series.tasks import KEY
 from studies.snapshot.summary import judges, spread
 from studies.snapshot.table import LAST_ORDER
@@ -37,9 +39,7 @@ TARGET, *OTHERS = TARGETS
 # Predictors by their source; a higher score predicts the target. Closures predict from the strain
 # of the loop over the interval; `*_lambda_min` and the counts know the earlier snapshot only,
 # persistence the interval before. The grains' own motion is known afterwards.
-CLOSURE_PREDICTORS = {
-    name: f"{name}_W2" for name in ("affine", "affine_free", "traction", "traction_free")
-}
+CLOSURE_PREDICTORS = {column.removesuffix("_W2"): column for column in PREDICTIONS}
 EIGENVALUE_PREDICTORS = (
     *("affine_lambda_min", "traction_lambda_min", "traction_free_lambda_min"),
     "packing_lambda_min",
@@ -63,11 +63,9 @@ GRADIENT = ("H11", "H12", "H21", "H22")
 READ = (
     *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),
     *("nonaffinity", "sliding_contacts", "smallest_N", "fate", "contact_lost"),
-    *("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
-    *("path_w2", "path_nonaffinity", "path_opening", "path_closing"),
-    *("replay_w2", "replay_nonaffinity", "replay_opening", "replay_closing"),
-    *("own_w2", "own_opening", "own_closing", *GRADIENT, *CLOSURE_PREDICTORS.values()),
-    *(*EIGENVALUE_PREDICTORS, "packing_lambda_min_held", *INDICATORS.values()),
+    *(f"{by}_{what}" for by in TIMES.values() for what in EVENT_FIELDS),
+    *(*GRADIENT, *CLOSURE_PREDICTORS.values(), *INDICATORS.values()),
+    *(*EIGENVALUE_PREDICTORS, "packing_lambda_min_held"),
 )
 # Principal strain of an interval beyond which no rate of its start speaks for it: 1e-4, and a tenth
 # for codes that write after whole time steps (docs/evidence/packing.md, table of the steps).
@@ -132,9 +130,7 @@ def targets(
 ) -> Iterator[tuple[str, str, Floats, Floats, bool]]:
     """Target, predictor, score, value, and whether the sign of the score is a prediction.
 
-    The value is negative where the target came true; there is one score and value for each loop.
-    `own` are the increments of an interval, `state` the table of its earlier snapshot and the
-    packing's predictions, `earlier` the increments of the interval before.
+    The value is negative where the target came true; there is one of each for each loop.
     """
     # Over the square of the strain: a larger step has more work of either sign.
     H = np.stack([own[name] for name in GRADIENT], axis=1).reshape(-1, 2, 2)

@@ -69,9 +69,7 @@ def series_folder(
 ) -> Iterator[None]:
     """Start a series in the folder `out`, or continue the one that an earlier run started there.
 
-    The series and the options of reading must be the same; more snapshots may follow the last one.
-    With `force` the results of any command in the folder are removed. A new folder is removed if no
-    part of it could be finished.
+    A new folder is removed if no part of it could be finished.
     """
     require_folder(out, force=True)
     contents = {"read": dict(read), "snapshots": list(names)}
@@ -213,12 +211,9 @@ class Failure:
 
 @dataclass(frozen=True)
 class Extras:
-    """Probes and predictors that are asked for besides.
+    """Probes and predictors that are asked for besides; `probe` are yield band and directions.
 
-    `probe` are the yield band and the number of directions of the probes of each snapshot. With
-    `candidates` (share of its strength from which a contact may slide) the packing predicts each
-    interval, with `following` its path and its replay too, with `indicators` what one snapshot
-    tells.
+    `candidates` is the share of its strength from which a contact may slide in a prediction.
     """
 
     probe: tuple[float, int] | None = None

@@ -345,11 +345,7 @@ def eigenvalue_distribution(table: Columns, groups: Groups) -> Figure:
 
 
 def linear_part(values: Floats) -> tuple[float, float]:
-    """Bounds of the linear part and of the whole of a logarithmic scale of both signs.
-
-    A power of ten that three quarters of the values exceed; at most a thousandth of the end, which
-    98 % do not.
-    """
+    """Bounds of the linear part and of the whole of a logarithmic scale of both signs."""
     size = np.abs(values[np.isfinite(values) & (values != 0)])
     if not len(size):
         return 0.1, 1.0

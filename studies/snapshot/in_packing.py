@@ -81,10 +81,9 @@ def balance_notes(subject: Subject) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class InPacking:
-    """Method of judging loops in their packing, and the loops of the state at rest.
+    """Method of judging loops in their packing, and the loops (R,) of the state at rest.
 
-    `method` and `at_rest` go to the summary. `order` and `smallest` (R,) are of the loops at rest,
-    smallest eigenvalues over the mean kn; not numbers where no share counts them.
+    Smallest eigenvalues are over the mean kn; not numbers where no share counts them.
     """
 
     method: dict[str, Any]
@@ -299,19 +298,11 @@ def held_snapshot(
     if planes is not None:
         force, springs = np.asarray(planes.force), (planes.kn, planes.kt, planes.mu)
         walls = WallContacts(planes.grain, force, -planes.branch, *springs)
-    at_rest = Snapshot(
-        graph=held.scene.graph,
-        law=held.law,
-        regime=held.scene.graph.regime,
-        ids=snapshot.ids,
-        wall_contacts=0 if walls is None else len(walls.grain),
-        notes=(*snapshot.notes, *notes),
-        walls=walls,
-        step=snapshot.step,
-        findings=snapshot.findings,
-        mass=snapshot.mass,
-        time=snapshot.time,
-    )
+    at_rest = replace(
+        snapshot, graph=held.scene.graph, law=held.law, regime=held.scene.graph.regime,
+        wall_contacts=0 if walls is None else len(walls.grain), walls=walls,
+        notes=(*snapshot.notes, *notes), velocity=None, spin=None, rotation=None,
+    )  # fmt: skip
     arrays = ("graph", "law", "boundary")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
     return planar(at_rest, "the held sample"), changes
