@@ -80,8 +80,8 @@ if TYPE_CHECKING:
     from studies.series.tables import increments as increments
     from studies.series.tables import series as series
     from studies.series.tables import skill as skill
-    from studies.snapshot.fabric import fabric as fabric
-    from studies.snapshot.stress import stress as stress
+    from studies.snapshot.sample import fabric as fabric
+    from studies.snapshot.sample import stress as stress
     from studies.sustain import sustain as sustain
 
 # Words that are asked for, with the names to look at.

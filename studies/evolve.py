@@ -32,8 +32,7 @@ from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
 from studies.series.evolution import sample_strain
-from studies.series.loading import stress_of
-from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate
+from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate, stress_of
 from studies.snapshot.in_packing import balance_notes, held_snapshot
 from studies.snapshot.regions import Property, loop_regions, places_table, region_summary
 from studies.snapshot.table import loop_polygons

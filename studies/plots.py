@@ -44,8 +44,8 @@ from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, for
 from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.results import table_of
-from studies.snapshot.fabric import Fabric
 from studies.snapshot.figures import draw_orders, draw_rose, draw_values, loop_drawer
+from studies.snapshot.sample import Fabric
 from studies.snapshot.table import loop_columns
 from studies.style import (
     BLACK,

@@ -62,9 +62,9 @@ def diamond_command(
     own = {asked.alpha0_deg, asked.kappa, asked.phi_deg, asked.confine} != {None}
     out = out_or(writing.out, "diamond" if own else f"diamond-table{asked.table or 1}")
     with clock("grainloops diamond"):
+        from studies.paths.figures import run_diamond
         from studies.paths.options import DiamondOptions
         from studies.paths.polygon import event_words
-        from studies.paths.run import run_diamond
 
         summary = run_diamond(DiamondOptions(**asdict(asked)), out, **writing.files())
     check = summary["model"]["check"]
@@ -91,8 +91,8 @@ def polygon_command(
     named = f"loop-{asked.loop}-polygon" if asked.snapshot else named
     out = out_or(writing.out, named, asked.snapshot)
     with clock("grainloops polygon"):
+        from studies.paths.figures import run_comparison, run_polygon
         from studies.paths.options import ComparisonOptions
-        from studies.paths.run import run_comparison, run_polygon
 
         ratios = None if asked.kappa is None else (asked.kappa,)
         orders, loops = _loops_of(asked, reading, (asked.closure,), ratios)

@@ -1,9 +1,11 @@
-"""Figures of paths: stress, eigenvalues, cone, polar diagrams, the loop; orders side by side."""
+"""Figures of paths (stress, eigenvalues, cone, polar diagrams, loops), and the studies of paths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,10 +30,18 @@ from stability import (
     spectrum,
     symmetric_spectrum,
 )
-from studies.paths.diamond import FollowedDiamond
+from studies.output import Summary
+from studies.paths.diamond import FollowedDiamond, diamond_summary, diamond_tables, follow_diamond
 from studies.paths.followed import RADIUS, Followed, operator_diagram
-from studies.paths.polygon import Compared
-from studies.study import Drawings
+from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
+from studies.paths.polygon import (
+    Compared,
+    compare_orders,
+    follow_polygon,
+    polygon_summary,
+    polygon_table,
+)
+from studies.study import Drawings, study
 from studies.style import (
     BLACK,
     BLUE,
@@ -580,3 +590,31 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     works.set(ylim=(0.0, None))
     works.legend(loc="upper left")
     return fig
+
+
+def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
+    """Follow a diamond and write `summary.json`, tables and figures; return the summary."""
+    with study("diamond", out, options.described(), **how) as results:
+        found, ignored = follow_diamond(options), None
+        if options.contact_on_touch == "add":
+            ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
+        tables = diamond_tables(found, ignored)
+        drawings = diamond_figures(found, ignored, tables["path_dependence"])
+        return results.write_results(tables, diamond_summary(found), drawings)
+
+
+def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
+    """Follow a polygon and write `summary.json`, the tables `path` and `polar`, and figures."""
+    with study("polygon", out, options.described(), **how) as results:
+        found = follow_polygon(options)
+        tables = {"path": polygon_table(found), "polar": found.polar_table()}
+        return results.write_results(tables, polygon_summary(found), polygon_figures(found))
+
+
+def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
+    """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
+    described = options.described()
+    with study("polygon --compare", out, described, **how) as results:
+        compared = compare_orders(options)
+        tables = {"compare": compared.table, "paths": compared.curves()}
+        return results.write_results(tables, compared.summary(), comparison_figures(compared))

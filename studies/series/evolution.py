@@ -35,7 +35,7 @@ from stability import COMPONENTS
 from stability.packing.probe import probe_edge
 from studies.output import Columns, Row, components
 from studies.snapshot.in_packing import sample_edge
-from studies.snapshot.stress import stress
+from studies.snapshot.sample import stress
 from studies.snapshot.summary import judges, verdict_shares
 from studies.snapshot.table import LAST_ORDER
 

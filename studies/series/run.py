@@ -26,8 +26,7 @@ from studies.output import SERIES, Row, Summary, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
 from studies.series.evolution import verdict_row
-from studies.series.loading import WAYS, read_strains
-from studies.series.packing import STRESS_ERROR, Following
+from studies.series.packing import STRESS_ERROR, WAYS, Following, read_strains
 from studies.series.skill import (
     LONG_STEP,
     part_columns,

@@ -26,13 +26,11 @@ from loops.arrays import Flags, Floats, Integers
 from loops.fabric import direction_tensors, mean_tensor, principal
 from patterns import Snapshot
 from studies.output import Columns, Summary
-from studies.snapshot.fabric import axis_errors, strong_contacts
+from studies.snapshot.sample import axis_errors, strong_contacts
 from studies.snapshot.summary import (
     FINE_BIN,
     JUDGE_TITLES,
-    Groups,
     axes_density,
-    group_rows,
     judges,
     main_judge,
     second_order,
@@ -46,6 +44,8 @@ from studies.snapshot.table import (
     GROUPS,
     LAST_ORDER,
     PLACE,
+    Groups,
+    group_rows,
     loop_columns,
     loop_polygons,
 )

@@ -15,8 +15,7 @@ from loops.validation import real
 from patterns import Snapshot
 from stability.input_error import InputErrors, eigenvalue_errors
 from studies.output import Columns
-from studies.snapshot.summary import group_rows
-from studies.snapshot.table import GROUPS, share
+from studies.snapshot.table import GROUPS, group_rows, share
 from studies.style import GREY, ORDER_COLOURS, panel
 
 # Digits up to which a number of a file counts as rounded; beyond it is the machine's.

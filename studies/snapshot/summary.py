@@ -30,7 +30,7 @@ from patterns import Snapshot
 from stability import RTOL
 from studies.output import Columns, Summary, definitions, values_of
 from studies.snapshot.regions import Property, places_table
-from studies.snapshot.stress import stress
+from studies.snapshot.sample import stress
 from studies.snapshot.table import (
     CLOSURES,
     EIGENVALUES,
@@ -38,14 +38,14 @@ from studies.snapshot.table import (
     GROUPS,
     LAST_ORDER,
     PLACE,
+    Groups,
+    group_rows,
     share,
     share_of,
 )
 
 if TYPE_CHECKING:
     from studies.snapshot.in_packing import InPacking
-
-Groups = dict[str, Integers | slice]
 
 # Judges of a loop, the one to believe first: the loop in its packing if that was asked for, both
 # closures with blocked spins, the traction closure with free spins.
@@ -385,13 +385,6 @@ def spread(values: ArrayLike, weights: ArrayLike | None = None) -> dict[str, Any
         **dict(zip(QUARTILES, quantiles(value, [*QUARTILES.values()]), strict=True)),
         "count": len(value),
     }
-
-
-def group_rows(order: Integers) -> Groups:
-    """Rows of the loops of each group of orders, and of `all`."""
-    grouped = np.minimum(order, LAST_ORDER).astype(np.int8)
-    rows: Groups = {name: np.flatnonzero(grouped == 3 + k) for k, name in enumerate(GROUPS)}
-    return rows | {"all": slice(None)}
 
 
 def spread_by_group(

@@ -46,6 +46,8 @@ MECHANICS = (
 # Loops of this order and beyond form one group, in every table, figure and report.
 LAST_ORDER = 8
 GROUPS = (*map(str, range(3, LAST_ORDER)), f"{LAST_ORDER}+")
+# Rows of the loops of each group.
+Groups = dict[str, Integers | slice]
 
 
 def loop_columns(
@@ -135,6 +137,13 @@ def _judged(closure: str, matrix: Floats, error: Floats, *, compiled: bool) -> C
         f"{closure}_{name}": np.where(sure, value, np.nan)
         for name, value in zip(STABILITY, values, strict=False)
     }
+
+
+def group_rows(order: Integers) -> Groups:
+    """Rows of the loops of each group of orders, and of `all`."""
+    grouped = np.minimum(order, LAST_ORDER).astype(np.int8)
+    rows: Groups = {name: np.flatnonzero(grouped == 3 + k) for k, name in enumerate(GROUPS)}
+    return rows | {"all": slice(None)}
 
 
 def share(having: Flags) -> dict[str, Any]:

@@ -19,8 +19,7 @@ from loops import (
 )
 from loops.shown import Shown
 from patterns.snapshots.walls import box_area
-from studies.snapshot.fabric import axis_errors
-from studies.snapshot.stress import BLOCKS
+from studies.snapshot.sample import BLOCKS, axis_errors
 from studies.snapshot.summary import axes_density
 from tests.packings import LAW
 from tests.stability.packing.walled_packings import small_sample

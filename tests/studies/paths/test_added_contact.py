@@ -16,8 +16,8 @@ from studies.paths.diamond import (
     energy_imbalance,
     verification,
 )
+from studies.paths.figures import run_diamond
 from studies.paths.options import DiamondOptions
-from studies.paths.run import run_diamond
 from tests.studies.paths.followed import followed
 
 

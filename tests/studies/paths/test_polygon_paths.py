@@ -20,6 +20,7 @@ from patterns.diamond import DiamondParameters
 from stability import rates_at, restrict
 from stability.programmes import proportional_strain
 from studies.commands.loops import state_lines
+from studies.paths.figures import run_comparison, run_polygon
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -35,7 +36,6 @@ from studies.paths.polygon import (
     polygon_table,
     thresholds,
 )
-from studies.paths.run import run_comparison, run_polygon
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty

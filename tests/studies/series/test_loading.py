@@ -15,17 +15,15 @@ from stability.programmes import nominal
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import sample_strain, track_loops
-from studies.series.loading import (
-    StrainTable,
-    in_parts,
-    loading_between,
-    read_strains,
-)
 from studies.series.packing import (
     STRESS_ERROR,
     Following,
+    StrainTable,
+    in_parts,
     interval_rate,
+    loading_between,
     packing_predictions,
+    read_strains,
 )
 from tests.packings import LAW, jammed
 from tests.studies.series.test_packing import CELLS, PATHS, predict

@@ -8,8 +8,8 @@ from matplotlib.collections import LineCollection
 from loops import find_faces, force_chains
 from studies.snapshot import figures
 from studies.snapshot.figures import chain_segments, loop_drawer
-from studies.snapshot.summary import group_rows, unstable_loops
-from studies.snapshot.table import loop_columns
+from studies.snapshot.summary import unstable_loops
+from studies.snapshot.table import group_rows, loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
 

@@ -19,12 +19,11 @@ from studies.snapshot.figures import (
 )
 from studies.snapshot.summary import (
     fabric_table,
-    group_rows,
     judges,
     snapshot_summary,
     unstable_loops,
 )
-from studies.snapshot.table import GROUPS, loop_columns
+from studies.snapshot.table import GROUPS, group_rows, loop_columns
 from studies.study import Results
 
 PERIODIC = sample_path("grains_periodic.parquet")

@@ -22,13 +22,12 @@ from studies.output import definitions
 from studies.snapshot.summary import (
     axes_block,
     axes_density,
-    group_rows,
     share,
     snapshot_summary,
     spread,
     spread_by_group,
 )
-from studies.snapshot.table import GROUPS, loop_columns
+from studies.snapshot.table import GROUPS, group_rows, loop_columns
 
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [
