@@ -12,37 +12,70 @@ from loops import Regime, contact_forces
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
-def external_forces(graph, kn, kt, mu, regime, v, w, step, shear_increment="branch"):
+def external_forces(graph, kn, kt, mu, regime, v, w, step, rule="branch"):
     """External forces (2 G) and moments (G) that hold the grains after the motion `step * v`."""
+    return _held(
+        graph, lambda c, start, end: kn * (start - end), lambda c, length: kt,
+        mu, 0.0, regime, v, w, step, rule,
+    )  # fmt: skip
+
+
+def forces_of_spheres(graph, young, poisson, mu, k_r, regime, v, w, step, rule="branch"):
+    """The same by Hertz and Mindlin with a rolling spring, from E, nu and the overlap alone."""
+    r = graph.radii[graph.contacts]
+
+    def change(c, start, end):
+        return hertz_force(young, poisson, *r[c], end) - hertz_force(young, poisson, *r[c], start)
+
+    def stiffness(c, length):
+        return mindlin_stiffness(young, poisson, *r[c], length)
+
+    return _held(graph, change, stiffness, mu, k_r, regime, v, w, step, rule)
+
+
+def hertz_force(young, poisson, r_i, r_j, length):
+    """`(4/3) E* sqrt(R*) delta^(3/2)`."""
+    e_star = 1 / (2 * (1 - poisson**2) / young)
+    r_star = 1 / (1 / r_i + 1 / r_j)
+    return 4 / 3 * e_star * np.sqrt(r_star) * (r_i + r_j - length) ** 1.5
+
+
+def mindlin_stiffness(young, poisson, r_i, r_j, length):
+    """`8 G* a` with the contact radius `a`; `1/G* = 2 (2 - nu)/G` for two equal grains."""
+    g = young / (2 * (1 + poisson))
+    g_star = 1 / (2 * (2 - poisson) / g)
+    return 8 * g_star * np.sqrt((r_i + r_j - length) * r_i * r_j / (r_i + r_j))
+
+
+def _held(graph, change, stiffness, mu, k_r, regime, v, w, step, rule):
+    """A sliding contact keeps |T| in step with N from the value that it starts with."""
     grains = graph.grain_count
     out = np.zeros(3 * grains)
     for c, (i, j) in enumerate(graph.contacts.tolist()):
-        d = graph.x[j] - graph.x[i]
-        dv = v[j] - v[i]
+        d, dv = graph.x[j] - graph.x[i], v[j] - v[i]
         r_i, r_j = graph.radii[i], graph.radii[j]
         end = d + step * dv
         length = np.hypot(*end)
-        normal = graph.normal_force[c] + kn * (np.hypot(*d) - length)
+        more, shear = change(c, np.hypot(*d), length), graph.shear_force[c]
         if regime[c] == Regime.SLIDING:
-            shear = np.sign(graph.shear_force[c]) * mu * normal
+            shear = shear + np.sign(shear) * mu * more
         else:
-            s = 0.5 * step * (NODES + 1)
-            path = d + s[:, None] * dv
-            length_at = np.hypot(path[:, 0], path[:, 1])
-            swept = (path[:, 0] * dv[1] - path[:, 1] * dv[0]) / length_at
-            if shear_increment == "branch":
-                roll = 0.5 * (length_at + r_i - r_j) * w[i]
-                roll = roll + 0.5 * (length_at + r_j - r_i) * w[j]
+            path = d + (0.5 * step * (NODES + 1))[:, None] * dv
+            along = np.hypot(path[:, 0], path[:, 1])
+            swept = (path[:, 0] * dv[1] - path[:, 1] * dv[0]) / along
+            if rule == "branch":
+                roll = 0.5 * (along + r_i - r_j) * w[i] + 0.5 * (along + r_j - r_i) * w[j]
             else:
-                swept = swept * (r_i + r_j) / length_at
+                swept = swept * (r_i + r_j) / along
                 roll = r_i * w[i] + r_j * w[j]
-            shear = graph.shear_force[c] - kt * 0.5 * step * (WEIGHTS @ (swept - roll))
+            shear = shear - 0.5 * step * (WEIGHTS @ (stiffness(c, along) * (swept - roll)))
         n = end / length
-        f = normal * n + shear * np.array([-n[1], n[0]])
+        f = (graph.normal_force[c] + more) * n + shear * np.array([-n[1], n[0]])
+        moment = -k_r * step * (w[j] - w[i])
         out[2 * i : 2 * i + 2] += f
         out[2 * j : 2 * j + 2] -= f
-        out[2 * grains + i] += 0.5 * (length + r_i - r_j) * shear
-        out[2 * grains + j] += 0.5 * (length + r_j - r_i) * shear
+        out[2 * grains + i] += 0.5 * (length + r_i - r_j) * shear + moment
+        out[2 * grains + j] += 0.5 * (length + r_j - r_i) * shear - moment
     return out
 
 

@@ -5,6 +5,23 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import GrainGraph, branch_vectors, contact_forces, find_faces
+from patterns.snapshots.build import build_snapshot
+from patterns.snapshots.frame import Source
+from patterns.snapshots.laws import Parameters
+
+LAW = Parameters(1.0, 0.5, 0.5)
+
+
+def snapshots_of(frames, path, **source):
+    """Every snapshot that a reader of frames finds in a file."""
+    return [build_snapshot(read(), LAW) for read in frames(Source(path, **source))]
+
+
+def edit(path, change):
+    """Change the rows of a file."""
+    rows = path.read_text().splitlines()
+    change(rows)
+    path.write_text("\n".join(rows) + "\n")
 
 
 class Packing(NamedTuple):

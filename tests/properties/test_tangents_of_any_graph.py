@@ -14,7 +14,6 @@ from loops import (
     love_weber_stress,
 )
 from patterns import synthetic_network
-from stability import judge
 
 SPINS = st.sampled_from(["blocked", "affine", "free"])
 RULES = st.sampled_from(["branch", "radii"])
@@ -136,26 +135,3 @@ def test_love_weber_is_the_boundary_average(scene, shift):
     size = np.abs(f).max(initial=0.0) * (1.0 + abs(shift)) * graph.contact_count
     np.testing.assert_allclose(f.T @ d, average, rtol=0, atol=1e-13 * size + 1e-300)
     assert np.abs(outside.sum(axis=0)).max() < 1e-14 * size + 1e-300
-
-
-@settings(max_examples=30)
-@given(networks(), st.floats(1e-4, 1e4), st.floats(1e-6, 1e9), SPINS)
-def test_units_scale_out_of_verdicts(scene, length, stiffness, spins):
-    graph, law = scene
-    scaled_law = LinearFrictional(
-        kn=stiffness * law.kn, kt=stiffness * law.kt, mu=law.mu, shear_increment=law.shear_increment
-    )
-    scaled = moved(graph, np.eye(2), length, length * stiffness)
-    V = area(graph)
-    A = affine_tangent(graph, law, spins=spins, volume=V)
-    other = affine_tangent(scaled, scaled_law, spins=spins, volume=length**2 * V)
-    assert other.trusted == A.trusted
-    if A.trusted:
-        size = np.linalg.norm(A.matrix)
-        error = np.abs(other.matrix / stiffness - A.matrix).max()
-        assert error < 1e-13 * size * A.condition
-        for subspace in ("diagonal", "symmetric", "full"):
-            one, two = judge(A.matrix, subspace), judge(other.matrix, subspace)
-            # A margin within rounding of zero is either's to call.
-            if abs(one.margin) > 1e-11:
-                assert (one.status, one.mode) == (two.status, two.mode)

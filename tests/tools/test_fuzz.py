@@ -5,13 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from loops import InputError
 from patterns import read_snapshot
 from tests.tools.fuzz import trial
-from tests.tools.fuzz.damage import damaged
 from tests.tools.fuzz.samples import write_samples
 
 ROOT = Path(__file__).parents[2]
@@ -35,45 +33,6 @@ def test_a_few_of_each_format(tmp_path):
 @pytest.mark.slow
 def test_many_of_each_format(tmp_path):
     assert run(tmp_path / "out", 500)["bad"] == []
-
-
-def test_damage_differs_and_repeats():
-    content = bytes(range(256)) * 4
-    hurt = {damaged(np.random.default_rng(seed), content) for seed in range(50)}
-    assert len(hurt) > 45
-    assert damaged(np.random.default_rng(3), content) == damaged(np.random.default_rng(3), content)
-    assert damaged(np.random.default_rng(3), b"") is not None
-
-
-FAULTS = {
-    "raise ValueError('no')": "exception",
-    "raise InputError('a', 'b', 'd', 'e')": "clear error",
-    "os.abort()": "crash",
-    "time.sleep(60)": "hang",
-    "pass": "snapshot",
-}
-
-
-def test_each_outcome_is_seen(tmp_path):
-    """A reader with a fault of each kind, in a process of its own: the fuzzer forks."""
-    script = (
-        "import os, sys, time; from pathlib import Path; from loops import InputError\n"
-        "from tests.tools.fuzz import trial; from tests.tools.fuzz.samples import Sample\n"
-        "sample = Sample('csv', Path(sys.argv[1]) / 'grains_1.csv', {})\n"
-        "sample.path.write_text('id')\n"
-        "for fault in sys.argv[2:]:\n"
-        "    trial.SECONDS = 0.5 if 'sleep' in fault else 60.0\n"
-        "    trial.read_snapshot = lambda path, **_: exec(fault)\n"
-        "    print(trial.try_one(sample, 0, whole=False)[0], flush=True)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path), *FAULTS],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout.splitlines() == list(FAULTS.values())
 
 
 def test_healthy_samples_are_read(tmp_path):

@@ -7,11 +7,10 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from loops import Regime, branch_vectors, find_faces
+from loops import find_faces
 from patterns import synthetic_network
-from studies.snapshot.table import loop_columns
 from tests.tools.scaling import __main__ as study
-from tests.tools.scaling.methods import METHODS, bytes_moved, shuffled, synthetic_snapshot
+from tests.tools.scaling.methods import METHODS, synthetic_snapshot
 
 
 def turned(cycle):
@@ -32,30 +31,6 @@ def test_the_other_tools_find_the_same_faces():
         either_way = {turned(cycle) for cycle in found} | {turned(cycle[::-1]) for cycle in found}
         assert loops <= either_way, how
         assert len(found) == len(loops) + (how == "networkx")  # the outside
-
-
-def test_a_packing_in_random_order_is_the_same_packing():
-    rows = synthetic_snapshot(300)
-    mixed = shuffled(rows)
-    assert not np.array_equal(mixed.graph.x, rows.graph.x)
-    areas = [np.sort(one.faces.area[one.faces.loops]) for one in (rows, mixed)]
-    np.testing.assert_allclose(areas[1], areas[0], rtol=1e-12)
-    lengths = [np.hypot(*branch_vectors(one.graph).T) for one in (rows, mixed)]
-    sliding = [
-        np.sort(a[one.regime == Regime.SLIDING])
-        for a, one in zip(lengths, (rows, mixed), strict=True)
-    ]
-    np.testing.assert_array_equal(sliding[1], sliding[0])
-
-
-def test_bytes_are_those_of_input_and_result():
-    snapshot = synthetic_snapshot(200)
-    graph, faces = snapshot.graph, find_faces(snapshot.graph)
-    half_edges, count = len(faces.grains), len(faces.area)
-    expected = 16 * 200 + 16 * graph.contact_count + 17 * half_edges + 8 * (count + 1) + 17 * count
-    assert bytes_moved("faces", graph, faces, {}) == expected
-    table = loop_columns(snapshot)
-    assert bytes_moved("table", graph, faces, table) > expected + 16 * graph.contact_count
 
 
 @pytest.mark.slow

@@ -17,8 +17,13 @@ from loops import (
 )
 from patterns import random_loop, regular_polygon
 from stability import restrict, symmetric_spectrum
-from tests.oracles.finite_motion import assert_slope, assert_turns_forces
-from tests.oracles.finite_motion_hertz import external_forces, hertz_force, mindlin_stiffness
+from tests.oracles.finite_motion import (
+    assert_slope,
+    assert_turns_forces,
+    forces_of_spheres,
+    hertz_force,
+    mindlin_stiffness,
+)
 from tests.oracles.polygon_thresholds import critical_strain
 from tests.oracles.rings import member
 
@@ -104,7 +109,7 @@ def test_tangent_is_the_slope_of_the_law(rule, share):
     rate = tangent @ np.append(v.ravel(), w)
 
     def forces(step):
-        return external_forces(graph, YOUNG, POISSON, MU, 0.0, regime, v, w, step, rule)
+        return forces_of_spheres(graph, YOUNG, POISSON, MU, 0.0, regime, v, w, step, rule)
 
     assert_slope(forces, rate, 2.0 ** -np.arange(9, 14), atol=0.03)
 

@@ -16,8 +16,7 @@ from loops import (
 )
 from patterns import random_loop, regular_polygon
 from stability import restrict, symmetric_spectrum
-from tests.oracles.finite_motion import assert_slope, assert_turns_forces
-from tests.oracles.finite_motion_hertz import external_forces
+from tests.oracles.finite_motion import assert_slope, assert_turns_forces, forces_of_spheres
 from tests.oracles.polygon_thresholds import critical_strain
 
 KN, KT, MU, KR = 1.3, 0.4, 0.5, 0.07
@@ -101,7 +100,7 @@ def test_tangent_is_the_slope_of_the_law():
     rate = assemble_tangent(graph, law, spins=True) @ np.append(v.ravel(), w)
 
     def forces(step):
-        return external_forces(graph, 3.0, 0.3, MU, KR, regime, v, w, step)
+        return forces_of_spheres(graph, 3.0, 0.3, MU, KR, regime, v, w, step)
 
     assert_slope(forces, rate, 2.0 ** -np.arange(9, 14), atol=0.03)
 

@@ -158,6 +158,36 @@ def test_balance_with_shear_turned_is_told():
     assert found.number == pytest.approx(out_of_balance(made), rel=1e-12)
 
 
+def test_grains_on_the_rim_are_those_near_the_box_of_those_touched():
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(20):
+        radii = rng.uniform(2.0, 6.0, 60)
+        # Grains that nearly touch a box, and some beyond it that no contact touches.
+        x = rng.uniform(0, 40, (60, 2))
+        side = rng.integers(0, 4, 40)
+        gap = np.append(0.0, rng.uniform(0, 0.6, 39))
+        for g, (s, far) in enumerate(zip(side, gap, strict=True)):
+            x[g, s % 2] = far + radii[g] if s < 2 else 40.0 - far - radii[g]
+        x = np.clip(x, radii[:, None], 40.0 - radii[:, None])
+        touched = rng.random(60) < 0.9
+        x[~touched] += rng.choice([-50.0, 50.0])
+        inside = np.flatnonzero(touched)
+        low = [min(x[g, a] - radii[g] for g in inside) for a in (0, 1)]
+        high = [max(x[g, a] + radii[g] for g in inside) for a in (0, 1)]
+        margin = checked.RIM * sum(radii) / 60
+        expected = [
+            any(
+                x[g, a] - radii[g] - low[a] < margin or high[a] - x[g, a] - radii[g] < margin
+                for a in (0, 1)
+            )
+            for g in range(60)
+        ]
+        assert checked.on_rim(x, radii, touched).tolist() == expected
+        seen.update(expected)
+    assert seen == {True, False}
+
+
 @pytest.mark.parametrize(("gap", "share"), [(0.5e-9, 0.0), (2e-9, 1.0)])
 def test_a_gap_of_a_billionth_of_the_length_is_rounding(gap, share):
     made = uneven(share=np.full(COUNT, -gap))
@@ -314,6 +344,33 @@ def test_stiffnesses_are_exchanged_where_the_other_one_fits(kt, factor, cause):
     kn = uneven().law.kn
     found = stiffness_checks.stiffness(elastic(factor, kt=kt * kn))
     assert cause in found.says
+
+
+@pytest.mark.parametrize("law", ["springs", "modulus", "tangents"])
+def test_forces_against_overlaps_in_numbers(law):
+    """Ratio, its error, overlaps that the forces need and their noise, contact by contact."""
+    factor = np.random.default_rng(4).uniform(0.8, 0.9, COUNT)
+    made = elastic(factor)
+    power = 1.0
+    if law != "springs":
+        # One modulus for all, or those that the tangents of each contact give.
+        modulus, ratio = (1e7, None) if law == "modulus" else (np.full(COUNT, 1e7), 0.5)
+        of_hertz = HertzMindlin(modulus, 0.0, 0.5, ratio=ratio)
+        force = factor * of_hertz.closed_force(SimpleNamespace(**hertz_state(made)))
+        made = dataclasses.replace(uneven(normal=force), law=of_hertz)
+        # kn goes with the third root of N: what N needs goes with the other two thirds.
+        factor, power = factor ** (2 / 3), 1.5 if law == "modulus" else 1.0
+    fit, scale = made.fit, np.median(factor)
+    np.testing.assert_allclose(fit.needed, factor / scale * made.overlap, rtol=1e-9)
+    np.testing.assert_allclose(fit.off, fit.needed - made.overlap, atol=1e-15)
+    typical = np.median(made.overlap)
+    larger = np.maximum(fit.needed, made.overlap)
+    noise = [np.quantile(np.abs(fit.off) / of, 0.9) for of in (larger, typical)]
+    np.testing.assert_allclose(fit.noise, noise, rtol=1e-9)
+    low, high = np.quantile(factor, [0.25, 0.75])
+    error = power * (3 * (high - low) / np.sqrt(COUNT) + noise[1] ** 2)
+    assert (fit.ratio, fit.error) == pytest.approx((scale**power, error), rel=1e-9)
+    assert fit.power == (1.0 if law == "springs" else 1.5) and fit.typical == pytest.approx(typical)
 
 
 @pytest.mark.parametrize(("x", "radius"), [(8, 8), (8, 6), (6, 8)])

@@ -11,7 +11,6 @@ from loops import (
     euler_check,
     find_crossings,
     find_faces,
-    love_weber_stress,
     outline_area,
 )
 from patterns import read_snapshot, sample_path, synthetic_network
@@ -19,16 +18,15 @@ from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
-from patterns.snapshots.laws import Parameters
 from tests.patterns.dump_writers import (
+    LAW,
     Packing,
     assert_same,
     lammps_columns,
     lammps_walls,
+    snapshots_of,
     write_lammps,
 )
-
-LAW = Parameters(1.0, 0.5, 0.5)
 
 
 def packing(count=300, seed=0, tilt=0.0, cell=None):
@@ -40,23 +38,11 @@ def packing(count=300, seed=0, tilt=0.0, cell=None):
 
 
 def read(path, **source):
-    return [build_snapshot(read(), LAW) for read in lammps_frames(Source(path, **source))]
+    return snapshots_of(lammps_frames, path, **source)
 
 
 def notes(path, **source):
     return " | ".join(read(path, **source)[0].notes)
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.2, -0.15])
-def test_written_files_are_read_back(tmp_path, tilt):
-    own = packing(tilt=tilt)
-    path, _ = write_lammps(tmp_path, own)
-    (snapshot,) = read(path)
-    assert_same(snapshot, own, 1e-13)
-    assert snapshot.graph.cell == pytest.approx(own.graph.cell, rel=1e-15, abs=1e-15)
-    assert love_weber_stress(snapshot.graph) == pytest.approx(
-        love_weber_stress(own.graph), rel=1e-12, abs=1e-15
-    )
 
 
 def test_a_dump_without_distances_takes_the_nearest_images(tmp_path):

@@ -8,14 +8,12 @@ import pytest
 
 from loops import InputError
 from patterns import synthetic_network
-from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.columns import names_beside
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.files import beside
 from patterns.snapshots.frame import Source
 from patterns.snapshots.lammps import lammps_frames
-from patterns.snapshots.laws import Parameters
-from tests.patterns.dump_writers import Packing, lammps_columns, write_lammps
+from tests.patterns.dump_writers import Packing, edit, lammps_columns, snapshots_of, write_lammps
 
 
 @pytest.fixture
@@ -28,14 +26,7 @@ def dumps(tmp_path):
 
 
 def read(path, **source):
-    law = Parameters(1.0, 0.5, 0.5)
-    return [build_snapshot(read(), law) for read in lammps_frames(Source(path, **source))]
-
-
-def edit(path, change):
-    rows = path.read_text().splitlines()
-    change(rows)
-    path.write_text("\n".join(rows) + "\n")
+    return snapshots_of(lammps_frames, path, **source)
 
 
 def drop_radius(rows):

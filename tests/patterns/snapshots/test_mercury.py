@@ -11,15 +11,16 @@ from patterns.snapshots.frame import Source
 from patterns.snapshots.laws import Parameters
 from patterns.snapshots.mercury import is_mercury, mercury_frames
 from tests.patterns.dump_writers import (
+    LAW,
     Packing,
     assert_same,
+    edit,
+    snapshots_of,
     wall_numbers,
     write_lammps,
     write_liggghts,
     write_mercury,
 )
-
-LAW = Parameters(1.0, 0.5, 0.5)
 
 
 def packing(count=100, seed=0):
@@ -37,7 +38,7 @@ def box():
 
 
 def read(path, **source):
-    return [build_snapshot(read(), LAW) for read in mercury_frames(Source(path, **source))]
+    return snapshots_of(mercury_frames, path, **source)
 
 
 @pytest.mark.parametrize("layout", [8, 14])
@@ -120,12 +121,6 @@ def test_one_packing_through_every_format(tmp_path):
         given = cell if name == "mercury" else None
         frame = FORMATS[name].frames(Source(path, cell=given))[0]()
         assert_same(build_snapshot(frame, LAW), own, 1e-12)
-
-
-def edit(path, change):
-    rows = path.read_text().splitlines()
-    change(rows)
-    path.write_text("\n".join(rows) + "\n")
 
 
 def put(rows, line, word, text):

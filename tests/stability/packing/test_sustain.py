@@ -78,7 +78,7 @@ def test_a_square_lattice_fails_where_its_contacts_open():
 
 def test_the_time_of_the_spread_is_told_apart():
     """Of halves of the interval alone, with other runs beside, of none where nothing is lost."""
-    how = {"largest": 0.02, "interval": 4e-4}
+    how = {"largest": 0.02, "interval": 8e-4}
     (alone,) = sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False).paths
     begin = thread_time()
     lost, held = sustain(Scene(SQUARE, LAW), [[-1, 0], [1, 0]], **how).paths
