@@ -9,8 +9,8 @@ that always stick and with friction. Sticking contacts have `det K = kappa - N/l
 yields before, both determinants are lost in a jump.
 
 Loops of any order, of unequal grains, and of a snapshot: the limits of a fan of straight programmes
-(`stability.paths.fan`), the share of the strain plane that they leave unstable, and the domains of
-several orders over one another.
+(`stability.paths.domain`), the share of the strain plane that they leave unstable, and the domains
+of several orders over one another.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from patterns import diamond
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
+    DiamondParameters,
+    angle_from_strains,
     critical_strain,
-    determinant_elastic,
-    determinant_sliding,
     opposite_gaps,
     stress_of_isotropic_strain,
 )
-from patterns.diamond.closed_form import geometric_asymmetry, material_asymmetry
+from patterns.diamond.states import diamond_states
 from patterns.polygons import opposite_gap
 from stability import Stage, follow, programmes
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
@@ -198,31 +198,22 @@ def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str
     found = limits.found[kind]
     H, P, _, regime = (values[found] for values in limits.states[kind])
     E1, E2, s1, s2 = H[:, 0], H[:, 3], P[:, 0], P[:, 3]
-    X, Y = (1.0 - E1) * np.cos(case.alpha0), (1.0 - E2) * np.sin(case.alpha0)
-    alpha, sliding = np.arctan2(Y, X), (regime == Regime.SLIDING).any(axis=1)
-    T = s1 * np.sin(case.alpha0) * np.sin(alpha) - s2 * np.cos(case.alpha0) * np.cos(alpha)
-    # (29) to (36).
-    measures = (E1, E2, s1, s2, alpha)
-    sign, mu = np.where(sliding & (T < 0.0), -1.0, 1.0), case.mu if np.isfinite(case.mu) else 0.0
-    elastic, slipping = (
-        determinant_elastic(*measures, case.kappa),
-        determinant_sliding(*measures, mu, sign),
-    )
-    det_K = np.where(sliding, slipping, elastic)
-    asymmetry = np.where(sliding, material_asymmetry(mu, sign), 0.0) + geometric_asymmetry(
-        *measures
-    )
+    alpha0, sliding = case.alpha0, (regime == Regime.SLIDING).any(axis=1)
+    alpha = angle_from_strains(E1, E2, alpha0)
+    T = s1 * np.sin(alpha0) * np.sin(alpha) - s2 * np.cos(alpha0) * np.cos(alpha)
+    diamonds = DiamondParameters(*case, confinement=0.0)
+    state = diamond_states(diamonds, E1, E2, T, sliding=sliding, s1=s1, s2=s2)
     gaps = np.minimum(*opposite_gaps(E1, E2, case.alpha0))
     columns: dict[str, Any] = {
         **case.described(),
         "contacts": contacts,
         "kind": kind,
         "programme_deg": np.degrees(fan.programme[found]),
-        "regime": np.where(sliding, "sliding", "elastic"),
-        **{"E1": E1, "E2": E2, "s1": s1, "s2": s2, "N": 1.0 - np.hypot(X, Y), "T": T},
+        "regime": state.regime,
+        **{name: getattr(state, name) for name in ("E1", "E2", "s1", "s2", "N", "T")},
         "alpha_deg": np.degrees(alpha),
-        "det_K": det_K,
-        "det_Ks": det_K - (0.5 * asymmetry) ** 2,
+        "det_K": state.det_K,
+        "det_Ks": state.det_Ks,
         "opposite_overlap": gaps < -OVERLAP_ATOL,
     }
     return pd.DataFrame(columns)
