@@ -196,7 +196,8 @@ def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
 def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str) -> pd.DataFrame:
     """One row for each programme with a loss of this kind: its state and determinants."""
     found = limits.found[kind]
-    H, P, _, regime = (values[found] for values in limits.states[kind])
+    states = limits.states[kind]
+    H, P, regime = states.H[found], states.P[found], states.regime[found]
     E1, E2, s1, s2 = H[:, 0], H[:, 3], P[:, 0], P[:, 3]
     alpha0, sliding = case.alpha0, (regime == Regime.SLIDING).any(axis=1)
     alpha = angle_from_strains(E1, E2, alpha0)
