@@ -27,9 +27,11 @@ from studies.style import (
 )
 from tests.benchmarks.hard_cases import hard_path_rows, loop_letters, read_letters, tangent_rows
 from tests.benchmarks.methods import METHOD_GROUPS, machine, smallest_model_rows
+from tests.benchmarks.options import OPTIONS, option_methods
 from tests.oracles.hard_cases import HARD_CASES
 
 HARD, SMALLEST = "hard-cases", "smallest-model"
+GROUPS = METHOD_GROUPS | {"options": option_methods}
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
 # Methods with an error below this, rounding, are ranked by their time alone.
 KNEE_ERROR = 1e-14
@@ -94,7 +96,7 @@ def run_bench(
 
 def chosen_groups(only: str | None) -> tuple[str, ...]:
     """Names of the groups to run."""
-    every = (*METHOD_GROUPS, HARD, SMALLEST)
+    every = (*GROUPS, HARD, SMALLEST)
     names = every if only is None else tuple(name.strip() for name in only.split(","))
     for name in names:
         if name not in every:
@@ -126,7 +128,7 @@ def collect(
         elif name == SMALLEST:
             smallest += [] if quick else smallest_model_rows()
         else:
-            methods += [asdict(row) for row in METHOD_GROUPS[name](quick)]
+            methods += [asdict(row) for row in GROUPS[name](quick)]
     return Measured(
         methods=pd.DataFrame(methods),
         tangents=pd.DataFrame(tangents),
@@ -177,9 +179,12 @@ def all_figures(measured: Measured) -> Iterator[tuple[str, Figure]]:
     """Figures of the groups that were measured, with their names."""
     methods, tangents = measured.methods, measured.tangents
     if len(methods):
-        fronts = methods[~methods.group.isin(OWN_FIGURE)]
+        turned = methods.group.isin(OPTIONS)
+        fronts = methods[~methods.group.isin(OWN_FIGURE) & ~turned]
         if len(fronts):
             yield "pareto", pareto(fronts)
+        if turned.any():
+            yield "options", pareto(methods[turned])
         sizes = methods[methods.group == BATCH_GROUP]
         if len(sizes):
             yield "batches", figure_of(batches(sizes))

@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from loops import InputError, affine_tangent, traction_tangent
+from tests.benchmarks import options
 from tests.benchmarks.methods import (
     METHOD_GROUPS,
     Family,
@@ -87,7 +88,8 @@ def test_a_row_counts_time_per_item_and_memory():
 
 
 def test_groups_are_chosen_by_name():
-    assert set(chosen_groups(None)) == {*METHOD_GROUPS, "hard-cases", "smallest-model"}
+    own = {"options", "hard-cases", "smallest-model"}
+    assert set(chosen_groups(None)) == {*METHOD_GROUPS, *own}
     with pytest.raises(InputError, match="hard-cases"):
         chosen_groups("paths,nothing")
 
@@ -134,3 +136,12 @@ def test_the_hard_cases_as_the_command_runs_them(tmp_path):
     assert summary["unexpected"] == [] and summary["paths_missed"] == []
     assert summary["wrong_signs"] == summary["over_bound"] == 0
     assert (tmp_path / "bench" / "stiff.png").exists()
+
+
+@pytest.mark.slow
+def test_a_finer_option_errs_less():
+    """Intervals, rates and steps; the error of an interval falls at least in proportion to it."""
+    for part in (options.intervals, options.rates, options.steps):
+        errors = [row.error for row in part(quick=True)]
+        assert errors == sorted(errors, reverse=True), part.__name__
+        assert errors[-1] < 0.4 * errors[0], part.__name__
