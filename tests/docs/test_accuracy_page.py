@@ -7,6 +7,7 @@ from loops import LinearFrictional, Scene, find_faces, traction_tangent
 from loops.arrays import frobenius
 from loops.in_place import loops_in_place
 from patterns import random_loop
+from tests.benchmarks import options
 from tests.benchmarks.hard_cases import hard_path_rows, tangent_rows
 from tests.benchmarks.methods import METHOD_GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
@@ -64,6 +65,18 @@ def test_errors_of_the_methods():
 @pytest.mark.slow
 def test_errors_of_the_slow_methods():
     assert compare(tuple(METHOD_GROUPS.keys() - FAST), quick=False) >= 50
+
+
+@pytest.mark.slow
+def test_errors_of_the_options():
+    """Those of paths, domains and materials, which take seconds."""
+    quoted = {(row["option"], row["setting"].partition(" ")[0]): float(row["error"])
+              for row in tables(section(TEXT, "## Options"))[0]}  # fmt: skip
+    assert {group for group, _ in quoted} == set(options.OPTIONS)
+    for part in (options.intervals, options.directions, options.steps):
+        for row in part(quick=False):
+            error = quoted[row.group, row.setting.split()[-1]]
+            assert error / 3.0 < row.error < 3.0 * error, row
 
 
 def test_defaults_are_marked():
