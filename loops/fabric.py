@@ -280,6 +280,38 @@ class ForceChains(Shown):
         counts: Integers = np.diff(linked[faces.offsets])
         return counts[faces.loops]
 
+    def bending(self, graph: GrainGraph, later: Floats) -> tuple[Integers, Floats]:
+        """Bend of every segment of three grains of the chains until a later state.
+
+        Parameters
+        ----------
+        graph : GrainGraph
+            The packing that the chains are of.
+        later : (C, 2) array
+            Later branch vectors of its contacts; nan where a grain is no longer there.
+
+        Returns
+        -------
+        links : (S, 2) array of int
+            Both contacts of each segment.
+        bend : (S,) array
+            Half of what the angle between both branches at the middle grain lost (radians): above
+            zero where the chain buckles, below where it straightens (Tordesillas and Muthuswamy
+            2009 take more than one degree for buckling).
+        """
+        ends, link = graph.contacts[self.links].ravel(), np.repeat(self.links, 2)
+        at = np.argsort(ends, kind="stable")
+        # Chains don't fork: a grain has one link or two.
+        first = np.flatnonzero(ends[at][1:] == ends[at][:-1])
+        middle, links = ends[at][first], np.column_stack([link[at][first], link[at][first + 1]])
+        away = np.where(graph.contacts[links, 0] == middle[:, None], 1.0, -1.0)[..., None]
+        angles = []
+        for branches in (graph.branches, later):
+            u, v = np.moveaxis(away * branches[links], 1, 0)
+            cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+            angles.append(np.arctan2(np.abs(cross), np.sum(u * v, axis=1)))
+        return links, 0.5 * (angles[0] - angles[1])
+
 
 def force_chains(
     graph: GrainGraph | HasGraph, angle: float = np.pi / 4, least: int = 3

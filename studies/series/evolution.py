@@ -64,8 +64,11 @@ def track_loops(before: Snapshot, after: Snapshot) -> LoopFates:
     return loop_fates(contacts, before.faces, after.faces)
 
 
-def fate_columns(fates: LoopFates) -> dict[str, Any]:
-    """Table of fates: one row per earlier loop, then one per born loop (number -1, order 0)."""
+def fate_columns(fates: LoopFates, bend: Floats) -> dict[str, Any]:
+    """Table of fates: one row per earlier loop, then one per born loop (number -1, order 0).
+
+    `bend` (L,) is the largest of a chain beside each earlier loop.
+    """
     born = np.flatnonzero(fates.after == Fate.BORN)
     count = np.bincount(fates.links[:, 0], minlength=len(fates.before))
     ends = np.cumsum([0, *count, *np.ones_like(born)], dtype=np.int32)
@@ -82,6 +85,7 @@ def fate_columns(fates: LoopFates) -> dict[str, Any]:
         "successors": pa.ListArray.from_arrays(pa.array(ends), pa.array(successors)),
         "order_before": np.concatenate([fates.order_before, np.zeros_like(born)]),
         "order_after": order[successor],
+        "chain_bend": np.append(bend, np.full(len(born), np.nan)),
     }
 
 

@@ -24,7 +24,8 @@ from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from patterns import Snapshot
 from stability import COMPONENTS
-from studies.output import Columns
+from studies.output import Columns, Summary
+from studies.series.chains import PLACES, chain_summary
 from studies.series.evolution import PREDICTIONS
 from studies.series.skill import (
     ALL,
@@ -40,7 +41,7 @@ from studies.series.skill import (
 from studies.series.tasks import PartTask, Series, tracked
 from studies.snapshot.figures import ORDER_SCALE, draw_scaled, loop_drawer, order_bar
 from studies.snapshot.summary import JUDGE_TITLES
-from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map
+from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map, share_of
 from studies.study import MOST_LOOPS, Drawings, LoopsForMap
 from studies.style import (
     BLACK,
@@ -383,6 +384,8 @@ def series_figures(
         yield "exchange", lambda: exchange_heatmap(ExchangeCounts(*exchange))
     if "kinetics" in tables:
         yield "kinetics", lambda: kinetics_figure(tables)
+    if "segments" in evolution and evolution["segments"].sum() > 0:
+        yield "buckling", lambda: buckling(chain_summary(evolution.iloc[1:].to_dict("records")))
     if len(increments.get("W2", ())):
         yield "work_signs", lambda: work_signs(increments)
     packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
@@ -394,6 +397,23 @@ def series_figures(
             yield "nonaffinity_map", lambda: nonaffinity_map(mapped)
         if "W2" in mapped.increments:
             yield "work_map", lambda: work_map(mapped)
+
+
+@panel()
+def buckling(found: Summary, ax: Axes) -> None:
+    """Shares of lost loops and of negative work beside chains that buckle, others, elsewhere."""
+    at = np.arange(len(PLACES))
+    looks = {"lost": ("o", VERMILION, "lost"), "negative_W2": ("s", BLUE, "survive with $W_2 < 0$")}
+    for k, (name, (marker, colour, label)) in enumerate(looks.items()):
+        shares = [found[place][name] or share_of(0, 0) for place in PLACES]
+        mean, error = ([100.0 * one[key] for one in shares] for key in ("mean", "std_error"))
+        ax.errorbar(at + 0.16 * k - 0.08, mean, error, fmt=marker, color=colour, label=label)
+    orders = [found[place]["mean_order"] or np.nan for place in PLACES]
+    named = [f"{place}\n{found[place]['loops']} loops,\nmean order {order:.2f}"
+             for place, order in zip(PLACES, orders, strict=True)]  # fmt: skip
+    ax.set_xticks(at, labels=named)
+    ax.set(ylabel="share of the loops (%)", xlim=(-0.5, 2.5))
+    ax.legend()
 
 
 def joined_increments(series: Series) -> Columns:

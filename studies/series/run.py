@@ -25,6 +25,7 @@ from stability.path import Past
 from studies.output import SERIES, Row, Summary, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
+from studies.series.chains import chain_summary
 from studies.series.evolution import verdict_row
 from studies.series.packing import STRESS_ERROR, WAYS, Following, read_strains
 from studies.series.skill import (
@@ -201,6 +202,8 @@ def series_tables(
         "work_map": None if mapped is None else evolution["snapshot"][mapped : mapped + 2].tolist(),
         "notes": list(dict.fromkeys(notes)),
     }
+    if sum(row["segments"] for row in intervals):
+        summary["chains"] = chain_summary(intervals)
     events = [kept["events"] for kept in about["increments"]]
     if any(one["pairs"] for one in events):
         own, summary["kinetics"] = kinetics(events, evolution)

@@ -20,6 +20,7 @@ from studies.frames import loop_table
 from studies.output import Row, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
+from studies.series.chains import chain_bends
 from studies.series.packing import facts, nonaffinity
 from studies.series.skill import actual_values, score_skill
 
@@ -40,7 +41,9 @@ def fates(before: Snapshot, after: Snapshot) -> pd.DataFrame:
         A row a loop of the earlier snapshot, then one a loop that was born: `loop_before`, its
         number (-1 if born); `fate`, see `loop_fates`; `successor`, the later loop that shares most
         sides with it (-1 for none), `successors`, all that share any; `order_before`, `order_after`
-        (of the successor), 0 for none.
+        (of the successor), 0 for none; `chain_bend` (degrees), the largest bend of a segment of a
+        force chain with a link among the loop's contacts (`ForceChains.bending`; above 1 it
+        buckles), nan beside none.
 
     Raises
     ------
@@ -54,8 +57,9 @@ def fates(before: Snapshot, after: Snapshot) -> pd.DataFrame:
     >>> fates(snapshot, snapshot)["fate"].value_counts().to_dict()
     {'survived': 309}
     """
-    found = evolution.track_loops(planar(before), planar(after))
-    return _frame("fates", evolution.fate_columns(found))
+    before, after = planar(before), planar(after)
+    found = evolution.track_loops(before, after)
+    return _frame("fates", evolution.fate_columns(found, chain_bends(before, after)[1]))
 
 
 def increments(before: Snapshot, after: Snapshot) -> pd.DataFrame:

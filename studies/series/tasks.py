@@ -43,6 +43,7 @@ from studies.output import (
     write_whole,
 )
 from studies.reading import PlannedSnapshot
+from studies.series.chains import chain_bends, chain_row
 from studies.series.evolution import (
     evolution_row,
     fate_columns,
@@ -367,11 +368,12 @@ def _write_pair(task: PartTask) -> None:
     before, after, fates = tracked(task)
     table, extras, parts = loop_increments(before, after, fates), task.extras, task.parts
     own = {"fingerprint": task.fingerprint}
-    columns = fate_columns(fates)
+    bends, beside = chain_bends(before, after)
+    columns = fate_columns(fates, beside)
     write_part(parts["fates"], _numbers(task, len(columns["fate"])) | columns, own)
     about: dict[str, Any] = {
         "fingerprint": task.fingerprint,
-        "row": interval_row(before, after, fates, table),
+        "row": interval_row(before, after, fates, table) | chain_row(bends, beside, fates, table),
         "exchange": exchange_counts(fates)._asdict(),
         "events": order_events(fates)._asdict(),
     }

@@ -1,0 +1,79 @@
+"""Force chains that bend between two snapshots, and what becomes of the loops beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from loops import force_chains
+from loops.arrays import Floats
+from loops.tracking import Fate, LoopFates
+from patterns import Snapshot
+from studies.output import Row, Summary
+from studies.snapshot.table import share_of
+
+# A segment that bends by more (degrees) buckles: Tordesillas and Muthuswamy 2009.
+BUCKLES = 1.0
+PLACES = ("buckled", "straight", "elsewhere")
+
+
+def chain_bends(before: Snapshot, after: Snapshot) -> tuple[Floats, Floats]:
+    """Return the bend of every segment of a chain (S,), and the largest beside each loop (L,).
+
+    Degrees; nan for a segment of which a grain is lost, and for a loop that is beside no segment.
+    """
+    graph, faces = before.graph, before.faces
+    of_contact = np.full(graph.contact_count, np.nan)
+    bend = np.empty(0)
+    if before.mechanical:
+        _, here, there = np.intersect1d(before.ids, after.ids, return_indices=True)
+        x = np.full_like(graph.x, np.nan)
+        x[here] = after.graph.x[there]
+        later = x[graph.contacts[:, 1]] - x[graph.contacts[:, 0]]
+        if after.graph.cell is not None:
+            # The image that is nearest to the earlier branch.
+            cells = np.rint(np.linalg.solve(after.graph.cell, (graph.branches - later).T))
+            later += (after.graph.cell @ cells).T
+        links, bend = force_chains(graph).bending(graph, later)
+        bend = np.degrees(bend)
+        np.fmax.at(of_contact, links, bend[:, None])
+    if not len(faces.contacts):
+        return bend, np.empty(0)
+    return bend, np.fmax.reduceat(of_contact[faces.contacts], faces.offsets[:-1])[faces.loops]
+
+
+def chain_row(bend: Floats, beside: Floats, fates: LoopFates, table: Mapping[str, Any]) -> Row:
+    """Return numbers of an interval: segments, loops by place, those lost, those of negative W2."""
+    known, lost = bend[np.isfinite(bend)], fates.before != Fate.SURVIVED
+    row: Row = {"segments": len(known), "segments_buckled": int(np.sum(known > BUCKLES))}
+    negative = np.zeros(len(beside), dtype=bool)
+    if "W2" in table:
+        negative[table["loop_before"]] = np.asarray(table["W2"]) < 0
+    place = np.where(np.isnan(beside), 2, np.where(beside > BUCKLES, 0, 1))
+    for k, name in enumerate(PLACES):
+        here = place == k
+        row[f"{name}_loops"] = int(here.sum())
+        row[f"{name}_grains"] = int(fates.order_before[here].sum())
+        row[f"{name}_lost"] = int(np.sum(lost & here))
+        row[f"{name}_negative_W2"] = int(np.sum(negative & here))
+    return row
+
+
+def chain_summary(intervals: Sequence[Row]) -> Summary:
+    """Return segments that buckled, and by place of the loops their fate and work, all together."""
+
+    def total(name: str) -> int:
+        return sum(row[name] for row in intervals)
+
+    found: Summary = {name: total(name) for name in ("segments", "segments_buckled")}
+    for place in PLACES:
+        loops, lost = total(f"{place}_loops"), total(f"{place}_lost")
+        found[place] = {
+            "loops": loops,
+            "mean_order": total(f"{place}_grains") / loops if loops else None,
+            "lost": share_of(lost, loops) if loops else None,
+            "negative_W2": share_of(total(f"{place}_negative_W2"), loops - lost) if loops else None,
+        }
+    return found
