@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -39,12 +39,12 @@ from patterns import diamond
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
-    DiamondParameters,
     angle_from_strains,
     critical_strain,
     opposite_gaps,
     stress_of_isotropic_strain,
 )
+from patterns.diamond import DiamondParameters as Case
 from patterns.diamond.states import diamond_states
 from patterns.polygons import opposite_gap
 from stability import Stage, follow, programmes
@@ -74,6 +74,7 @@ from studies.style import (
     styled,
 )
 
+PAPER_CASES = TABLE_1, TABLE_2
 # Strain up to which programmes are followed: no diamond is left there.
 REACH = 1.5
 LOSSES = ("det_Ks_zero", "det_K_zero")
@@ -97,31 +98,16 @@ PLANES = (("domain", "stress"), ("domain-strain", "strain"))
 CURVE_JUMP = 0.15
 
 
-class Case(NamedTuple):
-    """One diamond: reference angle and friction angle in radians, stiffness ratio."""
-
-    alpha0: float
-    kappa: float
-    phi: float
-
-    @property
-    def mu(self) -> float:
-        """Coefficient of friction; infinite where nothing slides."""
-        return float(np.tan(self.phi)) if self.phi < 0.5 * np.pi else float("inf")
-
-    def described(self) -> dict[str, float]:
-        """Columns of the table and the summary that name the diamond, angles in degrees."""
-        alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (self.alpha0, self.phi))
-        return {"alpha0_deg": alpha0, "kappa": self.kappa, "phi_deg": phi}
+def described(case: Case) -> dict[str, float]:
+    """Columns of the table and the summary that name a diamond, angles in degrees."""
+    alpha0, phi = (round(float(np.degrees(angle)), 12) for angle in (case.alpha0, case.phi))
+    return {"alpha0_deg": alpha0, "kappa": case.kappa, "phi_deg": phi}
 
 
 def rows_of(table: pd.DataFrame, case: Case) -> pd.DataFrame:
     """The rows of one diamond."""
-    named = case.described()
+    named = described(case)
     return table[(table[list(named)] == list(named.values())).all(axis=1)]
-
-
-PAPER_CASES = tuple(Case(table.alpha0, table.kappa, table.phi) for table in (TABLE_1, TABLE_2))
 
 
 @dataclass(frozen=True)
@@ -146,11 +132,11 @@ class DomainParameters:
         angles = (TABLE_1.alpha0,) if self.alpha0_deg is None else np.radians(self.alpha0_deg)
         ratios = (TABLE_1.kappa,) if self.kappa is None else self.kappa
         phi = TABLE_1.phi if self.phi_deg is None else float(np.radians(self.phi_deg))
-        return tuple(Case(float(a), k, phi) for a, k in product(angles, ratios))
+        return tuple(Case(float(a), k, phi, 0.0) for a, k in product(angles, ratios))
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
-        cases = [case.described() for case in self.cases()]
+        cases = [described(case) for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
 
 
@@ -161,23 +147,12 @@ def require_odd(directions: int) -> None:
         raise InputError("--directions", received, expected, "Correct it.")
 
 
-def programme_fan(alpha0: float, directions: int) -> Floats:
-    """Programmes that compress the virgin loop, evenly spread about the isotropic one.
-
-    Evenly means by the angle between the line and the branch, in half diagonals: the forces along
-    the lines are then the same for every `alpha0`.
-    """
-    spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
-    turned = alpha0 + spread / (directions // 2 + 1)
-    return np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
-
-
 def first_losses(case: Case, directions: int, *, friction: bool) -> tuple[Fan, FanLimits]:
     """Losses of one diamond along its fan of programmes, whose P are the paper's stresses."""
     virgin, mu = diamond(case.alpha0), case.mu if friction else np.inf
     boundary = boundary_of(virgin, volume=2.0 * np.sin(2.0 * case.alpha0))
     loop = Scene(virgin, LinearFrictional(1.0, case.kappa, mu), boundary)
-    programme = programme_fan(case.alpha0, directions)
+    programme = loop_fan(virgin.reference_branches, directions)
     fan = Fan(loop, "affine", "blocked", "strain", programme, REACH)
     return fan, limits_along(fan)
 
@@ -202,11 +177,10 @@ def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str
     alpha0, sliding = case.alpha0, (regime == Regime.SLIDING).any(axis=1)
     alpha = angle_from_strains(E1, E2, alpha0)
     T = s1 * np.sin(alpha0) * np.sin(alpha) - s2 * np.cos(alpha0) * np.cos(alpha)
-    diamonds = DiamondParameters(*case, confinement=0.0)
-    state = diamond_states(diamonds, E1, E2, T, sliding=sliding, s1=s1, s2=s2)
+    state = diamond_states(case, E1, E2, T, sliding=sliding, s1=s1, s2=s2)
     gaps = np.minimum(*opposite_gaps(E1, E2, case.alpha0))
     columns: dict[str, Any] = {
-        **case.described(),
+        **described(case),
         "contacts": contacts,
         "kind": kind,
         "programme_deg": np.degrees(fan.programme[found]),
@@ -251,11 +225,8 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary
                 "s2": [float(first.s2.min()), float(first.s2.max())],
             }
         strain = float(critical_strain(case.kappa))
-        cases.append({**case.described(), "isotropic_strain": strain, "contacts": contacts})
-    return {
-        "directions": parameters.directions,
-        "cases": cases,
-    }
+        cases.append({**described(case), "isotropic_strain": strain, "contacts": contacts})
+    return {"directions": parameters.directions, "cases": cases}
 
 
 @styled()
@@ -277,10 +248,9 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
                 margin = 0.1 * (values.max() - values.min())
                 limit(values.min() - margin, values.max() + margin)
         draw_domain(table, own, whole, _colours(cases))
-        phi = (
-            rf"$\varphi$ = {np.degrees(own[0].phi):g}°" if np.isfinite(own[0].mu) else "no sliding"
-        )
-        whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {phi}")
+        slides, phi = np.isfinite(own[0].mu), np.degrees(own[0].phi)
+        friction = rf"$\varphi$ = {phi:g}°" if slides else "no sliding"
+        whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {friction}")
     handles: list[Artist] = [
         Line2D([], [], color=BLACK, label=r"$\det K_s = 0$, sticking"),
         Line2D([], [], color=BLACK, linestyle="--", label=r"$\det K = 0$, sticking"),

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from loops.arrays import Floats
-from studies.domain import Case
-from studies.domain import programme_fan as programmes_of
+from patterns.diamond import DiamondParameters as Case
 from tests.oracles.strain_lines import (
     StrainLine,
     bisect,
@@ -40,8 +39,10 @@ class Losses:
 
 
 def programme_fan(alpha0: float, directions: int) -> tuple[Floats, StrainLine]:
-    """Programmes of a fan, and their lines."""
-    programme = programmes_of(alpha0, directions)
+    """Programmes that compress the virgin loop, evenly spread in half diagonals; their lines."""
+    spread = 0.5 * np.pi * np.arange(-(directions // 2), directions // 2 + 1)
+    turned = alpha0 + spread / (directions // 2 + 1)
+    programme = np.arctan2(np.sin(turned) / np.sin(alpha0), np.cos(turned) / np.cos(alpha0))
     return programme, strain_line(alpha0, 0.0, 0.0, programme)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from patterns import opposite_gap, regular_polygon
+from patterns.diamond import DiamondParameters as Case
 from stability import Stage, follow, restrict, symmetric_part
 from stability.paths.domain import (
     CONTROLS,
@@ -19,7 +20,6 @@ from stability.paths.domain import (
     stability_measures,
 )
 from studies.domain import (
-    Case,
     LoopDomainParameters,
     limit_rows,
     loop_fan,
@@ -385,7 +385,7 @@ def test_first_yield_of_even_loops_under_stress_is_closed(order):
 
 def exact_share_of_the_diamond(kappa, phi, directions=20001):
     """Closed losses of the square diamond on a fine fan; its branches open at `|d| = |d0|`."""
-    case = Case(np.pi / 4, kappa, phi)
+    case = Case(np.pi / 4, kappa, phi, 0.0)
     losses = first_losses(case, directions, friction=phi < np.pi / 2)
     b, line = losses.programme, losses.line
     # Distance from the virgin corner in units of strain: X = X0 (1 - E).

@@ -7,11 +7,11 @@ from mpmath import mp, mpf
 
 from loops import InputError, LinearFrictional, affine_tangent
 from patterns import diamond
+from patterns.diamond import DiamondParameters as Case
 from patterns.diamond import sliding_moduli, tangent
 from stability import restrict, symmetric_part
 from studies.domain import (
     PAPER_CASES,
-    Case,
     DomainParameters,
     domain_table,
     run_domain,
@@ -21,7 +21,12 @@ from tests.oracles.diamond_domain import first_losses, programme_fan, sticking_d
 from tests.oracles.strain_lines import line_states
 
 # The paper's diamonds, flat and tall ones, soft and stiff shear.
-CASES = (*PAPER_CASES, Case(0.2, 0.05, 0.3), Case(1.3, 1.0, 0.6), Case(0.9, 4.0, 0.2))
+CASES = (
+    *PAPER_CASES,
+    Case(0.2, 0.05, 0.3, 0.0),
+    Case(1.3, 1.0, 0.6, 0.0),
+    Case(0.9, 4.0, 0.2, 0.0),
+)
 KINDS = ("det_Ks_zero", "det_K_zero")
 # Those that are followed, each along so many programmes.
 SOME, PROGRAMMES = (*PAPER_CASES, CASES[-1]), 9
@@ -125,7 +130,7 @@ def test_no_earlier_loss_is_missed(case):
 
 def test_det_Ks_is_lost_alone_where_shear_is_stiff():
     # det K never vanishes on these lines: only the shear force takes det Ks below zero.
-    losses = first_losses(Case(0.9, 4.0, 0.2), 201, friction=False)
+    losses = first_losses(Case(0.9, 4.0, 0.2, 0.0), 201, friction=False)
     alone = np.isfinite(losses.det_Ks_zero) & np.isnan(losses.det_K_zero)
     assert alone.sum() > 3
 
@@ -180,7 +185,7 @@ def test_friction_cuts_the_domain_of_sticking_contacts():
 
 
 def test_forces_along_the_fan_are_those_of_every_diamond():
-    flat, tall = (first_losses(Case(a, 0.3, 0.2), 101, friction=True) for a in (0.6, 0.9))
+    flat, tall = (first_losses(Case(a, 0.3, 0.2, 0.0), 101, friction=True) for a in (0.6, 0.9))
     inside = (np.minimum(flat.line.folding, tall.line.folding) > 0.0)[30:71]
     for name in ("det_Ks_zero", "det_K_zero", "yields"):
         left, right = (getattr(losses, name)[30:71][inside] for losses in (flat, tall))
