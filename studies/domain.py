@@ -325,9 +325,6 @@ class LoopDomainParameters:
         check_choice("--programmes", self.control, get_args(Control))
         require_odd(self.directions)
         for loop in self.loops:
-            if loop.order > LONGEST:
-                expected = f"a whole number from 3 to {LONGEST}"
-                raise InputError("--order", str(loop.order), expected, "Correct it.")
             inside("--kappa", loop.kappa, lambda k: k > 0.0, "positive ratios")
             inside("--phi", loop.phi_deg, lambda p: p > 0.0, "degrees in (0, 90]")
 

@@ -225,13 +225,6 @@ def say_empty(ax: Axes, why: str) -> None:
     ax.text(0.5, 0.5, why, transform=ax.transAxes, ha="center", va="center", color=GREY)
 
 
-def save_figure(
-    fig: Figure, folder: Path, name: str, source: Mapping[str, Any], kind: str = "png"
-) -> None:
-    """Save a figure as PNG, SVG or PDF."""
-    (folder / f"{name}.{kind}").write_bytes(drawn_file(fig, name, source, kind)())
-
-
 def drawn_file(
     fig: Figure, name: str, source: Mapping[str, Any], kind: str = "png"
 ) -> Callable[[], bytes]:

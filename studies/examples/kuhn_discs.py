@@ -28,6 +28,7 @@ from stability import Path as FollowedPath
 from stability import Stage, follow
 from stability.packing import HeldPacking, hold
 from stability.packing.path import columns
+from studies.evolve import event_table
 from studies.examples import run_example, save
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, edge_ticks, new_panels, styled
 
@@ -118,13 +119,11 @@ def structure(state: PackingState) -> dict[str, Any]:
 
 def compression_events(path: FollowedPath) -> pd.DataFrame:
     """Return kind, strain and grains of each event, with the answers at the row behind it."""
-    events, pairs = path.events, path.states[-1].contacts
-    strains = [event.parameter for event in events]
-    rows = np.searchsorted(path.parameter, strains).clip(max=len(path) - 1)
-    grains = pairs[[event.contacts[0] for event in events]]
-    table = pd.DataFrame({"event": range(len(events)), "kind": [event.kind for event in events]})
-    table = table.assign(strain_11=strains, grain_1=grains[:, 0], grain_2=grains[:, 1])
-    return table.join(pd.DataFrame(columns(path.pathologies)).iloc[rows].reset_index(drop=True))
+    names = {"driven": "strain_11", "id1": "grain_1", "id2": "grain_2"}
+    table = event_table(path, np.arange(len(path.states[0].x)))[["kind", *names]]
+    rows = np.searchsorted(path.parameter, table.driven).clip(max=len(path) - 1)
+    answers = pd.DataFrame(columns(path.pathologies)).iloc[rows].reset_index(drop=True)
+    return table.rename(columns=names).rename_axis("event").reset_index().join(answers)
 
 
 @styled()

@@ -13,6 +13,10 @@ from studies.output import words
 from tests.command import run
 
 
+def save_figure(figure, folder, name, source, kind="png"):
+    (folder / f"{name}.{kind}").write_bytes(style.drawn_file(figure, name, source, kind)())
+
+
 def drawn(panels):
     figure = style.new_figure(2.0, 1.5)
     with style.styled():
@@ -25,7 +29,7 @@ def drawn(panels):
 
 @pytest.mark.parametrize("panels", [1, 2])
 def test_pictures_are_matplotlib_s_own(tmp_path, panels):
-    style.save_figure(drawn(panels), tmp_path, "a", {})
+    save_figure(drawn(panels), tmp_path, "a", {})
     saved, own = Image.open(tmp_path / "a.png"), BytesIO()
     with style.styled():
         drawn(panels).savefig(own, format="png")
@@ -39,7 +43,7 @@ def test_the_same_numbers_give_the_same_files(tmp_path, kind):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         for panels, figure in ((2, "a"), (1, "b")):
-            style.save_figure(drawn(panels), tmp_path / name, figure, {"command": "here"}, kind)
+            save_figure(drawn(panels), tmp_path / name, figure, {"command": "here"}, kind)
     files = sorted(file.name for file in (tmp_path / "one").iterdir())
     assert files == [f"a.{kind}", f"b.{kind}"]
     for file in files:

@@ -45,7 +45,7 @@ from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import DEFAULT_RATE, Rate, facts
 from studies.series.skill import actual_values, score_skill
 from studies.snapshot.in_packing import balance_notes, place_columns
-from studies.style import LIGHT_GREY, LINE_COLOURS, new_panels, save_figure, styled
+from studies.style import LIGHT_GREY, LINE_COLOURS, drawn_file, new_panels, styled
 
 Row = dict[str, Any]
 SOFTEST = "packing_lambda_min"
@@ -345,7 +345,8 @@ def page(scored: Path) -> None:
 def figure(scored: Path, out: Path) -> None:
     """Draw the figure of the page from the scores."""
     drawn = figure_of(pd.read_csv(scored), calibration())
-    save_figure(drawn, out.parent, out.stem, calibration().provenance)
+    file = drawn_file(drawn, out.stem, calibration().provenance)()
+    out.with_suffix(".png").write_bytes(file)
 
 
 if __name__ == "__main__":
