@@ -26,8 +26,8 @@ COMPILED_FROM = 40_000
 
 Once compiled, they save a second on a snapshot of 40,000 contacts and six on one of 185,000;
 compiling them, once on a machine, takes about half a minute, which small packings never earn back.
-Nor do they earn numba's loading: with kernels alone the table of 600 grains takes .5 s more of
-processor time, compiled before (2.6 s for 2.1, 29 November 2026). So both ways stay.
+Nor do they earn numba's loading: with kernels alone the table of 600 grains takes .6 s more of
+processor time, compiled before (2.1 s for 1.5, 29 November 2026). So both ways stay.
 """
 
 PASSES_FROM = 200_000
