@@ -30,6 +30,8 @@ from stability.complementarity import (
 RateStatus = Literal["unique", "one found", "several", "family", "none", "none found", "given"]
 # Number of combinations of regimes up to which all are solved in full, where that is cheap.
 ENUMERATION_LIMIT = 256
+# And of contacts that stick or slide: for more the smaller problem of their slips takes less.
+FEW = 16
 # Number of combinations up to which all are solved in full if pivoting finds nothing.
 SEARCH_LIMIT = 8192
 # Contacts at yield up to which all combinations of sticking and sliding are tried in the small
@@ -113,34 +115,6 @@ class Trial(Protocol):
 
 Answer = TypeVar("Answer")
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
-AnyRates = TypeVar("AnyRates", bound=Trial, covariant=True)
-
-
-class EdgeProblem(Protocol[AnyRates]):
-    """Problem of a search for regimes: those that contacts may take, and the rates they cause."""
-
-    @property
-    def options(self) -> Flags:
-        """(m, 4) which of `CHOICES` each contact at the edge may take."""
-        ...
-
-    @property
-    def in_full(self) -> int:
-        """Number of combinations up to which each is solved in full, without a smaller problem."""
-        ...
-
-    def rates(self, regimes: RegimeArray) -> AnyRates:
-        """Rates for one combination of regimes, one full solve."""
-        ...
-
-    @property
-    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
-        """`q` (m,), `M` (m, m) of `w = q + M z`; None where contacts do more than stick or slide.
-
-        `z` are the rates by which the shear forces would leave the cone if the contacts stuck, `w`
-        those of their distances from it.
-        """
-        ...
 
 
 def slip_sides(options: Flags) -> RegimeArray | None:
@@ -149,23 +123,38 @@ def slip_sides(options: Flags) -> RegimeArray | None:
     return left - right * np.int8(1) if (sticks & (left ^ right) & ~parts).all() else None
 
 
-@dataclass(frozen=True, eq=False)
-class FullProblem(Generic[AnyTrial]):
-    """A problem of which only full solves are known; the smaller one follows from `m + 1` of them.
+# `q` (m,), `M` (m, m) and the errors of `w = q + M z`, if known: `z` are the rates by which shear
+# forces would leave the cone if the contacts stuck, `w` those of their distances from it.
+Slips = tuple[Floats, Floats, Errors] | None
 
-    `options` and `rates` are those of `EdgeProblem`.
+
+@dataclass(frozen=True, eq=False)
+class EdgeProblem(Generic[AnyTrial]):
+    """Problem of a search for regimes: those that contacts may take, and the rates they cause.
+
+    `options` (m, 4) are flags of `CHOICES`; `rates` solves for the rates of one combination in
+    full. `own_slips` takes the sides (m,) on which contacts may slide; without it the smaller
+    problem follows from `m + 1` full solves. Up to `in_full` combinations are all solved in full,
+    up to `few` also where that problem is known.
     """
 
     options: Flags
     rates: Callable[[RegimeArray], AnyTrial]
     in_full: int = ENUMERATION_LIMIT
+    few: int = FEW
+    own_slips: Callable[[RegimeArray], Slips] | None = None
 
     @cached_property
-    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
-        """Rates are linear in the slips: those of each contact that slides alone give a column."""
+    def slips(self) -> Slips:
+        """The smaller problem; None where contacts do more than stick or slide.
+
+        Rates are linear in the slips: those of each contact that slides alone give a column.
+        """
         side = slip_sides(self.options)
         if side is None:
             return None
+        if self.own_slips is not None:
+            return self.own_slips(side)
         stuck = np.full(len(side), STICKS)
         rates = self.rates(stuck)
         q = rates.edge.strength - side * rates.edge.shear
@@ -321,43 +310,45 @@ def agreeing(
     options = problem.options
     first, last = (CHOICES[can] for can in (options.argmax(1), 3 - options[:, ::-1].argmax(1)))
     preferred = first if preferred is None else preferred
-    count = combination_count(options)
-    search = _Search(problem)
-    exhaustive, proof = count <= problem.in_full, ""
-    lines: tuple[Family, ...] = ()
-    if exhaustive:
+    count, few = combination_count(options), len(options) <= MOST_SLIPS
+    search, found = _Search(problem), None
+    exhaustive = count <= problem.in_full
+    if few and count > min(problem.in_full, problem.few):
+        found = search.slips(starts, preferred)
+    if found is None and exhaustive:
         search.all_of(combinations_of(options))
-    elif len(options) <= MOST_SLIPS and (pair := problem.condensed) is not None:
-        found = solve_complementarity(*pair[:2], enumerated=MOST_SLIPS, errors=pair[2])
-        search.condensed(found, preferred)
-        exhaustive, proof, lines = True, found.proof, found.families
-    else:
+    elif found is None:
         for start in {each.tobytes(): each for each in (preferred, first, last)}.values():
             if not search.agreeing:
                 search.pivots(start)
         if not search.agreeing and count <= SEARCH_LIMIT:
             search.all_of(combinations_of(options))
             exhaustive = True
-        elif not search.agreeing and (pair := problem.condensed) is not None:
-            found = solve_complementarity(*pair[:2], starts, errors=pair[2])
-            search.condensed(found, preferred)
-            exhaustive, proof, lines = bool(found.proof), found.proof, found.families
+        elif not search.agreeing:
+            found = search.slips(starts, preferred)
     distinct = _distinct(search.agreeing, preferred)
-    if not lines and len(options) <= MOST_SLIPS and (search.singular or len(distinct) > 1):
-        if count > 1 and (pair := problem.condensed) is not None:
-            found = solve_complementarity(*pair[:2], enumerated=MOST_SLIPS, errors=pair[2])
-            lines = found.families
+    proof, lines = (found.proof, found.families) if found else ("", ())
+    if not found and few and count > 1 and (search.singular or len(distinct) > 1):
+        other = solutions_of_slips(problem, starts)
+        lines = other.families if other else ()
     distinct.sort(key=lambda found: _rank(found, options, direction, preferred))
     return Regimes(
-        _status(len(distinct), exhaustive, lines),
+        _status(len(distinct), exhaustive or bool(proof), lines),
         tuple(distinct),
-        exhaustive,
+        exhaustive or bool(proof),
         search.singular,
         search.tried,
         count,
         proof,
         tuple(lines) if distinct else (),
     )
+
+
+def solutions_of_slips(problem: EdgeProblem[Any], starts: int) -> Complementarity | None:
+    """Solve the smaller problem of contacts that stick or slide; None where there is none."""
+    if (pair := problem.slips) is None:
+        return None
+    return solve_complementarity(*pair[:2], starts, enumerated=MOST_SLIPS, errors=pair[2])
 
 
 def combination_count(options: Flags) -> float:
@@ -433,8 +424,10 @@ class _Search(Generic[AnyTrial]):
             alike = options & agreement(options, CHOICES[:, None], edge).T
             self.agreeing.append(RateSolution(regimes, rates, alike))
 
-    def condensed(self, found: Complementarity, preferred: RegimeArray) -> None:
+    def slips(self, starts: int, preferred: RegimeArray) -> Complementarity | None:
         """Confirm the solutions of the smaller problem, also with neutral contacts as preferred."""
+        if (found := solutions_of_slips(self.problem, starts)) is None:
+            return None
         options = self.problem.options
         self.tried += 1 + len(options)
         slides = first_option(options, sides(CHOICES) != 0)
@@ -446,6 +439,7 @@ class _Search(Generic[AnyTrial]):
             if rates.trusted and (named != regimes).any():
                 self.judge(named, self.problem.rates(named))
         self.singular = found.singular
+        return found
 
     def pivots(self, regimes: RegimeArray) -> None:
         """Pivot by a semismooth Newton iteration, by single contacts once it cycles."""

@@ -24,8 +24,8 @@ from stability.regimes import (
     LEFT,
     OPEN,
     RIGHT,
+    EdgeProblem,
     EdgeRates,
-    FullProblem,
     agreeing,
     combination_count,
     edge_options,
@@ -135,7 +135,7 @@ def edge_problem(
         )
         return EdgeTrial(chosen, rates, edge, rate_vector(model, rates), rates.trusted, at)
 
-    problem = FullProblem(orbits.options, rates_for, in_full)
+    problem = EdgeProblem(orbits.options, rates_for, in_full)
     if held is None:
         wanted = first_regimes(orbits, mode, preferred)
         first = first_option(orbits.options, CHOICES == wanted[:, None])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -17,14 +16,7 @@ from loops.laws.frictional import edge_of, edge_rates, with_sides
 from loops.shown import Shown
 from stability.complementarity import Errors
 from stability.paths.state_rates import is_trusted
-from stability.regimes import (
-    ENUMERATION_LIMIT,
-    EdgeRates,
-    agreeing,
-    edge_options,
-    sides,
-    slip_sides,
-)
+from stability.regimes import EdgeProblem, EdgeRates, Slips, agreeing, edge_options, sides
 from stability.regimes import Regimes as AgreeingRegimes
 
 # Rounding of rates over the largest motion, which soft clusters amplify.
@@ -55,7 +47,7 @@ class SupportedRates(Shown):
 
 
 class SupportedCluster:
-    """Rate problem of a supported cluster, an `EdgeProblem`: regimes of contacts at the edge."""
+    """A supported cluster and its rate problem: regimes of contacts at the edge."""
 
     def __init__(self, graph: GrainGraph, law: ContactLaw, support: Support) -> None:
         require_one_state(graph)
@@ -86,6 +78,11 @@ class SupportedCluster:
         self.push = (push[:, None] @ relative)[:, 0]
         sticks = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
         self.kn = law.local_stiffness(self.state, sticks)[:, 0, 0]
+
+    @property
+    def problem(self) -> EdgeProblem[SupportedRates]:
+        """Rate problem: full solves where slips don't tell all."""
+        return EdgeProblem(self.options, self.rates, few=0, own_slips=self.slips)
 
     def _stiffness(self, regime: Regimes, sided: ContactState) -> Floats:
         """Return the tangent (3 G, 3 G) of all freedoms."""
@@ -135,31 +132,19 @@ class SupportedCluster:
             trusted=trusted,
         )
 
-    @property
-    def in_full(self) -> int:
-        """Return how many combinations are solved in full: none where slips tell all of them."""
-        return ENUMERATION_LIMIT if self.condensed is None else 0
-
-    @cached_property
-    def condensed(self) -> tuple[Floats, Floats, Errors] | None:
-        """Return `q`, `M` and its errors, one solve a slip with all contacts at yield sticking."""
-        at, side = self.contacts, slip_sides(self.options)
-        if side is None:
-            return None
+    def slips(self, side: Regimes) -> Slips:
+        """Return the problem of slips from one solve with all contacts at yield sticking."""
+        at = self.contacts
         K = self._stiffness(self.base, self.state)
         loads = np.column_stack([-K @ self.imposed, -(side[:, None] * self.push[at]).T])
         moved, trusted = self._moved(K, loads)
         moved[:, 0] += self.imposed
         error = ROUNDED * self.kn.max(initial=0.0) * np.abs(moved).max(axis=0)
-        sides = np.zeros(self.graph.contact_count)
-        sides[at] = side
-        # Motions last: rates of contacts have theirs first.
-        un, ut = np.moveaxis(self.watched @ moved, 1, 0)
-        lacking = []
-        for k in range(moved.shape[1]):
-            _, shear, strength = edge_rates(self.law, self.state, sides, un[:, k], ut[:, k])
-            lacking.append(strength[at] - side * shear[at])
-        w = np.array(lacking).T
+        signs = np.zeros(self.graph.contact_count)
+        signs[at] = side
+        un, ut = np.moveaxis(self.watched @ moved, 0, -1)
+        _, shear, strength = edge_rates(self.law, self.state, signs, un, ut)
+        w = (strength - signs * shear)[:, at].T
         M = w[:, 1:] + np.eye(len(at))
         return (w[:, 0], M, Errors(float(error[0]), error[1:])) if trusted else None
 
@@ -174,7 +159,7 @@ def supported_rates(
     if not support.motion.any():
         raise InputError("motion", "zero everywhere", "an imposed motion", "Move a held grain.")
     cluster = SupportedCluster(graph, law, support)
-    return replace(agreeing(cluster), contacts=cluster.contacts)
+    return replace(agreeing(cluster.problem), contacts=cluster.contacts)
 
 
 def slip_problem(graph: GrainGraph, law: ContactLaw, support: Support) -> tuple[Floats, Floats]:
@@ -211,8 +196,7 @@ def slip_problem(graph: GrainGraph, law: ContactLaw, support: Support) -> tuple[
     >>> q.tolist(), M.tolist()
     ([-1.0], [[1.0]])
     """
-    cluster = SupportedCluster(graph, law, support)
-    problem = cluster.condensed
+    problem = SupportedCluster(graph, law, support).problem.slips
     if problem is None:
         where, received = "contacts at the edge", "one that may part, or a mechanism that moves it"
         expected, remedy = "contacts that stick or slide", "Ask rates_at, which tries all regimes."

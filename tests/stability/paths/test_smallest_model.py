@@ -7,7 +7,7 @@ from loops import InputError, LinearFrictional, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.regimes import keeps_control
-from stability.regimes import INSIDE, STICKS, EdgeRates, FullProblem, agreeing
+from stability.regimes import INSIDE, STICKS, EdgeProblem, EdgeRates, agreeing
 from tests.oracles.symmetry import loop_symmetry
 
 CLOSURES = ("affine", "traction")
@@ -245,7 +245,7 @@ def test_contacts_inside_their_cone_stick_whatever_the_rates():
         vector = np.ones(1)
         trusted = True
 
-    found = agreeing(FullProblem(np.tile(INSIDE, (2, 1)), lambda regimes: Trial()))
+    found = agreeing(EdgeProblem(np.tile(INSIDE, (2, 1)), lambda regimes: Trial()))
     assert (found.status, found.tried, found.combinations) == ("unique", 9, 9.0)
     assert found.taken.regimes.tolist() == [STICKS] * 2
 
