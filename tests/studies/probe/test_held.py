@@ -9,7 +9,7 @@ import pytest
 
 from grainloops import hold
 from loops import InputError
-from patterns import read_snapshot, sample_path
+from patterns import Snapshot, read_snapshot, sample_path
 from patterns.snapshots.snapshot import sample_boundary
 from stability.packing.hold import unbalanced_force
 from studies.evolve import run_evolve
@@ -17,6 +17,7 @@ from studies.probe import run_probe
 from studies.questions import Holding
 from studies.snapshot.in_packing import held_snapshot
 from tests.command import run
+from tests.packings import LAW, jammed
 
 WALLS = sample_path()
 
@@ -139,3 +140,12 @@ def test_directions_without_an_answer_stand_first_and_none_at_all_is_exit_1(
     )
     status, lines = said(0)
     assert status == 0 and lines[0].startswith("4 directions of H'")
+
+
+def test_a_held_snapshot_keeps_along_which_vectors_it_is_periodic():
+    graph = jammed(24, 3, LAW)
+    regime = np.ones(graph.contact_count, dtype=np.int8)
+    state = Snapshot(graph, LAW, regime, np.arange(24), 0, (), periodic=(True, False))
+    held, _ = held_snapshot(state, "strain")
+    assert held.periodic == (True, False)
+    assert held.velocity is None and held.rotation is None
