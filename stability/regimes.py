@@ -388,7 +388,7 @@ def of_sets(found: Complementarity) -> Regimes[Flags]:
     alone = regimes[..., None] == CHOICES
     sets = tuple(map(RateSolution, regimes, found.active, alone))
     status = _status(len(sets), exhaustive, found.families)
-    numbers = found.singular, 0, 2.0 ** len(found.active.T)
+    numbers = found.singular, 0, float(min(2 ** len(found.active.T), 2**1023))
     return Regimes(status, sets, exhaustive, *numbers, found.proof, found.families)
 
 

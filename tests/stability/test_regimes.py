@@ -9,6 +9,7 @@ import pytest
 from loops import LinearFrictional, Regime, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, directional_work, follow, programmes, rates_at
+from stability.complementarity import Complementarity
 from stability.packing.response import MECHANISM, TRUSTED, _status
 from stability.regimes import (
     CHOICES,
@@ -21,6 +22,7 @@ from stability.regimes import (
     EdgeRates,
     SlipProblem,
     agreeing,
+    of_sets,
 )
 
 
@@ -333,3 +335,11 @@ def test_a_mechanism_or_a_residual_takes_the_certainty_from_a_packing():
     none = agreeing(SlipProblem(*among([-1.0], [[-1.0]])))
     assert _status(none, none.proof, 1.0) == "none"
     assert _status(none, MECHANISM, 1.0) == "not converged"
+
+
+@pytest.mark.parametrize("count", [10, 1023, 1024, 3000])
+def test_more_combinations_than_a_float_holds(count):
+    """Packings have thousands of contacts at yield."""
+    found = of_sets(Complementarity(np.zeros((1, count), dtype=bool), "given"))
+    assert found.combinations == 2.0 ** min(count, 1023)
+    assert found.solutions[0].regimes.shape == (count,)
