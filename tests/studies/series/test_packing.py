@@ -22,6 +22,7 @@ from loops import (
     rotation_and_stretch,
 )
 from loops.contacts import start_state
+from loops.in_place import loops_in_place
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from patterns.snapshots.snapshot import sample_boundary
 from stability import rates_at
@@ -48,8 +49,8 @@ from studies.series.packing import (
 )
 from studies.series.run import followed_summary, missed_stresses
 from studies.snapshot.in_packing import (
-    add_in_packing,
     box_corners,
+    place_columns,
 )
 from tests.docs.test_packing_page import quotes_the_sample
 from tests.packings import LAW, jammed, packing
@@ -99,8 +100,7 @@ def test_columns_are_the_answers_to_the_strain_of_the_cell(result):
         np.testing.assert_allclose(found, size, rtol=1e-9, atol=1e-11 * largest)
         np.testing.assert_array_equal(own[name], every[name].to_numpy()[own.loop_before])
     assert set(own.packing_status) == {response.status} <= {"one found", "nearest"}
-    table = {}
-    add_in_packing(before, table, "auto")
+    table = place_columns(loops_in_place(before.scene), before.mean_kn)
     # Two orders of the same eliminations.
     np.testing.assert_allclose(every.packing_lambda_min, table["packing_lambda_min"], atol=1e-9)
     # At rest its sign is a verdict.
