@@ -7,7 +7,7 @@ import duckdb
 import pytest
 
 import grainloops as gl
-from studies.series.run import run_series
+from tests.command import run
 from tests.docs.pages import DOCS, page
 from tests.stability.packing.walled_packings import small_sample
 
@@ -134,10 +134,10 @@ def test_blocks_of_what_is_added_run(capsys):
 
 def test_blocks_on_a_series_read_its_tables(tmp_path, monkeypatch, capsys):
     folder = gl.sample_path("slow")
-    run_series(
-        sorted(folder.glob("grains_*.parquet"))[:2], tmp_path / "series",
-        cells=folder / "cells.csv", workers=1, figures=False,
-    )  # fmt: skip
+    how = ("--cells", folder / "cells.csv", "--workers", 1, "--no-figures")
+    files = sorted(folder.glob("grains_*.parquet"))[:2]
+    assert run("series", *files, *how, "--out", tmp_path / "series") == 0
+    capsys.readouterr()
     monkeypatch.chdir(tmp_path)
     exec("\n".join(blocks("series")), {})
     printed = capsys.readouterr().out

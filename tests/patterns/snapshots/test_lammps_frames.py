@@ -2,13 +2,13 @@
 
 import gzip
 import re
+import sys
 
 import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
 from patterns import count_frames, read_frames, read_snapshot, synthetic_network
-from patterns.snapshots import frame as listing
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,
@@ -67,13 +67,13 @@ def dumps(request, tmp_path):
 def parsed(monkeypatch):
     """The places whose rows are parsed."""
     places = []
-    own = listing.read_body
+    own = sys.modules["patterns.snapshots.frame"].read_body
 
     def spy(where, *rest):
         places.append(where)
         return own(where, *rest)
 
-    monkeypatch.setattr(listing, "read_body", spy)
+    monkeypatch.setattr("patterns.snapshots.frame.read_body", spy)
     return places
 
 

@@ -8,9 +8,9 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+import grainloops as gl
 from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path, synthetic_network
-from studies.snapshot.table import loop_columns
 
 WALLS, PERIODIC = sample_path(), sample_path("grains_periodic.parquet")
 
@@ -53,7 +53,7 @@ def shuffled_copy(grains, folder, seed=5):
 def loops_by_grains(snapshot):
     """Order, area, eigenvalues and stress of each loop, by the ids of its grains."""
     faces = snapshot.faces
-    table = loop_columns(snapshot)
+    table = gl.loop_table(snapshot)
     names = ("order", "area", "sliding_contacts", "affine_lambda_min", "stress_11", "stress_12")
     rows = {}
     for row, face in enumerate(faces.loops.tolist()):
