@@ -126,7 +126,9 @@ class PairLaw:
         unit = self._with_rows(radii, wall, ones, ones, mu, 0.0 * ones, np.inf * ones)
         depth = np.where(overlap > 0, overlap, SMALL_OVERLAP * radii[0])
         at = np.append(np.zeros(len(self)), depth)
-        N, kn, kt = (k[len(self) :] for k in (unit.normal_force(at), *unit.stiffnesses(at)))
+        pressed = np.append(np.zeros(len(self)), np.maximum(overlap, SMALL_OVERLAP * radii[0]))
+        answers = unit.normal_force(at), *unit.stiffnesses(pressed)
+        N, kn, kt = (k[len(self) :] for k in answers)
         by_force, given = force / N, kn_given / kn
         known = (overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)
         share = np.where(known, by_force, given)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, median
@@ -69,6 +68,8 @@ def _threshold(text: str, regions: str) -> float:
 
 def _polygons(path: Path) -> dict[str, Floats]:
     """Return the corners of each polygon of a file by its name."""
+    import pandas as pd
+
     try:
         table = pd.read_csv(path, comment="#")
         names = table["region"].astype(str) if "region" in table else ["inside"] * len(table)

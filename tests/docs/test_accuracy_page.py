@@ -81,7 +81,7 @@ def test_errors_of_the_options():
 
 def test_defaults_are_marked():
     defaults = {row.method for group in FAST for row in METHOD_GROUPS[group](True) if row.default}
-    marked = [row["method"] for table in tables(TEXT) for row in table
+    marked = [row.get("method") for table in tables(TEXT) for row in table
               if "**(default)**" in row.get("setting", "")]  # fmt: skip
     assert defaults <= set(marked)
 
