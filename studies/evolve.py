@@ -226,7 +226,7 @@ def evolve(
     >>> found.way.status, found.table()["H11"].round(9).tolist()
     ('finished', [0.0001, 0.0001, 0.0001, 0.0001])
     """
-    turns = to if isinstance(to, float | int) else tuple(to)
+    turns = tuple(to) if isinstance(to, list | tuple | np.ndarray) and np.ndim(to) else to
     asked = options_of(Programmed, {"programme": programme, "to": turns, **options})
     snapshot = planar(subject)
     balance_notes(snapshot)
