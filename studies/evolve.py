@@ -80,7 +80,7 @@ class Programmed(Evolving):
     def stages(self) -> list[Stage]:
         """Return the stages from the present state to the end."""
         numbers = {"fluid_bulk_modulus": self.fluid_bulk_modulus, "strain_ratio": self.strain_ratio}
-        ways, axis = np.diff([0.0, *self.turns]), self.axis or 1
+        ways, axis = np.diff([0.0, *self.turns]), 1 if self.axis is None else self.axis
         return [stage_of(self.programme, axis, way, **numbers) for way in ways.tolist()]
 
     @property
@@ -100,7 +100,7 @@ class Programmed(Evolving):
 
     def described(self) -> dict[str, Any]:
         """Return the options for the summary; those that only some programmes ask for if given."""
-        some = ("fluid_bulk_modulus", "strain_ratio", "pathologies", "regions")
+        some = ("fluid_bulk_modulus", "strain_ratio", "pathologies")
         return {k: v for k, v in asdict(self).items() if k not in some or v not in (None, False)}
 
 
@@ -265,6 +265,7 @@ def run_evolve(
     out: Path,
     *,
     cells: Path | None = None,
+    regions: str | None = None,
     animation: bool = False,
     progress: Callable[[float], None] | None = None,
     **how: Any,
@@ -280,11 +281,15 @@ def run_evolve(
     asked: Any = taken(Programmed, how)
     rates, control = taken(Replaying, how), taken(Holding, how).control
     configuration = {"paths": [*paths], "cells": cells, **reading(**how), **asked.described()}
-    configuration |= {"hold": control}
+    configuration |= {"hold": control} | ({} if regions is None else {"regions": regions})
     with study("evolve", out, configuration, **files) as results:
         planned = plan_series(paths, cells, reading(**how), rates.times)
         snapshot, held = held_snapshot(planned[0].read(), control)
-        asked = asked.along(snapshot.scene)
+        scene, asked = snapshot.scene, asked.along(snapshot.scene)
+        if regions is not None:
+            # A column that there is not is refused before the path.
+            still = [loop_changes(scene.graph, contacts_at_start(scene), scene.faces)]
+            loop_regions(change_table(still, scene.faces, np.zeros(1)), regions)
         after = [one.read() for one in planned[1:]]
         notes, rate = [*snapshot.notes, *balance_notes(snapshot)], None
         if asked.by != "events":
@@ -302,13 +307,13 @@ def run_evolve(
         if len(found.ways) > 1:
             tables["replay_loops"] = found.loops("replay")
             tables["replay"] = row_table(found.ways["replay"]).drop(columns="events")
-        if asked.regions is not None:
-            tables["regions"] = evolved_regions(tables["loops"], asked.regions)
+        if regions is not None:
+            tables["regions"] = evolved_regions(tables["loops"], regions)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
         told |= {"dem": len(after), "forecast": None}
-        if asked.regions is not None:
+        if regions is not None:
             told["regions"] = region_summary(tables["regions"].to_dict("list"), tables["loops"])
         if after and found.driven[0] == "H" and len(asked.turns) == 1:
             compared = found.ways, tables["dem"], found.driven, found.sense

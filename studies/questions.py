@@ -276,8 +276,6 @@ class Evolving(Driving):
         Method: events (quasistatic, from event to event), replay (equations of motion), or both.
     rows
         Rows of the path's table.
-    regions
-        Loops inside beside all others.
     pathologies
         Tell in every row the matrix of the contacts at yield (symmetric, definite, P-matrix) and
         count the solutions.
@@ -288,7 +286,6 @@ class Evolving(Driving):
 
     by: Annotated[str, Parameter(metavar="events|replay|both")] = "events"
     rows: Annotated[Whole, Parameter(group=FURTHER)] = 20
-    regions: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE")] = None
     instabilities: Instabilities = 20
     pathologies: Annotated[bool, Parameter(group=FURTHER)] = False
     spread: Annotated[bool, Parameter(group=FURTHER, negative="")] = False

@@ -124,14 +124,14 @@ class PairLaw:
         """
         ones, (kn_given, kt_given, mu, overlap, force) = np.ones(len(wall)), springs
         unit = self._with_rows(radii, wall, ones, ones, mu, 0.0 * ones, np.inf * ones)
-        depth = np.where(overlap > 0, overlap, SMALL_OVERLAP * radii[0])
-        at = np.append(np.zeros(len(self)), depth)
-        pressed = np.append(np.zeros(len(self)), np.maximum(overlap, SMALL_OVERLAP * radii[0]))
-        answers = unit.normal_force(at), *unit.stiffnesses(pressed)
-        N, kn, kt = (k[len(self) :] for k in answers)
-        by_force, given = force / N, kn_given / kn
+        small, count = SMALL_OVERLAP * radii[0], len(self)
+        at = np.append(np.zeros(count), np.where(overlap > 0, overlap, small))
+        by_force = force / unit.normal_force(at)[count:]
+        given = kn_given / unit.stiffnesses(at)[0][count:]
         known = (overlap > 0) & (by_force < AS_GIVEN * given) & (given < AS_GIVEN * by_force)
-        share = np.where(known, by_force, given)
+        at[count:] = np.where(known, overlap, np.maximum(overlap, small))
+        kn, kt = (k[count:] for k in unit.stiffnesses(at))
+        share = np.where(known, by_force, kn_given / kn)
         shear = share * kn / kt * kt_given / kn_given
         return replace(unit, kn=np.append(self.kn, share), kt=np.append(self.kt, shear))
 

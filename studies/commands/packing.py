@@ -145,6 +145,7 @@ def evolve_command(
     replaying: Replaying = Replaying(),
     holding: Holding = Holding(),
     cells: Cells = None,
+    regions: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE")] = None,
     animation: Annotated[bool, Parameter(group=FURTHER)] = False,
     reading: PlaneReading = PlaneReading(),
 ) -> Answer:
@@ -154,6 +155,8 @@ def evolve_command(
     ----------
     paths
         Snapshot to start from; further snapshots are plotted for comparison.
+    regions
+        Compare loops inside with all others.
     animation
         Animate the loops' second-order work, as GIF.
     """
@@ -162,6 +165,7 @@ def evolve_command(
         *(asked, replaying, holding),
         progress=_reached(asked),
         cells=cells,
+        regions=regions,
         animation=animation,
     )
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from loops import contact_forces, outline_area
@@ -17,6 +17,9 @@ from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import snapshot_of
 from patterns.snapshots.walls import box_area
 from studies.snapshot.table import group_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Blocks along either axis, of which one after the other is left out for the errors.
 BLOCKS = 4
@@ -67,6 +70,8 @@ class Fabric(Shown):
     def columns(self) -> pd.DataFrame:
         """One row a set of contacts or loops."""
         t = self.tensor
+        import pandas as pd
+
         return pd.DataFrame(
             {
                 "of": self.of, "count": self.count, "F11": t[:, 0, 0], "F12": t[:, 0, 1],

@@ -193,6 +193,21 @@ def test_walls_whose_force_is_no_guide_have_the_stiffness_given(name):
     assert not np.allclose(again.kn[3:], given[0])
 
 
+@pytest.mark.parametrize("share", [1e-2, 1e-4, 0.7e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("name", WALLED)
+def test_walls_that_barely_touch_start_with_their_force(name, share):
+    """Whatever the overlap over the radius: force, stiffness and strength are those given."""
+    law = triangle(WALLED[name], walls=True).law
+    at = np.concatenate([OVERLAP, share * law.radii[0, 3:]])
+    given = law.normal_force(at)[3:], *(k[3:] for k in law.stiffnesses(at))
+    springs = np.array([*given[1:], law.friction[3:], at[3:], given[0]])
+    again = law.taken(np.arange(3)).with_walls(law.radii[:, 3:], law.wall[3:], springs)
+    # Overlaps are differences of lengths: of 1e-8 of the radius half the digits are left.
+    bound = max(1e-10, 4e-16 / share)
+    found = again.normal_force(at)[3:], *(k[3:] for k in again.stiffnesses(at))
+    np.testing.assert_allclose(found, given, rtol=bound)
+
+
 def test_walls_without_a_friction_slide_or_never_do():
     """With a shear stiffness they never slide."""
     state = triangle(LINEAR, walls=True)
