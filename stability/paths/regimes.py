@@ -41,6 +41,8 @@ Held = Literal["elastic", "sliding"]
 PROBES = (0.9, 0.99)
 # Over the largest rate of all contacts: events are located closer than this.
 LOCATED = 1e-10
+# Over kn l: a force that is rounding, as the crossings of events tell the limit of friction.
+ROUNDED_FORCE = 1e-13
 # Row spaces of two controls that differ by less are the same.
 CONTROL_RTOL = 1e-12
 
@@ -83,8 +85,10 @@ def edge_choices(model: PathModel, state: PathState, mode: Mode, fired: Mapping[
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
     edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
     touching, at_yield = edge.touching.copy(), edge.at_yield.copy()
+    # A limit that is met at a force of rounding may be the opening of the contact.
+    rounded = normal <= ROUNDED_FORCE * model.stiffness * model.length
     for c, regime in fired.items():
-        touching[c] |= regime == OPEN or not closed[c]
+        touching[c] |= regime == OPEN or not closed[c] or rounded[c]
         at_yield[c] |= regime in (LEFT, RIGHT) and not edge.apex[c]
     at_edge = touching | at_yield
     options = edge_options(touching, at_yield, edge.apex, model.mu == 0.0, contacts.shear_force)

@@ -199,3 +199,24 @@ def test_regimes_do_not_keep_switching(seed, status, said):
         # A row for each of the switches in place; what they release there hangs on rounding.
         still = np.abs(path.H - path.H[-1]).max(axis=1) <= 1e-13
         assert 12 < still.sum() < 60
+
+
+@pytest.mark.parametrize("end", [0.4, 0.46, 0.5])
+@pytest.mark.parametrize("shift", [0, 3])
+def test_spheres_that_part_on_an_axis_of_symmetry_open(shift, end):
+    """The contact on the axis has no shear force but rounding, and loses its force as depth^1.5.
+
+    There its strength falls to that rounding before its overlap ends; it opens, wherever the stage
+    ends and however grains are numbered, and the path goes on.
+    """
+    loop = regular_polygon(5)
+    x = np.roll(loop.x, shift, axis=0)
+    law = HertzMindlin(young=1.82, poisson=0.3, mu=np.tan(np.radians(5.0)))
+    stages = [Stage(programmes.isotropic_strain(), "H11", 0.1),
+              Stage(programmes.drained_biaxial(), "H11", end)]  # fmt: skip
+    path = follow(Scene(loop.replace(x=x, x0=x), law), stages, closure="affine")
+    (opening,) = path.of_kind("opening")
+    assert path.status == "finished" and opening.contacts == ((2 + shift) % 5,)
+    # Its branch lies along axis 2: it opens where H22 is back at zero. Depth^1.5 of 1e-13 is 2e-9.
+    assert path.H[opening.index, 3] == pytest.approx(0.0, abs=4e-9)
+    assert (path.normal_force[opening.index + 1 :, opening.contacts[0]] == 0.0).all()
