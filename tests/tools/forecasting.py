@@ -26,7 +26,7 @@ from loops.arrays import Floats
 from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot
 from studies import __version__
-from studies.evolve import Evolving, followed
+from studies.evolve import Programmed, followed
 from studies.forecast import (
     CALIBRATION,
     DEFAULTS,
@@ -104,9 +104,9 @@ def measured(data: Path, series: Series, pair: tuple[int, int]) -> pd.DataFrame:
     balance_notes(before)
     strain, source = sample_strain(before, after)
     assert source in ("cell", "walls")
-    asked = Evolving(to=float(strain[1, 1]), programme="biaxial", axis=2, **DEFAULTS)
+    asked = Programmed(to=float(strain[1, 1]), programme="biaxial", axis=2, **DEFAULTS)
     rate = Rate(DEFAULT_RATE, "as given", {"inertial_number": DEFAULT_RATE})
-    found = followed(before.scene, before.ids, asked, rate)
+    found = followed(before, asked, rate)
     fates = track_loops(before, after)
     own, state = loop_increments(before, after, fates), facts(before, fates)
     actual = actual_values(own | {"nonaffinity": np.ones(len(own["w2"]))}, state)
