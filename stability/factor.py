@@ -98,9 +98,10 @@ class Factor:
         for _ in range(REFINEMENTS):
             rest = loads - self.matrix @ v
             size = np.linalg.norm(rest, axis=0)
-            if not ((size > goal) & (size <= 0.5 * before)).any():
+            better = (size > goal) & (size <= 0.5 * before)
+            if not better.any():
                 break
-            v, before = v + self.once(rest), size
+            v, before = v + self.once(rest * better), size
         return np.asarray(v + R @ (compliance * left - (v.T @ L.T).T))
 
     def once(self, loads: Floats, factors: Factors | None = None) -> Floats:
