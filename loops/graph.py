@@ -235,7 +235,7 @@ class GrainGraph(Shown):
 
 
 class Kept(NamedTuple):
-    """What stays of a graph: the graph, and its grains and contacts by their former numbers."""
+    """Graph without some grains and contacts, and the former numbers of those that it has."""
 
     graph: GrainGraph
     grains: Integers

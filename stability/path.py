@@ -343,7 +343,8 @@ class Path(Shown):
         Loops: condition number of closure and control together, solved for the rates; large at a
         limit of the control.
     turns : tuple of float
-        Packings that `gl.evolve` drives: driven strain or stress at which each stage ends.
+        Packings that `gl.evolve` drives: driven strain or stress at which each stage ends; none of
+        other paths.
     volume : float
         Loops: reference area V0.
     subspace : str
@@ -420,7 +421,7 @@ class Path(Shown):
     normal_energy: Floats = field(default_factory=_none)
     tangential_energy: Floats = field(default_factory=_none)
     condition: Floats = field(default_factory=_none)
-    turns: tuple[float, ...] = (1.0,)
+    turns: tuple[float, ...] = ()
     volume: float = math.nan
     subspace: str = ""
     model: ModelChoice = None  # type: ignore[assignment]
@@ -465,7 +466,9 @@ class Path(Shown):
         return self.states[-1]
 
     def driven(self, parameter: Floats, stage: Integers) -> Floats:
-        """Driven strain or stress at loading parameters of stages."""
+        """Driven strain or stress at loading parameters of stages; of other paths the parameter."""
+        if not self.turns:
+            return parameter
         ends = np.array([0.0, *self.turns])
         reached = np.append(0.0, np.cumsum(np.abs(np.diff(ends))))
         return ends[stage] + np.sign(np.diff(ends))[stage] * (parameter - reached[stage])

@@ -205,7 +205,8 @@ def evolve(
         `.ways` are the paths; `.table()` has a row a loop with the ids of its grains, the changes
         of its strain `H*` and stress `P*` (force/length), its second-order work `W2`
         (force/length; `w2` over the sizes of its factors) and the driven value from which it is
-        negative.
+        negative, the driven value `open_from` of the first row with an open contact, and `back`,
+        whether all contacts of such a loop are closed at the end.
 
     Raises
     ------

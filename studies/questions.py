@@ -63,7 +63,7 @@ Cells = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Continuing:
-    """How a path goes on.
+    """Continuation of a path past an unstable contact.
 
     Parameters
     ----------

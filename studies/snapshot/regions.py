@@ -22,7 +22,7 @@ Strings = NDArray[np.str_]
 
 
 class Property(NamedTuple):
-    """What may be true of each loop: flags (L,), known (L,), and the eigenvalues of a verdict."""
+    """Property of loops: (L,) which have it, (L,) where it is known, the eigenvalues behind it."""
 
     flags: Flags
     known: Flags

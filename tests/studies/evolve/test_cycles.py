@@ -101,3 +101,13 @@ def test_cycles_that_are_refused(packing, to, options, said):
 def test_a_forecast_takes_one_value(packing):
     with pytest.raises(InputError, match="--to"):
         gl.forecast(packing, "drained", to=(1e-5, -1e-5))
+
+
+def test_a_path_of_several_stages_has_its_loading_parameter_as_driven(packing):
+    """`gl.follow` with stages of its own, which drive different components."""
+    stages = [gl.Stage("drained", "parameter", 1e-5), gl.Stage("oedometric", "parameter", 5e-6)]
+    path = gl.follow(packing, stages, rows=2)
+    table = path.table()
+    assert path.status == "finished" and len(table) == 5
+    np.testing.assert_array_equal(table["driven"], path.parameter)
+    assert table["driven"].iloc[-1] == pytest.approx(1.5e-5, abs=1e-10)
