@@ -32,7 +32,7 @@ def parse_turns(kind: Any, tokens: Sequence[Token]) -> float | tuple[float, ...]
     with suppress(ValueError):
         turns = tuple(float(part) for part in tokens[0].value.split(","))
         return turns if len(turns) > 1 else turns[0]
-    raise ValueError(f"got {tokens[0].value}, expected a number")
+    raise ValueError(f"got {tokens[0].value}, expected a number, or several between commas")
 
 
 Whole = Annotated[int, Parameter(converter=parse_whole_number)]
