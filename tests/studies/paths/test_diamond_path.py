@@ -92,7 +92,7 @@ def test_lateral_stress_is_held_and_the_path_goes_on_in_E1():
         s2 = path.states.s2[drained]
         # Steps lengthen until the integrator's tolerance where the path is flat: 2e-13 at 0.65.
         rtol = 1e-12 if arguments.get("confine") == 0.65 else 1e-13
-        np.testing.assert_allclose(s2, s2[0], rtol=rtol, atol=2e-15)
+        np.testing.assert_allclose(s2, s2[0], rtol=rtol, atol=1e-14)
         # Both rows of a state at a change come from formulas of their own: the last bit may differ.
         assert np.all(np.diff(path.states.E1) > -2e-16)
 
@@ -118,7 +118,7 @@ def test_without_lateral_force_yield_is_the_end_of_strain_control():
 @pytest.mark.parametrize("arguments", SWEEP, ids=str)
 def test_energy_balance_closes(arguments):
     path = followed(**arguments)
-    assert energy_imbalance(path) < 1e-14
+    assert energy_imbalance(path) < 3e-14
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
 
 
