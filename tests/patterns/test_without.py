@@ -41,6 +41,12 @@ def test_what_stays_is_as_it_was(sample):
         on = np.isin(sample.walls.grain, np.flatnonzero(kept))
         assert np.array_equal(less.ids[less.walls.grain], sample.ids[sample.walls.grain[on]])
         assert np.array_equal(less.walls.force, sample.walls.force[on])
+        planes, former = less.scene.boundary.walls, sample.scene.boundary.walls
+        on = np.isin(former.grain, np.flatnonzero(kept))
+        assert 0 < on.sum() < len(on)
+        assert np.array_equal(less.ids[planes.grain], sample.ids[former.grain[on]])
+        for name in ("branch", "kn", "kt"):
+            assert np.array_equal(getattr(planes, name), getattr(former, name)[on]), name
     if sample.scene.boundary.held is not None:
         assert np.array_equal(less.scene.boundary.held, sample.scene.boundary.held[kept])
     assert less.notes[-1] == f"2 grains and {len(stays) - stays.sum()} contacts left out"
