@@ -295,8 +295,8 @@ class ForceChains(Shown):
         links : (S, 2) array of int
             Both contacts of each segment.
         bend : (S,) array
-            Half of what the angle between both branches at the middle grain lost (radians): above
-            zero where the chain buckles, below where it straightens (Tordesillas and Muthuswamy
+            Half the decrease of the angle between both branches at the middle grain (radians): above
+            zero where the chain bends, below where it straightens (Tordesillas and Muthuswamy
             2009 take more than one degree for buckling).
         """
         ends, link = graph.contacts[self.links].ravel(), np.repeat(self.links, 2)
