@@ -67,7 +67,6 @@ def test_losses_come_in_order_along_a_path(order, orientation, kappa, phi, closu
         Scene(regular_polygon(order, orientation=orientation), law),
         stages,
         closure=closure,
-        rtol=1e-9,
         max_steps=300,
     )
     A = path.A[np.isfinite(path.A).all(axis=(1, 2))]
