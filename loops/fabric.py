@@ -295,9 +295,9 @@ class ForceChains(Shown):
         links : (S, 2) array of int
             Both contacts of each segment.
         bend : (S,) array
-            Half the decrease of the angle between both branches at the middle grain (radians): above
-            zero where the chain bends, below where it straightens (Tordesillas and Muthuswamy
-            2009 take more than one degree for buckling).
+            Half the decrease of the angle between both branches at the middle grain (radians):
+            above zero where the chain bends, below where it straightens (Tordesillas and
+            Muthuswamy 2009 take more than one degree for buckling).
         """
         ends, link = graph.contacts[self.links].ravel(), np.repeat(self.links, 2)
         at = np.argsort(ends, kind="stable")
