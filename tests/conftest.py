@@ -1,5 +1,6 @@
 """One setting for every property test: the same examples on each run, no clock."""
 
+import gc
 import os
 import signal
 import sys
@@ -27,6 +28,11 @@ def pytest_collection_modifyitems(items):
             item.add_marker("slow")
             if not Path(os.environ.get(FOLDERS[name]) or "none").is_dir():
                 item.add_marker(pytest.mark.skip(reason=f"{FOLDERS[name]} names no folder"))
+
+
+def pytest_collection_finish():
+    """Modules and collected tests stay: no collection of garbage looks at them again."""
+    gc.freeze()
 
 
 settings.register_profile("grainloops", derandomize=True, deadline=None)

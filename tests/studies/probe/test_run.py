@@ -17,6 +17,7 @@ from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
 from tests.command import run
 from tests.packings import LAW, jammed
+from tests.stability.packing.walled_packings import small_sample
 from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")
@@ -178,6 +179,16 @@ def test_walls_drive_a_box_and_a_held_outline_stiffens_it(tmp_path):
     assert stiff > 1.05 * soft > 0
 
 
+def test_strains_that_turn_a_box_are_refused(capsys, tmp_path):
+    path, out = tmp_path / "grains.parquet", tmp_path / "out"
+    write_snapshot(path, small_sample("walls", LAW))
+    turning = ("--subspace", "symmetric", "--amplitude", "1e-5", "--directions", "3")
+    assert run("probe", path, "--out", out, *turning, "--workers", "1") == 2
+    error = capsys.readouterr().err
+    assert "control: got strains that turn or shear the box" in error
+    assert error.count("\n") == 1 and not out.exists()
+
+
 def test_a_note_says_that_not_every_direction_was_searched(monkeypatch, tmp_path):
     grains, how = plain(tmp_path / "a"), {"directions": 8, "figures": False}
     module = sys.modules["stability.packing.probe"]
@@ -249,7 +260,6 @@ AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}
         (["--scheduler", "tcp://here:1"], "--scheduler: got rates alone"),
         (["--amplitude", "0"], "amplitude: got 0"),
         (["--amplitude", "-1e-5"], "amplitude: got -1e-05"),
-        (["--amplitude", "1e-5", "--subspace", "symmetric"], "control: got strains that turn"),
         (["--yield-band", "1.5"], "yield_band: got 1.5, expected a finite number above 0"),
     ],
 )
