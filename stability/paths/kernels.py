@@ -20,6 +20,7 @@ from loops.compiled import compiled
 from loops.laws import CohesiveFrictional, HertzMindlin, LinearFrictional
 from loops.laws.frictional import Regime
 from loops.laws.hertz_mindlin import HERTZ, effective_radius
+from loops.symmetry import identity
 from stability.paths import ring_rates, segment
 from stability.paths.model import PathModel
 from stability.paths.ring_rates import Problem
@@ -106,19 +107,15 @@ def ring_of(model: PathModel) -> dict[str, Any] | None:
         table[:, ring_rates.BX : ring_rates.BY + 1] = model.b
     small, codes = np.zeros((ring_rates.ROWS, 9)), np.zeros(ring_rates.CODES, dtype=np.int64)
     small[ring_rates.NUMBERS, :3] = model.volume, model.length, model.stiffness
-    # The affine closure without free spins has nothing that relaxes: symmetry leaves nothing out.
-    group = model.symmetry if traction or model.spins == "free" else None
-    images, maps = np.arange(n)[None], np.eye(2)[None]
-    if group is not None:
-        images, maps = group.contacts, group.maps
-        codes[ring_rates.MIRRORS] = (group.along_axes().parity < 0.0).any()
+    group = model.group or identity(n, n)
+    codes[ring_rates.MIRRORS] = model.mirrors
     codes[ring_rates.LAW], codes[ring_rates.BY_RADII] = kind, law.shear_increment == "radii"
     codes[ring_rates.CLOSURE], codes[ring_rates.SPINS] = CLOSURES[model.closure], SPINS[model.spins]
     i, j = np.triu_indices(n, 1)
     apart = ~np.isin(i * n + j, model.met) & model.watches_pairs
     return {
         "table": table, "small": small, "codes": codes,
-        "images": np.ascontiguousarray(images, dtype=np.int64), "maps": np.array(maps, order="C"),
+        "images": group.contacts, "maps": group.maps,
         "pairs": np.column_stack([i, j])[apart].astype(np.int64),
     }  # fmt: skip
 

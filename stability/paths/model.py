@@ -28,112 +28,25 @@ START_MISMATCH = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Meaning of the unknown numbers `z` (r,) of a solve.
+    """Unknown numbers `z` (r,) of a solve: t strains, as many stresses, the rest.
 
-    `strains`: Number of strains, which come first; as many stresses follow; `count`: Number r of
-    unknowns; `fields` (8 + m, r): For each number a displacement gradient, a stress over `kn` and
-    the rest: displacements of the centres over the length scale, free spins times radii;
-    `rows` (r - strains, 4 + m): Combinations of the closure's equations that determine these
-    fields. Fields and rows are None for all unknowns and all equations.
+    `fields` (8 + m, r): For each number a displacement gradient, a stress over `kn` and the rest:
+    displacements of the centres over the length scale, free spins times radii; `rows`
+    (r - t, 4 + m): Combinations of the closure's equations that determine these fields.
     """
 
-    strains: int
-    count: int
-    fields: Floats | None = None
-    rows: Floats | None = None
-
-    def of(self, equations: Floats) -> Floats:
-        """The closure's equations (4 + m, 8 + m) for these numbers."""
-        if self.rows is None or self.fields is None:
-            return equations
-        return np.asarray(self.rows @ equations @ self.fields)
-
-    @cached_property
-    def tensors(self) -> Floats:
-        """(8, r) `H` and `P` per number."""
-        return np.eye(8, self.count) if self.fields is None else self.fields[:8]
-
-    def values(self, z: Floats) -> Floats:
-        """(8 + m,) the fields themselves."""
-        return z if self.fields is None else self.fields @ z
-
-
-def symmetric_unknowns(
-    closure: Closure, group: PointGroup, character: Floats, free_spins: bool
-) -> Unknowns:
-    """Displacement fields that transform under the symmetry group with the given character.
-
-    The character 1 stands for the fields that the symmetry leaves as they are. A mirror changes the
-    sign of spins: they vanish on its axis and are paired off it.
-    """
-    sign = character * group.parity
-    alone = np.zeros((group.order, 1), dtype=np.int64)
-    pairs = np.einsum("s,sik,sjl->sijkl", character, group.maps, group.maps).reshape(-1, 4, 4)
-    tensor = invariant_fields(alone, pairs)[0]
-    moving = []
-    if closure == "traction":
-        place = invariant_fields(group.grains, character[:, None, None] * group.maps)
-        moving.append(place.reshape(-1, place.shape[2]))
-    if free_spins:
-        moving.append(invariant_fields(group.grains, sign[:, None, None])[:, 0])
-    # The equations change as the fields do: strain or stress, then balance and moments.
-    rows, fields = block_diag(tensor, *moving).T, block_diag(tensor, tensor, *moving)
-    return Unknowns(tensor.shape[1], fields.shape[1], fields, rows)
-
-
-@dataclass(frozen=True, eq=False)
-class UnknownSets:
-    """The unknowns that a model needs.
-
-    `moving`: Number m of unknowns besides strain and stress; `free_spins`:
-    Whether spins are unknown; `group`: Symmetry of state and control that the path keeps.
-    """
-
-    closure: Closure
-    moving: int
-    free_spins: bool
-    group: PointGroup | None
-
-    @cached_property
-    def everything(self) -> Unknowns:
-        """All unknowns, without symmetry."""
-        return Unknowns(4, 8 + self.moving)
+    fields: Floats
+    rows: Floats
 
     @property
-    def used(self) -> PointGroup | None:
-        """Symmetry group used to reduce the unknowns; None if the reduction does not pay.
+    def strains(self) -> int:
+        """Number t of strains."""
+        return self.fields.shape[1] - len(self.rows)
 
-        The affine closure without free spins has eight unknowns at any length, and nothing in it
-        relaxes: leaving some out costs more than it saves.
-        """
-        return self.group if self.moving else None
 
-    @cached_property
-    def rates(self) -> Unknowns:
-        """Unknowns of the path's rates, which are as symmetric as its state."""
-        if self.used is None:
-            return self.everything
-        ones = np.ones(self.used.order)
-        return symmetric_unknowns(self.closure, self.used, ones, self.free_spins)
-
-    @cached_property
-    def tangent(self) -> tuple[Unknowns, ...]:
-        """Unknowns of all four columns of the tangent, in blocks that do not mix.
-
-        Mirrors in the axes keep `H11` and `H22` and turn the sign of `H12` and `H21`: the fields
-        of either kind answer to themselves alone, so both blocks together are the full tangent.
-        """
-        if self.used is None:
-            return (self.everything,)
-        axes = self.used.along_axes()
-        if axes.order == 1:
-            return (self.everything,)
-        even = self.rates
-        if axes.order < self.used.order:
-            even = symmetric_unknowns(self.closure, axes, np.ones(axes.order), self.free_spins)
-        if (axes.parity > 0).all():
-            return (even,)
-        return even, symmetric_unknowns(self.closure, axes, axes.parity, self.free_spins)
+def all_unknowns(moving: int) -> Unknowns:
+    """Strain, stress and `moving` numbers besides, without symmetry."""
+    return Unknowns(np.eye(8 + moving), np.eye(4 + moving))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,11 +121,34 @@ class PathModel:
         return np.isfinite(self.mu) & (self.mu > 0)
 
     @cached_property
-    def unknowns(self) -> UnknownSets:
-        """Unknowns of the closure."""
-        free = self.spins == "free"
-        moving = self.grain_count * (free + 2 * (self.closure == "traction"))
-        return UnknownSets(self.closure, moving, free, self.symmetry)
+    def group(self) -> PointGroup | None:
+        """Symmetry that leaves unknowns out: the affine closure relaxes nothing but free spins."""
+        return self.symmetry if self.closure == "traction" or self.spins == "free" else None
+
+    @cached_property
+    def mirrors(self) -> bool:
+        """Whether mirrors in the axes are symmetries: `H11, H22` and `H12, H21` don't mix."""
+        return self.group is not None and bool((self.group.along_axes().parity < 0.0).any())
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """Unknowns of the path's rates, which are as symmetric as its state.
+
+        A mirror changes the sign of spins: they vanish on its axis and are paired off it.
+        """
+        group, traction, free = self.group, self.closure == "traction", self.spins == "free"
+        if group is None:
+            return all_unknowns(self.grain_count * (free + 2 * traction))
+        alone = np.zeros((group.order, 1), dtype=np.int64)
+        pairs = np.einsum("sik,sjl->sijkl", group.maps, group.maps).reshape(-1, 4, 4)
+        tensor, moving = invariant_fields(alone, pairs)[0], []
+        if traction:
+            place = invariant_fields(group.grains, group.maps)
+            moving.append(place.reshape(-1, place.shape[2]))
+        if free:
+            moving.append(invariant_fields(group.grains, group.parity[:, None, None])[:, 0])
+        # The equations change as the fields do: strain or stress, then balance and moments.
+        return Unknowns(block_diag(tensor, tensor, *moving), block_diag(tensor, *moving).T)
 
     @cached_property
     def form(self) -> ClosureForm:

@@ -138,7 +138,7 @@ def model_choice(
     """Describe the model of a path."""
     group = model.symmetry or identity(model.grain_count, model.contact_count)
     freedoms = invariant_fields(group.grains, group.maps).shape[-1]
-    sets = model.unknowns
+    whole, own = model.unknowns.fields.shape
     spins = "none: blocked" if model.spins == "blocked" else "none: tied to the loop"
     if model.spins == "free":
         independent = invariant_fields(group.grains, group.parity[:, None, None]).shape[-1]
@@ -148,7 +148,7 @@ def model_choice(
         symmetry="none" if group.order == 1 else f"{group.name} (order {group.order})",
         freedoms=f"{freedoms} of {2 * model.grain_count}",
         spins=spins,
-        unknowns=f"{sets.rates.count + 1} of {sets.everything.count + 1}",
+        unknowns=f"{own + 1} of {whole + 1}",
         contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
         branch_search=str(searches),
         branch_solves=searches.without_choice + searches.tried,

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from loops.arrays import Floats, Regimes
 from loops.assembly import contact_kinematics
@@ -23,7 +24,7 @@ from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_rates
 from stability.paths import ring_rates
 from stability.paths.kernels import NO_FUNCTIONS, answer, arrays_of, ring_under
-from stability.paths.model import PathModel, Unknowns
+from stability.paths.model import PathModel, Unknowns, all_unknowns
 from stability.paths.state import (
     Mode,
     PathState,
@@ -42,6 +43,8 @@ from stability.programmes import Programme
 
 # Slip of a gear mode over the largest depth over the radius that may be rounding.
 GEAR_RTOL = 64 * float(np.finfo(float).eps)
+# Stresses of strains that mirrors in the axes keep apart, in 11, 12, 21, 22.
+MIXED = np.array([0, 1, 1, 0]) != np.array([0, 1, 1, 0])[:, None]
 # Gauge in which the loading parameter grows by one per unit of time, see `StateRates`.
 UNIT_PARAMETER: Floats = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -109,11 +112,8 @@ class StateRates:
         if self.by_kernel is not None:
             return self.by_kernel[0]
         model, law, equations = self.model, self.model.law, self.equations
-        unknowns, control = (
-            model.unknowns.rates,
-            self.programme.equations(self.H, self.P),
-        )
-        z, parameter, found = solve_rates(model, equations.matrix, unknowns, control, self.gauge)
+        control = self.programme.equations(self.H, self.P)
+        z, parameter, found = solve_rates(model, equations.matrix, control, self.gauge)
         motion = model.length * (equations.motion @ z)
         if model.spins != "blocked":
             motion[:, 2:] /= model.radii[model.contacts]
@@ -155,9 +155,11 @@ class StateRates:
         """(4, 4) macroscopic tangent, `P' = A H'`, in these regimes; nan if not trusted."""
         if self.by_kernel is not None:
             return self.by_kernel[1]
-        blocks = self.model.unknowns.tangent
-        parts = [stress_of_strain(self.equations.matrix, unknowns) for unknowns in blocks]
-        return np.asarray(sum(parts[1:], parts[0]) * self.model.stiffness)
+        A = self.model.stiffness * stress_of_strain(self.equations.matrix)
+        if self.model.mirrors:
+            # What is not a number stays so.
+            A[MIXED] -= A[MIXED]
+        return A
 
     @cached_property
     def slip(self) -> Floats:
@@ -184,8 +186,8 @@ class StateRates:
         )
         if model.closure == "affine" or model.spins == "free" or not small:
             return np.nan
-        matrix, everything = self.equations.matrix, model.unknowns.everything
-        control = self.programme.equations(self.H, self.P)
+        matrix, control = self.equations.matrix, self.programme.equations(self.H, self.P)
+        everything = all_unknowns(len(matrix) - 4)
         system, _ = control_system(model, matrix, everything, control, self.gauge)
         sign, size = np.linalg.slogdet(system)
         return float(sign * np.exp(size / len(system)))
@@ -323,30 +325,23 @@ def with_gear_mode(
 
 
 def solve_rates(
-    model: PathModel,
-    matrix: Floats,
-    unknowns: Unknowns,
-    control: tuple[Floats, Floats, Floats],
-    gauge: Floats,
+    model: PathModel, matrix: Floats, control: tuple[Floats, Floats, Floats], gauge: Floats
 ) -> tuple[Floats, float, LeastSquares | None]:
     """Unknowns of a state (8 + m,) and the rate of the loading parameter under a control.
 
     In the unit of time of the gauge. The status of the solve is None if the system is not finite.
     """
-    system, unit = control_system(model, unknowns.of(matrix), unknowns, control, gauge)
-    size = system.shape[1] - 1
+    fields = model.unknowns.fields
+    system, unit = control_system(model, matrix, model.unknowns, control, gauge)
     if not np.isfinite(system).all():
-        return np.full(matrix.shape[1], np.nan), np.nan, None
+        return np.full(len(fields), np.nan), np.nan, None
     scale = np.abs(system[-1]).max()
     system[-1] /= scale
     rhs = np.zeros((len(system), 1))
     rhs[-1] = 1.0 / scale
-    here = np.zeros((9, size + 1))
-    here[:8, :size] = unknowns.tensors
-    here[8, size] = 1.0
-    found = solve_through_null_space(system, rhs, here)
+    found = solve_through_null_space(system, rhs, block_diag(fields[:8], 1.0))
     z = found.x[:, 0]
-    return unknowns.values(z[:size]), float(z[size] * unit), found
+    return fields @ z[:-1], float(z[-1] * unit), found
 
 
 def control_system(
@@ -367,31 +362,23 @@ def control_system(
     weight = np.maximum(np.abs(stress).max(axis=1), np.abs(strain).max(axis=1))
     drive = rate / weight
     unit = 1.0 / np.abs(drive).max()
-    H, P = unknowns.tensors[:4], unknowns.tensors[4:]
+    H, P = unknowns.fields[:4], unknowns.fields[4:8]
     held = np.column_stack([(strain @ H + stress @ P) / weight[:, None], -drive * unit])
-    if unknowns.rows is not None:
-        # As many combinations of the control's equations are left as strains; they are alike.
+    if unknowns.strains < 4:
         held = np.linalg.svd(held)[0][:, : unknowns.strains].T @ held
-    rows, size = matrix.shape
-    system = np.zeros((rows + len(held) + 1, size + 1))
-    system[:rows, :size] = matrix
-    system[rows:-1] = held
-    system[-1, :size] = gauge[:4] @ H
-    system[-1, size] = gauge[4] * unit
-    return system, float(unit)
+    reduced = unknowns.rows @ matrix @ unknowns.fields
+    equations = np.column_stack([reduced, np.zeros(len(reduced))])
+    return np.vstack([equations, held, np.append(gauge[:4] @ H, gauge[4] * unit)]), float(unit)
 
 
-def stress_of_strain(matrix: Floats, unknowns: Unknowns) -> Floats:
-    """(4, 4) stress over `kn` per strain of these unknowns; nan if not trusted."""
+def stress_of_strain(matrix: Floats) -> Floats:
+    """(4, 4) stress over `kn` per strain; nan if not trusted."""
     if matrix.shape == (4, 8):
         # Affine, spins not free: they read A H' - P' = 0.
-        return matrix[:, :4]
-    E, t = unknowns.of(matrix), unknowns.strains
-    strain, stress = unknowns.tensors[:4, :t], unknowns.tensors[4:, t:]
-    found = solve_through_null_space(E[:, t:], -E[:, :t], stress)
-    if not is_trusted(found):
-        return np.full((4, 4), np.nan)
-    return np.asarray(stress @ found.x @ strain.T)
+        return matrix[:, :4].copy()
+    moving = matrix[:, 4:]
+    found = solve_through_null_space(moving, -matrix[:, :4], np.eye(4, moving.shape[1]))
+    return found.x[:4] if is_trusted(found) else np.full((4, 4), np.nan)
 
 
 def is_trusted(found: LeastSquares | None) -> bool:
