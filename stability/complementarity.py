@@ -304,7 +304,7 @@ def lemke(q: Floats, M: Floats) -> Flags | None:
     basic, nonbasic = np.arange(m), np.arange(m, 2 * m + 1)
     row, column = int(np.argmin(q)), m
     for _ in range(20 * m):
-        _exchange(table, row, column)
+        exchange(table, row, column)
         left = int(basic[row])
         basic[row], nonbasic[column] = nonbasic[column], left
         if left == 2 * m:
@@ -347,7 +347,9 @@ def raise_load(distance: Floats, q: Floats, M: Floats) -> RaisedLoad:
     size = max(float(np.abs(distance).max(initial=0.0)), float(np.abs(q).max(initial=0.0)))
     # Contacts that reach their strength together are parted.
     apart = TIE_BREAK * size * (1.0 + np.random.default_rng(0).random(m))
-    lines, table = np.column_stack([distance + apart, q]), np.asfortranarray(M.copy())
+    # `y = table x + lines (1, share)`.
+    whole = np.asfortranarray(np.column_stack([M, distance + apart, q]))
+    table, lines = whole[:, :m], whole[:, m:]
     slides, held = np.zeros((2, m), dtype=bool)
     changes, first, share, changed = np.zeros(m, dtype=np.int64), 1.0, 0.0, -1
     while True:
@@ -368,7 +370,7 @@ def raise_load(distance: Floats, q: Floats, M: Floats) -> RaisedLoad:
             held[k], first = True, min(first, share)
         if abs(pivot) >= SOFT_PIVOT and (slides[k] or not held[k]):
             slides[k] ^= True
-            exchange_contact(lines, table, k)
+            exchange(whole, k, k)
             changed = k
     end = basic_values(distance + q, M, slides)
     # Some are within their strength again.
@@ -494,7 +496,7 @@ def _starts(q: Floats, count: int) -> list[Flags]:
     return (named + [rng.random(len(q)) < 0.5 for _ in range(count)])[:count]
 
 
-def _exchange(table: Floats, row: int, column: int) -> None:
+def exchange(table: Floats, row: int, column: int) -> None:
     """Exchange the basic variable of a row with the nonbasic one of a column, in place.
 
     `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
@@ -580,18 +582,3 @@ def _distinct(found: list[tuple[Flags, Floats]], count: int) -> Flags:
             kept.append((active, slip))
     kept.sort(key=lambda one: float(norm(one[1])))
     return np.array([active for active, _ in kept], dtype=bool).reshape(len(kept), count)
-
-
-def exchange_contact(lines: Floats, table: Floats, k: int) -> None:
-    """Exchange the variables of one contact, in place: `y = lines h + table x` solved for `x_k`.
-
-    `table` is in Fortran's order, so that BLAS adds the matrix of rank one where it stands.
-    """
-    pivot, column = table[k, k], table[:, k].copy()
-    row = table[k] / -pivot
-    row[k] = 1.0 / pivot
-    own = lines[k] / -pivot
-    column[k], table[:, k] = 0.0, 0.0
-    dger(1.0, column, row, a=table, overwrite_a=1)
-    lines += column[:, None] * own
-    table[k], lines[k] = row, own

@@ -12,7 +12,7 @@ from stability.complementarity import (
     PIVOT,
     TIE_BREAK,
     ZERO_ANGLE,
-    exchange_contact,
+    exchange,
     principal_transform,
 )
 
@@ -152,14 +152,14 @@ def _follow(
     """
     # In the unit of slip in which `M` is of order one, slips compare with rates.
     M = M / (np.abs(M).max() or 1.0)
-    transform = principal_transform(Q, M, start)
-    if transform is None:
+    whole = _tableau(Q, M, start)
+    if whole is None:
         return [], "degenerate"
-    lines, table = transform[0], np.asfortranarray(transform[1])
     sliding, at, changed = start.copy(), angle, -1
     first_sense = sense
     segments: list[Segment] = []
     for step in range(most):
+        table, lines = whole[:, : len(M)], whole[:, len(M) :]
         # Angle from here to the zero of every variable that is not zero all around.
         size = np.hypot(lines[:, 0], lines[:, 1])
         ahead = np.mod(sense * (np.arctan2(lines[:, 1], lines[:, 0]) - at) + 0.5 * np.pi, TURN)
@@ -192,10 +192,15 @@ def _follow(
         sliding[changed] ^= True
         at = end
         if step % REFRESH == REFRESH - 1:
-            transform = principal_transform(Q, M, sliding)
-            if transform is None:
+            whole = _tableau(Q, M, sliding)
+            if whole is None:
                 return segments, "degenerate"
-            lines, table = transform[0], np.asfortranarray(transform[1])
         else:
-            exchange_contact(lines, table, changed)
+            exchange(whole, changed, changed)
     return segments, "too long"
+
+
+def _tableau(Q: Floats, M: Floats, sliding: Flags) -> Floats | None:
+    """`M`, then `Q`, with `w` and `z` exchanged where contacts slide; None where singular."""
+    transform = principal_transform(Q, M, sliding)
+    return None if transform is None else np.asfortranarray(np.hstack(transform[::-1]))

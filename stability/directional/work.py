@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,8 @@ from loops.errors import check_choice, whole_number
 from loops.shown import Shown
 from loops.validation import finite
 from stability.directional.branches import (
-    BranchSolutions,
+    AffineBranches,
+    RelaxedBranches,
     YieldingContacts,
     affine_branches,
     edge_contacts,
@@ -40,21 +41,8 @@ from stability.spectra import (
 STATUSES = np.array(["none", "unique", "several"])
 
 
-class Branches(Protocol):
-    """Answers of the rate problem in any direction."""
-
-    @property
-    def singular(self) -> int:
-        """Combinations of regimes whose equations have no single answer."""
-        ...
-
-    def solve(self, directions: Floats) -> BranchSolutions:
-        """Solutions along unit directions (..., D, m)."""
-        ...
-
-    def critical_angles(self) -> Floats:
-        """(..., A) ascending angles between which nothing changes, in the plane."""
-        ...
+# Answers of the rate problem in any direction.
+Branches = AffineBranches | RelaxedBranches
 
 
 @dataclass(frozen=True, eq=False, repr=False)

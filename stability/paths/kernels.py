@@ -17,9 +17,8 @@ from loops.arrays import Floats, Integers, Regimes
 from loops.closures import ring as equations
 from loops.closures.rings import CLOSURES, SPINS
 from loops.compiled import compiled
-from loops.laws import CohesiveFrictional, HertzMindlin, LinearFrictional
 from loops.laws.frictional import Regime
-from loops.laws.hertz_mindlin import HERTZ, effective_radius
+from loops.laws.of_pairs import KERNELS, PairLaw
 from loops.symmetry import identity
 from stability.paths import ring_rates, segment
 from stability.paths.model import PathModel
@@ -28,6 +27,8 @@ from stability.programmes import Programme
 
 # Kernels that are compiled into their callers.
 INLINED = ("turn_block", "kept_motions", "condense", "weigh_moments", "_norm4")
+# Laws as the kernels number them.
+LAWS = ("springs", "cohesive", "hertz", "hertz_by_displacement")
 # Numbers of the quantities that end a stage.
 QUANTITIES = {f"{tensor}{i}{j}": k for k, (tensor, i, j) in enumerate(product("HP", "12", "12"))}
 QUANTITIES["parameter"] = 8
@@ -63,42 +64,22 @@ def follow() -> Any:
     return compiled(segment, entry=("follow",), inlined=()).follow
 
 
-def law_kind(model: PathModel) -> int | None:
-    """Kind of a law that the kernels know; None of others."""
-    law = model.law
-    if type(law) is LinearFrictional:
-        return ring_rates.LINEAR
-    if type(law) is CohesiveFrictional:
-        return ring_rates.COHESIVE
-    if type(law) is HertzMindlin:
-        by_force = law.shear_history == "force"
-        return ring_rates.HERTZ if by_force else ring_rates.HERTZ_BY_DISPLACEMENT
-    return None
-
-
 @lru_cache(maxsize=16)
 def ring_of(model: PathModel) -> dict[str, Any] | None:
     """Constant parts of a `Problem` of this model, if the kernels serve it."""
-    kind, n = law_kind(model), model.grain_count
-    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
-    if kind is None or n < 3 or not np.array_equal(model.contacts, ring):
-        return None
     law: Any = model.law
-    radii_i, radii_j = model.radii[model.contacts].T
-    pull, cohesion, opens = 0.0, 0.0, 0.0
-    if kind <= ring_rates.COHESIVE:
-        springs, pull, cohesion = (law.kn, law.kt), law.attraction, law.cohesion
-        opens = law.adhesion / law.kn if kind == ring_rates.COHESIVE and law.bonded else 0.0
-    else:
-        modulus = law.young / (1.0 - law.poisson**2)
-        kn = HERTZ * modulus * np.sqrt(effective_radius(radii_i, radii_j))
-        springs = kn, law.stiffness_ratio
+    n, known = model.grain_count, type(law) in KERNELS
+    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
+    if not known or n < 3 or not np.array_equal(model.contacts, ring):
+        return None
+    radii = model.radii[model.contacts].T
+    pairs = PairLaw.made(law, radii, np.full(n, -1))
+    kind, constants = KERNELS[type(law)](pairs)
     traction = model.closure == "traction"
     table = np.zeros((n, ring_rates.WIDTH))
     columns = (
         *model.d0.T, model.length0, model.overlap0, model.touching,
-        *(model.m.T if traction else np.zeros((2, n))), radii_i, radii_j, *springs, model.mu, pull,
-        cohesion, opens,
+        *(model.m.T if traction else np.zeros((2, n))), *radii, pairs.reach, *constants,
     )  # fmt: skip
     for k, column in enumerate(columns):
         table[:, ring_rates.D0X + k] = column
@@ -109,7 +90,8 @@ def ring_of(model: PathModel) -> dict[str, Any] | None:
     small[ring_rates.NUMBERS, :3] = model.volume, model.length, model.stiffness
     group = model.group or identity(n, n)
     codes[ring_rates.MIRRORS] = model.mirrors
-    codes[ring_rates.LAW], codes[ring_rates.BY_RADII] = kind, law.shear_increment == "radii"
+    codes[ring_rates.LAW] = LAWS.index("cohesive" if law.cohesive else kind)
+    codes[ring_rates.BY_RADII] = pairs.by_radii
     codes[ring_rates.CLOSURE], codes[ring_rates.SPINS] = CLOSURES[model.closure], SPINS[model.spins]
     i, j = np.triu_indices(n, 1)
     apart = ~np.isin(i * n + j, model.met) & model.watches_pairs

@@ -69,10 +69,10 @@ from loops.closures.ring import (
 )
 
 # Columns behind those of the ring. Constants of a contact: reference branch and its length, overlap
-# there, r_i + r_j, m, radii, and those of its law: normal and shear stiffness, friction,
-# attraction, cohesion, gap where it opens.
-(D0X, D0Y, L0, OVERLAP0, TOUCHING, M0X, M0Y, RADIUS_I, RADIUS_J, KN, KT, MU, PULL, COHESION,
- OPENS) = range(COLUMNS, COLUMNS + 15)  # fmt: skip
+# there, r_i + r_j, m, radii, gap where it opens, and the constants of its law: normal and shear
+# stiffness (over the root of the overlap of spheres), friction, attraction, cohesion.
+(D0X, D0Y, L0, OVERLAP0, TOUCHING, M0X, M0Y, RADIUS_I, RADIUS_J, OPENS, KN, KT, MU, PULL,
+ COHESION) = range(COLUMNS, COLUMNS + 15)  # fmt: skip
 # What a state makes of it: overlap, strength, forces, stiffnesses if it sticks.
 OVERLAP, STRENGTH, NORMAL, SHEAR, NOW_KN, NOW_KT, COUPLING = range(COLUMNS + 15, COLUMNS + 22)
 # Its rates: motion in its frame and shear displacement of the spins, these spins, forces.
@@ -214,8 +214,8 @@ def place_contacts(p: Problem, y: Floats) -> float:
         else:
             root = math.sqrt(abs(overlap))
             normal = row[KN] * overlap * root
-            kn = 1.5 * row[KN] * root if closed and overlap > 0.0 else 0.0
-            kt = row[KT] * kn
+            stiff = root if closed and overlap > 0.0 else 0.0
+            kn, kt = 1.5 * row[KN] * stiff, row[KT] * stiff
         normal = normal if closed else 0.0
         strength = np.inf
         if row[MU] < np.inf:

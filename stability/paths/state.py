@@ -9,6 +9,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
+from loops.laws.compiled import PressedContacts
 from loops.laws.frictional import Regime, with_sides
 from stability.path import WORK_TERMS
 from stability.paths.model import JUST_TOUCHING, START_MISMATCH, PathModel, compressed_state
@@ -166,19 +167,7 @@ def contact_overlaps(model: PathModel, moved: Floats) -> Floats:
     return np.asarray(model.overlap0 + shortening)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PathContacts(ContactState):
-    """Contacts whose overlaps come from the displacements: stiff grains keep their digits."""
-
-    exact_overlap: Floats
-
-    @property
-    def overlap(self) -> Floats:
-        """(..., C) `r_i + r_j - l`."""
-        return self.exact_overlap
-
-
-def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
+def contacts_at(model: PathModel, state: PathState, mode: Mode) -> ContactState:
     """(C,) contacts of a state with their forces.
 
     `N` is that of the geometry, `T` at its strength on its side where they slide. `N` of a closed
@@ -190,7 +179,7 @@ def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
     n = d / length[..., None]
     radii_i, radii_j = model.radii[model.contacts].T
     is_open = regime == Regime.OPEN
-    contacts = PathContacts(
+    contacts = PressedContacts(
         length=length,
         n=n,
         t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
@@ -198,7 +187,7 @@ def contacts_at(model: PathModel, state: PathState, mode: Mode) -> PathContacts:
         shear_force=np.where(is_open, 0.0, state.shear_force),
         radii_i=radii_i,
         radii_j=radii_j,
-        exact_overlap=contact_overlaps(model, moved),
+        depth=contact_overlaps(model, moved),
     )
     normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
     contacts = replace(contacts, normal_force=normal)

@@ -5,9 +5,9 @@ import pytest
 
 from stability import complementarity
 from stability.complementarity import (
-    _exchange,
     _infeasible,
     _starts,
+    exchange,
     feasible_for_all,
     lemke,
     nearest_regimes,
@@ -169,7 +169,7 @@ def test_two_contacts_that_push_each_other_on_without_end():
     assert nearest_regimes(-np.ones(3), M).tolist() == [False, True, True]
 
 
-def test_a_principal_transform_exchanges_slips_and_rates():
+def test_a_principal_transformexchanges_slips_and_rates():
     rng = np.random.default_rng(3)
     q, M, z = rng.normal(size=6), rng.normal(size=(6, 6)), rng.normal(size=6)
     w, active = q + M @ z, np.arange(6) % 2 == 0
@@ -179,11 +179,11 @@ def test_a_principal_transform_exchanges_slips_and_rates():
     assert principal_transform(q, 0.0 * M, active) is None
 
 
-def test_an_exchange_solves_a_row_for_its_column():
+def test_anexchange_solves_a_row_for_its_column():
     rng = np.random.default_rng(4)
     table, x = np.asfortranarray(rng.normal(size=(3, 4))), rng.normal(size=4)
     y = table @ x
-    _exchange(table, 1, 2)
+    exchange(table, 1, 2)
     y[1], x[2] = x[2], y[1]
     np.testing.assert_allclose(table @ x, y, rtol=0, atol=1e-13)
 
