@@ -54,6 +54,7 @@ AsGiven = Annotated[
         help="Keep the order of the files. Default: by step, else by name.",
     ),
 ]
+Regions = Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE|FILE")]
 Cells = Annotated[
     Path | None,
     Parameter(help="Table of periodic cells with columns snap, h_xx, h_xy, h_yx, h_yy."),
@@ -142,7 +143,7 @@ class Snapshotting:
     hold: bool = False
     yield_band: Annotated[float | None, Parameter(group=FURTHER)] = None
     input_error: Annotated[str | None, Parameter(metavar="digits|FORCE,...")] = None
-    regions: Annotated[str | None, Parameter(group=FURTHER, metavar="COLUMN>VALUE|FILE")] = None
+    regions: Regions = None
     quadrons: Annotated[bool, Parameter(group=FURTHER)] = False
     paraview: Annotated[bool, Parameter(group=FURTHER, name="--vtk")] = False
 
@@ -337,6 +338,9 @@ class Tracking(Yielding):
         Leave out snapshots that can't be read.
     animation
         Animate the series, as GIF.
+    regions
+        Loops inside beside all others, over each interval: a threshold on a column,
+        nonaffinity>2 or shear>1e-4, or a table of corners x, y of polygons by their names, region.
     """
 
     cells: Cells = None
@@ -348,6 +352,7 @@ class Tracking(Yielding):
     indicators: Annotated[bool, Parameter(group=FURTHER)] = False
     skip_bad: Annotated[bool, Parameter(group=FURTHER)] = False
     animation: Annotated[bool, Parameter(group=FURTHER)] = False
+    regions: Regions = None
 
 
 @Parameter(name="*")

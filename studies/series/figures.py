@@ -39,7 +39,13 @@ from studies.series.skill import (
     pooled,
 )
 from studies.series.tasks import PartTask, Series, tracked
-from studies.snapshot.figures import ORDER_SCALE, draw_scaled, loop_drawer, order_bar
+from studies.snapshot.figures import (
+    ORDER_SCALE,
+    PLACE_COLOURS,
+    draw_scaled,
+    loop_drawer,
+    order_bar,
+)
 from studies.snapshot.summary import JUDGE_TITLES
 from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map, share_of
 from studies.study import MOST_LOOPS, Drawings, LoopsForMap
@@ -386,6 +392,8 @@ def series_figures(
         yield "kinetics", lambda: kinetics_figure(tables)
     if "segments" in evolution and evolution["segments"].sum() > 0:
         yield "buckling", lambda: buckling(chain_summary(evolution.iloc[1:].to_dict("records")))
+    if "regions" in tables:
+        yield "regions", lambda: regions_over_intervals(tables["regions"])
     if len(increments.get("W2", ())):
         yield "work_signs", lambda: work_signs(increments)
     packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
@@ -414,6 +422,27 @@ def buckling(found: Summary, ax: Axes) -> None:
     ax.set_xticks(at, labels=named)
     ax.set(ylabel="share of the loops (%)", xlim=(-0.5, 2.5))
     ax.legend()
+
+
+@styled()
+def regions_over_intervals(table: pd.DataFrame) -> Figure:
+    """Shares of the loops lost, and of the others with negative work, by interval and region."""
+    shares = {"survived": "lost (%)", "negative": "survive with $W_2 < 0$ (%)"}
+    shown = [name for name in shares if name in table]
+    figure, (panels,) = new_panels(1, len(shown), 2.7)
+    every = table[table["orders"] == "all"]
+    for k, (place, rows) in enumerate(every.groupby("place", sort=False)):
+        for ax, name in zip(panels, shown, strict=True):
+            share = 1.0 - rows[name] if name == "survived" else rows[name]
+            at = rows["snapshot_after"] + 0.12 * (k - 0.5)
+            colour, marker = PLACE_COLOURS[k % len(PLACE_COLOURS)], "osD^v"[k % 5]
+            label = f"{place}: {rows['loops'].sum()} loops"
+            ax.errorbar(at, 100.0 * share, 100.0 * rows[f"{name}_error"],
+                        fmt=marker, color=colour, markersize=4, label=label)  # fmt: skip
+            ax.set(xlabel="interval, by its later snapshot", ylabel=shares[name])
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    figure_key(figure, at="upper center", ncols=3)
+    return figure
 
 
 def joined_increments(series: Series) -> Columns:

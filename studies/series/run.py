@@ -28,6 +28,7 @@ from studies.reading import in_order, plan_series, reading
 from studies.series.chains import chain_summary
 from studies.series.evolution import verdict_row
 from studies.series.packing import STRESS_ERROR, WAYS, Following, read_strains
+from studies.series.regions import series_regions
 from studies.series.skill import (
     LONG_STEP,
     part_columns,
@@ -47,6 +48,7 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
+from studies.snapshot.regions import require_regions
 from studies.snapshot.table import PLACE
 from studies.study import Figures, Results, study
 
@@ -102,6 +104,9 @@ def run_series(
         probe = number("yield_band", asked.yield_band, 0.0, 1.0, open_low=True), asked.probe
         read["probe"] = list(probe)
     configuration = {"paths": paths, "cells": cells, "times": times, **read}
+    if asked.regions is not None:
+        require_regions(asked.regions)
+        configuration["regions"] = asked.regions
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()
     with series_folder(out, read, [one.name for one in planned], force=force):
@@ -125,6 +130,8 @@ def run_series(
             about = {name: [*map(require_about, files)] for name, files in series.parts.items()}
             tables, summary = series_tables(series, about)
             summary["notes"] = [*moved, *summary["notes"]]
+            if asked.regions is not None:
+                tables["regions"], summary["regions"] = series_regions(series, asked.regions)
             summary["skipped"] = [
                 {"snapshot": one.number, "name": one.name, "reason": one.reason} for one in failures
             ]

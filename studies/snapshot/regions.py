@@ -30,11 +30,12 @@ class Property(NamedTuple):
 
 
 def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
-    """Return the number of the region of each loop (L,), and their names; the last is elsewhere.
+    """Return the number of the region of each loop (L,), and the names of the regions.
 
     `regions` is a threshold on a column of the table, `deviator>120`, or a table of corners `x`,
     `y` of polygons, in order, with their names in `region`: loops with their centroid inside
-    belong to a polygon, to the first of several.
+    belong to a polygon, to the first of several. Loops without a number in the column of a
+    threshold are neither inside nor elsewhere, but `unknown`.
     """
     if found := THRESHOLD.fullmatch(regions):
         column, sign, value = found[1], found[2], _threshold(found[3], regions)
@@ -44,7 +45,9 @@ def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
             expected = f"a column of numbers: {', '.join(named)}"
             raise InputError("--regions", f"column {column}", expected, "Correct the name.")
         inside = values > value if sign == ">" else values < value
-        return np.where(inside, 0, 1), np.array([regions.strip(), ELSEWHERE])
+        known = np.isfinite(values)
+        names = [regions.strip(), ELSEWHERE, *(() if known.all() else ("unknown",))]
+        return np.where(known, np.where(inside, 0, 1), 2), np.array(names)
     polygons = _polygons(Path(regions))
     if "x" not in table:
         remedy = "Give a threshold, nonaffinity>2."
@@ -64,6 +67,14 @@ def _threshold(text: str, regions: str) -> float:
     except ValueError:
         remedy = "Write deviator>120, or name a table of corners."
         raise InputError("--regions", regions, "a column and a number", remedy) from None
+
+
+def require_regions(regions: str) -> None:
+    """Raise `InputError` if `regions` is neither a threshold nor a table of corners."""
+    if found := THRESHOLD.fullmatch(regions):
+        _threshold(found[3], regions)
+    else:
+        _polygons(Path(regions))
 
 
 def _polygons(path: Path) -> dict[str, Floats]:
@@ -132,5 +143,6 @@ def region_summary(places: Mapping[str, list[Any]], table: Columns) -> Summary:
         if row.pop("orders") == "all":
             name = row.pop("place")
             area = float(np.sum(table["area"][table["region"] == name]))
-            found[name] = {**row, "area_share": area / whole}
+            known = {key: None if value != value else value for key, value in row.items()}
+            found[name] = {**known, "area_share": area / whole}
     return found

@@ -9,8 +9,10 @@ import pytest
 from loops import InputError
 from patterns import sample_path
 from studies.evolve import run_evolve
+from studies.series.run import run_series
 from studies.snapshot import run_snapshot
 from studies.snapshot.regions import loop_regions
+from tests.studies.series.test_run import write_series
 
 GRAINS = sample_path("grains_biaxial.csv.gz")
 SQUARE = {"order": np.array([3, 4, 5, 6]), "area": np.array([1.0, 2, 3, 4]),
@@ -104,3 +106,54 @@ def test_loops_without_places_have_no_polygons(tmp_path):
     corners.write_text("x,y\n0,0\n3,0\n3,1\n")
     with pytest.raises(InputError, match="no places"):
         loop_regions({"order": SQUARE["order"]}, str(corners))
+
+
+def test_loops_without_a_number_are_in_no_region():
+    table = SQUARE | {"W2": np.array([np.nan, -1.0, 1.0, np.nan])}
+    place, names = loop_regions(table, "W2<0")
+    assert names[place].tolist() == ["unknown", "W2<0", "elsewhere", "unknown"]
+
+
+def test_regions_of_a_series_are_those_of_its_fates_and_increments(tmp_path):
+    out, paths = tmp_path / "out", write_series(tmp_path / "in", 3)
+    # Compression by .001 and .002 of the present lengths: shear is .0015 and then .0015015.
+    run_series(paths, out, workers=1, figures=False)
+    parts = {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    summary = run_series(paths, out, workers=1, figures=False, regions="shear>1.5008e-3")
+    assert parts == {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    regions, fates = (pd.read_parquet(out / f"{name}.parquet") for name in ("regions", "fates"))
+    increments = pd.concat(map(pd.read_parquet, sorted((out / "increments").glob("*"))))
+    pair = ["snapshot_before", "snapshot_after", "loop_before"]
+    table = fates[fates["loop_before"] >= 0].merge(increments, "left", pair)
+    H = table[["H11", "H12", "H21", "H22"]].to_numpy().reshape(-1, 2, 2)
+    known = np.isfinite(H).all(axis=(1, 2))
+    e = np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, 1, 2))[known])
+    table["place"] = "unknown"
+    table.loc[known, "place"] = np.where(
+        e[:, 1] - e[:, 0] > 3.0016e-3, "shear>1.5008e-3", "elsewhere"
+    )
+    groups = np.where(table["order_before"] >= 8, "8+", table["order_before"].astype(str))
+    assert {*table["place"]} == {*regions["place"]} == {*summary["regions"]}
+    assert len(regions) == 2 * 3 * 7
+    for row in regions.itertuples():
+        part = table[(table["snapshot_before"] == row.snapshot_before)
+                     & (table["place"] == row.place)
+                     & ((groups == row.orders) | (row.orders == "all"))]  # fmt: skip
+        assert row.loops == len(part)
+        survived = (part["fate"] == "survived").mean()
+        assert row.survived == pytest.approx(survived, rel=1e-14, nan_ok=True)
+        negative = (part["W2"].dropna() < 0).mean()
+        assert row.negative == pytest.approx(negative, rel=1e-14, nan_ok=True)
+    for place, part in table.groupby("place"):
+        found = summary["regions"][place]
+        assert found["loops"] == len(part) > 10
+        assert found["survived"] == pytest.approx((part["fate"] == "survived").mean(), rel=1e-14)
+    assert summary["regions"]["unknown"]["negative"] is None
+    assert summary["regions"]["unknown"]["survived"] == 0.0
+
+
+def test_regions_of_a_series_are_refused_before_it_starts(tmp_path):
+    paths = write_series(tmp_path / "in", 2)
+    with pytest.raises(InputError, match="No such file"):
+        run_series(paths, tmp_path / "out", workers=1, figures=False, regions="nowhere.csv")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,77 @@
+"""Loops of a series inside a region and all others: what becomes of them over each interval."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+
+from loops.tracking import Fate
+from stability import COMPONENTS
+from studies.output import Columns, Summary
+from studies.series.tasks import Series
+from studies.snapshot.regions import Property, loop_regions, places_table, region_summary
+from studies.snapshot.summary import verdict_properties
+
+# Columns of the loops of all intervals together.
+POOLED = ("order", "area", "fate", "W2")
+
+
+def series_regions(series: Series, regions: str) -> tuple[pd.DataFrame, Summary]:
+    """Return the table of regions by interval, and the summary of all intervals together."""
+    tables, pooled, named = list[pd.DataFrame](), list[Columns](), list[str]()
+    for earlier, interval in zip(series.snapshots, series.intervals, strict=False):
+        table = earlier_loops(earlier.parts["loops"], interval.parts)
+        place, names = loop_regions(table, regions)
+        properties = verdict_properties(table) | fate_properties(table)
+        before, after = (one.number for one in interval.snapshots)
+        rows = places_table(table["order"], place, names, properties)
+        tables.append(pd.DataFrame({"snapshot_before": before, "snapshot_after": after, **rows}))
+        pooled.append({name: table[name] for name in POOLED if name in table} | {"place": place})
+        named = max(named, names.tolist(), key=len)
+    whole = {name: np.concatenate([one[name] for one in pooled]) for name in pooled[0]}
+    whole["region"] = np.array(named)[whole["place"]]
+    places = places_table(whole["order"], whole["place"], named, fate_properties(whole))
+    return pd.concat(tables, ignore_index=True), region_summary(places, whole)
+
+
+def earlier_loops(loops: Path, parts: dict[str, Path]) -> Columns:
+    """Return what the parts of an interval have of its earlier loops.
+
+    The columns of a part without a row for some loop, as of increments, are nan there; `shear` is
+    half the difference of the principal strains.
+    """
+    table = read_part(loops)
+    for name in ("fates", "increments", "packing"):
+        columns = read_part(parts[name]) if name in parts else {}
+        at = columns.get("loop_before", columns.get("loop", np.empty(0, dtype=int)))
+        earlier = at >= 0
+        for column, values in columns.items():
+            if column == "fate":
+                table[column] = values[earlier]
+            elif column not in table and values.dtype.kind in "iufb":
+                table[column] = np.full(len(table["loop"]), np.nan)
+                table[column][at[earlier]] = values[earlier]
+    H11, H12, H21, H22 = (table[f"H{ij}"] for ij in COMPONENTS)
+    return table | {"shear": 0.5 * np.hypot(H11 - H22, H12 + H21)}
+
+
+def read_part(part: Path) -> Columns:
+    """Return the columns of a part but for lists."""
+    table = pyarrow.parquet.read_table(part)
+    return {
+        name: table.column(name).to_numpy()
+        for name, kind in zip(table.column_names, table.schema.types, strict=True)
+        if not pyarrow.types.is_list(kind)
+    }
+
+
+def fate_properties(table: Columns) -> dict[str, Property]:
+    """Return which loops survived, and which of those have negative second-order work."""
+    survived = table["fate"] == Fate.SURVIVED.name.lower()
+    found = {"survived": Property(survived, np.ones(len(survived), dtype=bool))}
+    if "W2" in table:
+        found["negative"] = Property(table["W2"] < 0, np.isfinite(table["W2"]))
+    return found
