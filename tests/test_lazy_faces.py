@@ -22,17 +22,18 @@ from patterns import sample_path
 
 ROOMS = (loops, patterns, stability, grainloops)
 HEAVY = {"matplotlib", "networkx", "numba", "pandas", "scipy", "sympy"}
+BESIDE = {"numpy", "pyarrow", "rich"}
 
 
 def loaded_by(code):
-    """Modules of the rooms, and heavy packages, that a fresh process has after `code`."""
+    """Modules of rooms and of packages that take long, which a new process has after `code`."""
     after = "\nimport sys\nprint(); print(*sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", code + after], capture_output=True, text=True, check=True
     )
     names = run.stdout.splitlines()[-1].split()
     rooms = {room.__name__ for room in ROOMS} | {"studies"}
-    return {name for name in names if name.split(".")[0] in rooms | HEAVY | {"numpy"}}
+    return {name for name in names if name.split(".")[0] in rooms | HEAVY | BESIDE}
 
 
 def command(*arguments):
@@ -76,18 +77,25 @@ def test_a_face_loads_what_it_shows_type_checkers(room):
     assert all(getattr(room, name) is value for name, value in shown.items())
 
 
-@pytest.mark.parametrize("name", ["", "snapshot", "series", "diamond", "polygon", "domain"])
-def test_help_loads_no_numbers(name):
-    loaded = loaded_by(command(*filter(None, [name, "--help"])))
-    assert not loaded & {*HEAVY, "numpy", "patterns", "stability"}
+def test_help_loads_no_numbers():
+    names = ([], ["snapshot"], ["series"], ["diamond"], ["polygon"], ["domain"])
+    version, *helps = [command("--version")] + [command(*name, "--help") for name in names]
+    assert not loaded_by(version) & {*HEAVY, "numpy", "rich", "loops.graph"}
+    assert not loaded_by("\n".join(helps)) & {*HEAVY, "numpy", "patterns", "stability"}
 
 
 def test_a_snapshot_loads_what_it_needs(tmp_path):
     path = sample_path("grains_biaxial.csv.gz")
     loaded = loaded_by(command("snapshot", path, "--no-figures", "--out", tmp_path / "out"))
     assert {"loops.faces", "patterns.snapshots", "stability.verdict"} <= loaded
-    unused = {"matplotlib", "networkx", "numba", "sympy", "patterns.diamond", "patterns.polygons"}
-    unused |= {"stability.paths", "stability.directional", "studies.series", "tests.benchmarks"}
+    unused = {*HEAVY, "pyarrow.compute", "patterns.diamond", "patterns.polygons"}
+    unused |= {
+        "studies.paths",
+        "stability.paths",
+        "stability.directional",
+        "studies.series",
+        "tests.benchmarks",
+    }
     assert not loaded & unused
 
 

@@ -184,31 +184,6 @@ def test_the_version(capsys):
     assert capsys.readouterr().out.startswith("grainloops ")
 
 
-@pytest.mark.parametrize(
-    ("asked", "unused"),
-    [
-        (["--help"], ["numpy", "loops.graph", "patterns.diamond", "stability.verdict"]),
-        (["--version"], ["numpy", "rich", "loops.graph"]),
-        (["polygon", "--help"], ["numpy", "studies.paths"]),
-        (
-            ["snapshot", sample_path(), "--no-figures", "--out", "o"],
-            ["matplotlib", "studies.paths", "sympy", "scipy", "pandas", "numba", "pyarrow.compute"],
-        ),
-        (["domain", "--out", "o", "--directions", "2"], ["pyarrow.dataset", "studies.snapshot"]),
-    ],
-)
-def test_no_command_loads_rooms_that_it_does_not_use(tmp_path, asked, unused):
-    code = (
-        "import sys; from studies.cli import main\n"
-        "try: main()\nexcept SystemExit: pass\n"
-        f"print([name for name in {unused!r} if name in sys.modules], file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, asked)], cwd=tmp_path, capture_output=True, text=True
-    )
-    assert done.stderr.splitlines()[-1] == "[]"
-
-
 def test_no_error_is_longer_than_a_screen(capsys, tmp_path):
     place = "x" * 4000
     assert run("polygon", "--compare", place, "--out", tmp_path / "o") == 2
@@ -263,14 +238,3 @@ def test_threads_and_libraries_without_room_are_out_of_memory(monkeypatch, capsy
     monkeypatch.setattr("studies.domain.run_domain", fault)
     with pytest.raises(RuntimeError, match="a fault"):
         run("domain")
-
-
-def test_a_small_snapshot_loads_no_pandas(tmp_path):
-    """A third of a second that only tables as CSV need."""
-    script = (
-        "import sys\nfrom pathlib import Path\nfrom patterns import sample_path\n"
-        "from studies.snapshot import run_snapshot\n"
-        "run_snapshot(sample_path('grains_biaxial.csv.gz'), Path(sys.argv[1]), figures=False)\n"
-        "assert 'pandas' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", script, str(tmp_path / "out")], check=True)
