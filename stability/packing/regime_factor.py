@@ -84,7 +84,6 @@ class RegimeFactor:
         state: Contacts,
         regime: Regimes,
         side: Floats,
-        load: Floats | None = None,
         reach: float = 0.0,
         memory: Memory | None = None,
     ) -> None:
@@ -96,7 +95,7 @@ class RegimeFactor:
         self.count, self.length = len(state.x), state.mean_radius
         self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
-        self.load = np.zeros(freedoms) if load is None else load
+        self.load = np.zeros(freedoms)
         # Walls stand still.
         self.ground_spring = np.where(np.arange(self.count) < state.count, 0.0, np.inf)
         self.time_to_event = np.full(len(self.frame), np.inf)
@@ -160,9 +159,11 @@ class RegimeFactor:
         self.stressed = 0
 
     def set_load(self, load: Floats) -> None:
-        """Replace the load; only while there are no columns."""
+        """Replace the load, in the reference regimes."""
         self.load = load
         self.V[4] = self._relative(self.factors.motions(self._held_load()[:, None]))[0]
+        # Stress and yield-function rates under the load before are kept with the columns.
+        self._drop_columns()
 
     def _held_load(self) -> Floats:
         """Return the load of grains with contacts; in a cell without the resultant of all."""

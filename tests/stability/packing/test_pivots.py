@@ -26,7 +26,7 @@ def stuck_packing(seed):
     regime = np.full(graph.contact_count, ELASTIC, dtype=np.int8)
     side = np.sign(graph.shear_force)
     state = contacts_of(start_state(graph), LAW)
-    frozen = RegimeFactor(state, regime, side, np.zeros(24))
+    frozen = RegimeFactor(state, regime, side)
     return graph, frozen, np.flatnonzero(at_yield)
 
 

@@ -42,7 +42,9 @@ def pieces_of(graph, changes=()):
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    return RegimeFactor(state, regime, side, load)
+    factor = RegimeFactor(state, regime, side)
+    factor.set_load(load)
+    return factor
 
 
 def stiffness(pieces):
@@ -215,7 +217,7 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
     slides = np.abs(graph.shear_force) >= (1 - 1e-9) * law.mu * graph.normal_force
     assert 3 < np.count_nonzero(slides) < count - 3
     regime, side = np.where(slides, SLIDING, ELASTIC).astype(np.int8), np.sign(graph.shear_force)
-    pieces = RegimeFactor(state, regime, side, np.zeros(24))
+    pieces = RegimeFactor(state, regime, side)
     wanted = differences(graph, law, regime)
     # Freedoms of the rates are spins times a length, loads are moments over it.
     scale = np.tile([1.0, 1.0, pieces.length], 8)
@@ -231,13 +233,18 @@ def test_stiffness_and_stress_are_slopes_of_the_forces(law):
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
 @pytest.mark.parametrize(("which", "most"), [((16, 2), 1e-11), ((36, 5), 1e-9)], ids=["16", "36"])
 def test_rates_are_those_of_a_dense_solve(which, most, control):
-    """Ground springs of 1e-11 change rates by that over the softest stiffness of the packing."""
+    """Ground springs of 1e-11 change rates by that over the softest stiffness of the packing.
+
+    Nothing stays of the rates without a load that were solved for first.
+    """
     graph = jammed(*which)
     state, count = contacts_of(start_state(graph), LAW), graph.contact_count
     regime, side = np.full(count, ELASTIC, dtype=np.int8), np.ones(count)
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * (load - load.mean(axis=0)).ravel()
-    pieces = RegimeFactor(state, regime, side, load)
+    pieces, every = RegimeFactor(state, regime, side), np.arange(count)
+    unloaded = pieces.edge((pieces.solve(control),), every)
+    pieces.set_load(load)
     rates = pieces.solve(control)
     motion, n = pieces.motion(rates), len(load)
     force, stress = rates_of(pieces)
@@ -251,6 +258,11 @@ def test_rates_are_those_of_a_dense_solve(which, most, control):
     np.testing.assert_allclose(
         stress @ np.append(motion, rates.h[:4]), wanted, rtol=0, atol=most * size
     )
+    pair, size = [pieces.relative(rates, c) for c in range(count)], np.abs(unloaded).max()
+    yielding = LAW.kt * np.array(pair)[:, 1] - LAW.mu * LAW.kn * np.array(pair)[:, 0]
+    loaded = pieces.edge((rates,), every)[:, 0]
+    np.testing.assert_allclose(loaded, yielding, rtol=0, atol=1e-12 * size)
+    assert np.abs(loaded - unloaded[:, 0]).max() > 1e-6 * size
     # Nothing holds the packing as a whole: its grains stay in place on average.
     moved = motion.reshape(-1, 3)[:, :2]
     assert np.linalg.norm(moved.mean(axis=0)) < 1e-15 * np.abs(moved).max()

@@ -41,7 +41,9 @@ def pieces_of(unit=1.0, changes=(), more=0.0):
         regime[c], side[c] = to, on
     load = np.random.default_rng(0).normal(size=(graph.grain_count, 3))
     load = 1e-3 * unit * (load - load.mean(axis=0)).ravel() + more
-    return RegimeFactor(state, regime, side, load)
+    factor = RegimeFactor(state, regime, side)
+    factor.set_load(load)
+    return factor
 
 
 def dense(pieces):

@@ -42,7 +42,7 @@ def test_rates_and_paths_have_one_stiffness_matrix(name):
     springs = [pairs, np.where(pairs == Regime.OPEN, Regime.OPEN, Regime.ELASTIC).astype(np.int8)]
     regimes = np.concatenate(springs[: contacts.law.springs])
     sides = np.tile(np.sign(T), contacts.law.springs)
-    factor = RegimeFactor(contacts, regimes, sides, np.zeros(3 * len(graph.x)))
+    factor = RegimeFactor(contacts, regimes, sides)
     of_path = np.zeros((3 * factor.count, 3 * factor.count))
     ends, elements = stiffnesses(factor.frame, regimes, sides)
     at = (3 * ends[:, :, None] + np.arange(3)).reshape(-1, 6)
