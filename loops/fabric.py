@@ -5,9 +5,7 @@ Force chains after Peters, Muthuswamy, Wibowo and Tordesillas (2005).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +24,6 @@ from loops.graph import (
 )
 from loops.shown import Shown
 from loops.validation import real
-
-TENSORS_AT_ONCE = 2**14  # tensors at a time
 
 
 class TensorMean(NamedTuple):
@@ -65,18 +61,9 @@ def mean_tensor(tensors: ArrayLike, weights: ArrayLike | None = None) -> TensorM
     total = weight.sum()
     if not total > 0:
         return TensorMean(np.full((2, 2), np.nan), np.full((2, 2), np.nan), len(values))
-    mean, square = weight @ values / total, np.zeros(4)
-    for part in _blocks(len(values)):
-        apart = values[part] - mean
-        square += weight[part] @ (apart * apart)
-    std = np.sqrt(square / total)
+    mean = weight @ values / total
+    std = np.sqrt(weight @ (values - mean) ** 2 / total)
     return TensorMean(mean.reshape(2, 2), std.reshape(2, 2), len(values))
-
-
-def _blocks(count: int) -> Iterator[slice]:
-    """Slices of so many tensors that temporary arrays stay in the cache."""
-    for start in range(0, count, TENSORS_AT_ONCE):
-        yield slice(start, min(start + TENSORS_AT_ONCE, count))
 
 
 def direction_tensors(vectors: ArrayLike) -> Floats:
@@ -99,15 +86,7 @@ def direction_tensors(vectors: ArrayLike) -> Floats:
     [[1.0, 0.0], [0.0, 0.0]]
     """
     v = np.asarray(vectors, dtype=float)
-    d = v.shape[-1]
-    tensors = np.empty((*v.shape, d))
-    flat, out = v.reshape(-1, d), tensors.reshape(-1, d, d)
-    for part in _blocks(len(flat)):
-        components = flat[part].T.copy()
-        square = (components * components).sum(axis=0)
-        for i, j in np.ndindex(d, d):
-            out[part, i, j] = components[i] * components[j] / square
-    return tensors
+    return v[..., :, None] * v[..., None, :] / (v * v).sum(axis=-1)[..., None, None]
 
 
 def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
@@ -143,7 +122,10 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
     if use_passes(len(d)):
         sums = _edge_sums(d, faces, loops)
     else:
-        sums = _edge_sums_by_blocks(d, faces)[loops]
+        # The sign of an edge doesn't matter.
+        (x, y), begin = d[faces.contacts].T, faces.offsets[:-1]
+        products = (np.add.reduceat(one, begin)[loops] for one in (x * x, x * y, y * y))
+        sums = np.column_stack(list(products))
     sums /= (sums[:, 0] + sums[:, 2])[:, None]
     return sums[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
 
@@ -155,19 +137,6 @@ def _edge_sums(d: Floats, faces: Faces, loops: Integers) -> Floats:
     d, contacts = given(d, np.float64), given(faces.contacts, np.int64)
     offsets, sums = given(faces.offsets, np.int64), np.empty((len(loops), 3))
     on_parts(lambda part: fill_edge_sums(d, contacts, offsets, loops[part], sums[part]), len(loops))
-    return sums
-
-
-def _edge_sums_by_blocks(d: Floats, faces: Faces) -> Floats:
-    """The sums of `_edge_sums` over all faces in numpy."""
-    sums = np.empty((len(faces.kind), 3))
-    cuts = np.searchsorted(faces.offsets, np.arange(0, faces.offsets[-1], TENSORS_AT_ONCE))
-    for start, stop in pairwise(np.unique(np.append(cuts, len(sums))).tolist()):
-        begin, end = faces.offsets[start], faces.offsets[stop]
-        # The sign of an edge doesn't matter.
-        x, y = d[faces.contacts[begin:end]].T.copy()
-        for column, product in enumerate((x * x, x * y, y * y)):
-            sums[start:stop, column] = np.add.reduceat(product, faces.offsets[start:stop] - begin)
     return sums
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from fractions import Fraction
 from functools import cmp_to_key
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,9 +31,7 @@ from loops.shown import Shown
 
 # Number of orders in the short display.
 MOST_ORDERS = 8
-HALF_EDGES_AT_ONCE = 2**16  # half-edges measured at a time
 ANGLE_STEPS = 2**30 - 1  # a quarter turn in the key; a whole one stays below 2^32
-SHORT_CYCLE = 64  # longer cycles are few, and ordered by pointer doubling instead of step by step
 
 
 class FaceKind(IntEnum):
@@ -418,49 +415,10 @@ def half_edges_by_grain(graph: GrainGraph, kept: Integers) -> Integers:
 
 
 def cycles(following: Integers) -> tuple[Integers, Integers]:
-    """Cycles of a permutation."""
-    first, position = _walk_short_cycles(following)
-    rest = np.flatnonzero(position < 0)
-    if rest.size:
-        local = np.searchsorted(rest, following[rest])
-        long_first, position[rest] = _rank_by_doubling(local)
-        first[rest] = rest[long_first]
-    start = np.flatnonzero(position == 0)
-    offsets = np.zeros(len(start) + 1, dtype=np.int64)
-    np.cumsum(np.bincount(first, minlength=1)[start], out=offsets[1:])
-    begin = np.empty_like(following)
-    begin[start] = offsets[:-1]
-    members = np.empty_like(following)
-    members[begin[first] + position] = np.arange(len(following))
-    return offsets, members
+    """Offsets and members of the cycles of a permutation, each from its smallest element on.
 
-
-def _walk_short_cycles(following: Integers) -> tuple[Integers, Integers]:
-    """Smallest element of each cycle and the place after it; places are -1 in long cycles."""
-    # A walk from every element ends at one smaller than its start: few last beyond their first
-    # steps, and those that close have begun at the smallest element of their cycle.
-    starts, sizes = [], []
-    start, at = np.arange(len(following)), following
-    for length in range(1, SHORT_CYCLE + 1):
-        closed = at == start
-        starts.append(start[closed])
-        sizes.append(np.full(len(starts[-1]), length))
-        going = at > start
-        start, at = start[going], following[at[going]]
-    start, size = np.concatenate(starts), np.concatenate(sizes)
-    first = np.empty_like(following)
-    position = np.full_like(following, -1)
-    at, k = start, 0
-    while start.size:
-        first[at], position[at] = start, k
-        k += 1
-        unfinished = size > k
-        start, size, at = start[unfinished], size[unfinished], following[at[unfinished]]
-    return first, position
-
-
-def _rank_by_doubling(following: Integers) -> tuple[Integers, Integers]:
-    """Smallest element of each cycle and the place after it, in log2(length) passes."""
+    By doubling: in log2(length) passes each element knows the smallest one ahead, and how far.
+    """
     smallest = np.arange(len(following))
     distance = np.zeros_like(following)
     jump, reach = following, 1
@@ -469,8 +427,13 @@ def _rank_by_doubling(following: Integers) -> tuple[Integers, Integers]:
         ahead = jump[nearer]
         smallest[nearer], distance[nearer] = smallest[ahead], distance[ahead] + reach
         jump, reach = jump[jump], 2 * reach
-    length = np.bincount(smallest, minlength=1)[smallest]
-    return smallest, np.where(distance == 0, 0, length - distance)
+    length = np.bincount(smallest, minlength=len(following))
+    offsets = np.append(0, np.cumsum(length[length > 0]))
+    begin = np.cumsum(length) - length
+    position = -distance % length[smallest]
+    members = np.empty_like(following)
+    members[begin[smallest] + position] = np.arange(len(following))
+    return offsets, members
 
 
 def measured_faces(
@@ -482,24 +445,16 @@ def measured_faces(
     offsets: Integers,
 ) -> tuple[Floats, Integers]:
     """Signed area of each face and the sum of images along it."""
-    faces = len(offsets) - 1
-    area, winding = np.zeros(faces), np.zeros((faces, 2), dtype=np.int64)
-    # In blocks that stay in the cache.
-    cuts = np.searchsorted(offsets, np.arange(0, offsets[-1], HALF_EDGES_AT_ONCE))
-    for start, stop in pairwise(np.unique(np.append(cuts, faces)).tolist()):
-        block = slice(offsets[start], offsets[stop])
-        begin = offsets[start:stop] - offsets[start]
-        first = np.repeat(begin, np.diff(offsets[start : stop + 1]))
-        # Corners relative to the first one of their face: no cancellation far from the origin.
-        x = graph.x[grains[block]]
-        x -= x[first]
-        turn = sign[block, None]
-        if graph.images is not None and graph.cell is not None:
-            image = graph.images[contacts[block]] * turn
-            passed = np.cumsum(image, axis=0) - image
-            x += (passed - passed[first]) @ graph.cell.T
-            winding[start:stop] = np.add.reduceat(image, begin)
-        d = branches[contacts[block]] * turn
-        cross = x[:, 0] * d[:, 1] - x[:, 1] * d[:, 0]
-        area[start:stop] = 0.5 * np.add.reduceat(cross, begin)
-    return area, winding
+    begin = offsets[:-1]
+    first = np.repeat(begin, np.diff(offsets))
+    # Corners relative to the first one of their face: no cancellation far from the origin.
+    x, turn, winding = graph.x[grains], sign[:, None], np.zeros((len(begin), 2), dtype=np.int64)
+    x -= x[first]
+    if graph.images is not None and graph.cell is not None:
+        image = graph.images[contacts] * turn
+        passed = np.cumsum(image, axis=0) - image
+        x += (passed - passed[first]) @ graph.cell.T
+        winding = np.add.reduceat(image, begin)
+    d = branches[contacts] * turn
+    cross = x[:, 0] * d[:, 1] - x[:, 1] * d[:, 0]
+    return 0.5 * np.add.reduceat(cross, begin), winding
