@@ -22,7 +22,6 @@ PAIRS_AT_ONCE = 2**15  # pieces of branches compared at a time
 CROWD = 16  # branches in a bin beyond which it is halved
 SPLITS = 12  # times a bin may be halved
 PIECES = 4  # pieces per contact that the grid may cut the branches into, on average
-CUT = 2**16  # branches cut at a time
 MEASURED_BRANCHES = 10_000  # least number of branches of which the mean extent is measured
 REPEATS = 8  # the kernel stops counting after so many meetings per wanted pair
 
@@ -307,22 +306,18 @@ def close_branches(branches: CellBranches) -> Iterator[BinnedBranches]:
     """
     count = len(branches.vector)
     counts = bin_counts(count, np.abs(branches.vector).mean(axis=0), branches.sides)
-    parts = []
-    # In blocks, as the coordinates take more room than the bins.
-    for contact in np.split(np.arange(count), range(CUT, count, CUT)):
-        # Cut branches by the columns of the grid, then every part by its rows.
-        x, y = (branches.start[contact] * counts).T
-        dx, dy = (branches.vector[contact] * counts).T
-        branch, column = _spread(*_span(x, x + dx))
-        x, y, dx, dy = x[branch], y[branch], dx[branch], dy[branch]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            enter = np.clip((column + (dx < 0) - x) / dx, 0, 1)
-            leave = np.clip((column + (dx >= 0) - x) / dx, 0, 1)
-        enter[dx == 0], leave[dx == 0] = 0, 1
-        part, row = _spread(*_span(y + enter * dy, y + leave * dy))
-        shift, place = np.divmod(np.column_stack([column[part], row]), counts)
-        parts.append((_numbered(place, counts), contact[branch[part]], shift))
-    pieces = _sorted(counts, *map(np.concatenate, zip(*parts, strict=True)))
+    # Cut branches by the columns of the grid, then every part by its rows.
+    x, y = (branches.start * counts).T
+    dx, dy = (branches.vector * counts).T
+    branch, column = _spread(*_span(x, x + dx))
+    x, y, dx, dy = x[branch], y[branch], dx[branch], dy[branch]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        enter = np.clip((column + (dx < 0) - x) / dx, 0, 1)
+        leave = np.clip((column + (dx >= 0) - x) / dx, 0, 1)
+    enter[dx == 0], leave[dx == 0] = 0, 1
+    part, row = _spread(*_span(y + enter * dy, y + leave * dy))
+    shift, place = np.divmod(np.column_stack([column[part], row]), counts)
+    pieces = _sorted(counts, _numbered(place, counts), branch[part], shift)
     limit = 2 * len(pieces.contact)
     for _ in range(SPLITS):
         size = pieces.bin_sizes()

@@ -7,6 +7,7 @@ back for its rates and event functions.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from itertools import product
 from typing import Any, NamedTuple
@@ -34,19 +35,25 @@ QUANTITIES = {f"{tensor}{i}{j}": k for k, (tensor, i, j) in enumerate(product("H
 QUANTITIES["parameter"] = 8
 
 
-class Watch(NamedTuple):
-    """Event functions as kernels take them, see `Problem` and `System`.
+class EventFunctions(NamedTuple):
+    """Event functions of a segment, see `Problem` and `System`.
 
-    `numbers`: target, sense and start of the stage, sizes of strains and of the parameter per
-    strain.
+    `watch` (M, 2): kinds, and the contact or eigenvalue that each belongs to, four eigenvalues a
+    subspace, -1 for none; `numbers`: target, sense and start of the stage, sizes of strains and of
+    the parameter per strain; `functions` give the values of a state by numpy, kind by kind.
     """
 
-    kinds: Integers
+    watch: Integers
     tolerance: Floats
     bases: Floats
     spaces: Integers
     quantity: int
     numbers: tuple[float, ...]
+    functions: Sequence[Callable[[Any], Any]] = ()
+
+    def values(self, here: Any) -> Floats:
+        """(M,) dimensionless values in a state."""
+        return np.concatenate([function(here) for function in self.functions])
 
 
 @cache
@@ -112,41 +119,33 @@ def ring_under(model: PathModel, regime: Regimes, programme: Programme) -> dict[
     return ring_of(model)
 
 
-class Arrays(NamedTuple):
-    """The arrays of a ring with its regimes and programme, see `Problem`."""
-
-    numbers: Floats
-    whole: Integers
-    problem: Problem
-
-
 def arrays_of(
-    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, watch: Watch
-) -> Arrays:
-    """Return a ring with its regimes, programme and events."""
-    n, functions = len(ring["table"]), len(watch.kinds)
+    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, events: EventFunctions
+) -> tuple[Floats, Integers, Problem]:
+    """Return the arrays of a ring with its regimes, programme and events, and the problem there."""
+    n, functions = len(ring["table"]), len(events.watch)
     L = max(3 * n + 5, functions + 1, 7) + 1
-    header = np.array([L, n, len(ring["maps"]), functions, len(watch.spaces), len(ring["pairs"])])
+    header = np.array([L, n, len(ring["maps"]), functions, len(events.spaces), len(ring["pairs"])])
     floats, whole = ring_rates.lengths(header)
     arrays = np.zeros(floats), np.zeros(whole, dtype=np.int64)
     arrays[1][:6] = header
     p = ring_rates.problem_in(*arrays)
     for name in ("table", "small", "codes", "images", "maps", "pairs"):
         getattr(p, name)[:] = ring[name]
-    p.watch[:], p.bases[:], p.spaces[:] = watch.kinds, watch.bases, watch.spaces
+    p.watch[:], p.bases[:], p.spaces[:] = events.watch, events.bases, events.spaces
     p.table[:, ring_rates.REGIME], p.table[:, ring_rates.SIDE] = regime, side
     p.small[ring_rates.STRESS : ring_rates.STRESS + 4, :4] = programme.stress
     p.small[ring_rates.STRAIN : ring_rates.STRAIN + 4, :4] = programme.strain
     p.small[ring_rates.RATE, :4] = programme.rate
     p.small[ring_rates.NUMBERS, ring_rates.BULK] = programme.fluid_bulk_modulus
-    p.small[ring_rates.NUMBERS, ring_rates.TARGET :] = watch.numbers
+    p.small[ring_rates.NUMBERS, ring_rates.TARGET :] = events.numbers
     rows = (-1 if row is None else row for row in (programme.isochoric_row, programme.cauchy_row))
     p.codes[ring_rates.ISOCHORIC], p.codes[ring_rates.CAUCHY] = rows
-    p.codes[ring_rates.QUANTITY] = watch.quantity
-    return Arrays(*arrays, p)
+    p.codes[ring_rates.QUANTITY] = events.quantity
+    return *arrays, p
 
 
-NO_FUNCTIONS = Watch(
+NO_FUNCTIONS = EventFunctions(
     np.zeros((0, 2), dtype=np.int64), np.zeros((2, 0)), np.zeros((0, 4, 4)),
     np.zeros(0, dtype=np.int64), 8, (0.0, 1.0, 0.0, 1.0, 1.0),
 )  # fmt: skip

@@ -15,7 +15,14 @@ from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.laws.frictional import Regime
-from stability.paths.kernels import QUANTITIES, Watch, answer, arrays_of, follow, ring_under
+from stability.paths.kernels import (
+    QUANTITIES,
+    EventFunctions,
+    answer,
+    arrays_of,
+    follow,
+    ring_under,
+)
 from stability.paths.model import PathModel, pair_keys
 from stability.paths.ring_rates import RATES, VALUES, WATCHED_GAP
 from stability.paths.segment import (
@@ -57,24 +64,6 @@ MESSAGES = {
     STUCK: "no step size keeps the error within its tolerance",
     TOO_LONG: "the limit on the number of steps was reached",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class EventFunctions:
-    """Event functions of a segment, each giving the values of a state.
-
-    `kinds`: Kind of event, one per value; `items` (M,): Contact or eigenvalue that it belongs to,
-    four eigenvalues a subspace; -1 for none; `watch`: the same for kernels.
-    """
-
-    kinds: list[str]
-    items: Integers
-    functions: Sequence[Callable[[StateRates], Sequence[float] | Floats]]
-    watch: Watch
-
-    def values(self, here: StateRates) -> Floats:
-        """(M,) dimensionless values in a state."""
-        return np.concatenate([function(here) for function in self.functions])
 
 
 def event_functions(
@@ -125,19 +114,18 @@ def event_functions(
         (["opposite_contact"], none, closest_pair),
     ]
     kinds = [kind for kinds, items, _ in watched for kind in kinds for _ in items]
-    items = np.concatenate([items for kinds, items, _ in watched for _ in kinds]).astype(np.int64)
+    items = np.concatenate([items for kinds, items, _ in watched for _ in kinds])
     spaces = [subspace_basis(one) for one in subspaces]
     bases = np.zeros((len(spaces), 4, 4))
     for basis, one in zip(bases, spaces, strict=True):
         basis[: len(one)] = one
     tolerance = np.array([[CROSSING_TOLERANCE[kind] for kind in kinds], np.isin(kinds, SPECTRAL)])
     codes = [KINDS.index(kind) for kind in kinds]
-    watch = Watch(
+    return EventFunctions(
         np.column_stack([codes, items]).astype(np.int64), tolerance * 1.0, bases,
         np.array([len(one) for one in spaces], dtype=np.int64), QUANTITIES[stage.quantity],
-        (stage.target, sense, start, size, parameter_unit),
+        (stage.target, sense, start, size, parameter_unit), [function for *_, function in watched],
     )  # fmt: skip
-    return EventFunctions(kinds, items, [function for *_, function in watched], watch)
 
 
 def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
@@ -245,13 +233,13 @@ def follow_segment(
     )  # fmt: skip
     mode, programme = segment.mode, segment.stage.programme
     ring = ring_under(segment.model, mode.regime, programme)
-    width = max(len(y), len(functions.kinds) + 1, 7) + 1
+    width = max(len(y), len(functions.watch) + 1, 7) + 1
     numbers, whole = np.zeros(3 * width), np.array([width])
     if ring is not None:
-        numbers, whole, _ = arrays_of(ring, mode.regime, mode.side, programme, functions.watch)
+        numbers, whole, _ = arrays_of(ring, mode.regime, mode.side, programme, functions)
     plain = called_back(segment, len(y), numbers[: 3 * whole[0]].reshape(3, -1))
     call = plain if ring is None else answer()
-    system = System(call, plain, numbers, whole, functions.watch.tolerance)
+    system = System(call, plain, numbers, whole, functions.tolerance)
     code, steps, end, last, fired, record = follow()(system, np.array(y), np.array(gauge), how)
     if plain.raised is not None:
         raise plain.raised
@@ -264,10 +252,9 @@ def follow_segment(
         return SegmentEnd(end, here, singular, steps, MESSAGES[code])
     if here.by_kernel is not None and not np.isfinite(here.by_kernel[1]).all():
         # A singular balance, of which the kernel has no tangent.
-        spectral = np.isin(functions.kinds, SPECTRAL)
+        spectral = np.isin(functions.watch[:, 0], [KINDS.index(kind) for kind in SPECTRAL])
         fired |= spectral & (np.abs(functions.values(here)) <= SIMULTANEOUS)
-    kinds = np.flatnonzero(fired)
-    events = [(functions.kinds[k], int(functions.items[k])) for k in kinds]
+    events = [(KINDS[kind], item) for kind, item in functions.watch[fired].tolist()]
     pairs = NO_PAIRS
     if ("opposite_contact", -1) in events:
         events.remove(("opposite_contact", -1))
@@ -283,7 +270,7 @@ def called_back(segment: Segment, size: int, shared: Floats) -> Any:
     """Return rates and event functions by numpy, called back, see `System`."""
     from stability.paths.calls import Callback
 
-    functions, count = segment.functions, len(segment.functions.kinds)
+    functions, count = segment.functions, len(segment.functions.watch)
     y, gauge, out = shared[0, :size], shared[1, :5], shared[2]
     last: tuple[bytes, StateRates] | None = None
 

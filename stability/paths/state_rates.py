@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -99,8 +98,22 @@ class StateRates:
         ring = ring_under(self.model, mode.regime, self.programme)
         if ring is None:
             return None
+        numbers, whole, p = arrays_of(ring, mode.regime, mode.side, self.programme, NO_FUNCTIONS)
         y = pack(state.place, state.shear_force, state.parameter, state.work)
-        return look_at(ring, mode.regime, mode.side, self.programme, y, self.gauge)
+        p.shared[0, : len(y)], p.shared[1, :5] = y, self.gauge
+        answer().call(ring_rates.LOOK, numbers.ctypes.data, whole.ctypes.data)
+        condition, parameter, known = p.shared[2, [5, 6, -1]].tolist()
+        if not known:
+            return None
+        columns = p.table[:, ring_rates.EN : ring_rates.SHEAR_RATE + 1]
+        en, et, spun, w_i, w_j, normal, shear = columns.T
+        nx, ny = p.table[:, NX], p.table[:, NY]
+        rates = Rates(
+            p.small[ring_rates.H_RATE, :4], p.small[ring_rates.P_RATE, :4], parameter,
+            en, p.table[:, G] * et - spun, normal, shear,
+            np.column_stack([nx * en - ny * et, ny * en + nx * et, w_i, w_j]), condition, True,
+        )  # fmt: skip
+        return rates, p.small[ring_rates.TANGENT : ring_rates.CONTROL, :4]
 
     @cached_property
     def raw_rates(self) -> Rates:
@@ -207,27 +220,6 @@ class StateRates:
         np.add.at(unbalanced, i, -f)
         np.add.at(unbalanced, j, f)
         return float(np.abs(unbalanced).max() / (model.stiffness * model.length))
-
-
-def look_at(
-    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, y: Floats, gauge: Floats
-) -> tuple[Rates, Floats] | None:
-    """Rates of a state in the unit of time of the gauge, and tangent; None if they aren't known."""
-    numbers, whole, p = arrays_of(ring, regime, side, programme, NO_FUNCTIONS)
-    p.shared[0, : len(y)], p.shared[1, :5] = y, gauge
-    answer().call(ring_rates.LOOK, numbers.ctypes.data, whole.ctypes.data)
-    condition, parameter, known = p.shared[2, [5, 6, -1]].tolist()
-    if not known:
-        return None
-    table, small = p.table, p.small
-    en, et, spun, w_i, w_j, normal, shear = table[:, ring_rates.EN : ring_rates.SHEAR_RATE + 1].T
-    nx, ny = table[:, NX], table[:, NY]
-    rates = Rates(
-        small[ring_rates.H_RATE, :4], small[ring_rates.P_RATE, :4], parameter,
-        en, table[:, G] * et - spun, normal, shear,
-        np.column_stack([nx * en - ny * et, ny * en + nx * et, w_i, w_j]), condition, True,
-    )  # fmt: skip
-    return rates, small[ring_rates.TANGENT : ring_rates.CONTROL, :4]
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,24 +87,25 @@ def compare(found, wanted, atol):
     functions = event_functions(
         found.model, found.mode, stage, 0.1, -1.0, 0.7, ("diagonal", "symmetric", "full")
     )
-    count, y_rates = len(functions.kinds), wanted.y_rates
-    asked = answered(found, ring_rates.RATES, functions.watch)[: len(y_rates)]
+    count, y_rates = len(functions.watch), wanted.y_rates
+    asked = answered(found, ring_rates.RATES, functions)[: len(y_rates)]
     np.testing.assert_allclose(asked, y_rates, rtol=atol, atol=atol)
-    values = answered(found, ring_rates.VALUES, functions.watch)[: count + 1]
+    values = answered(found, ring_rates.VALUES, functions)[: count + 1]
     expected = np.append(functions.values(wanted), wanted.balance_determinant)
     # The equations differ, and so does the size of their determinant.
     np.testing.assert_allclose(values[:-1], expected[:-1], rtol=1e3 * atol, atol=1e3 * atol)
     assert np.isnan(values[-1]) == np.isnan(expected[-1])
 
 
-def answered(here, what, watch):
+def answered(here, what, functions):
     """What the kernels answer in a state."""
     mode, state = here.mode, here.state
-    arrays = arrays_of(ring_of(here.model), mode.regime, mode.side, here.programme, watch)
+    ring = ring_of(here.model)
+    numbers, whole, p = arrays_of(ring, mode.regime, mode.side, here.programme, functions)
     y = pack(state.place, state.shear_force, state.parameter, state.work)
-    arrays.problem.shared[0, : len(y)], arrays.problem.shared[1, :5] = y, here.gauge
-    answer().call(what, arrays.numbers.ctypes.data, arrays.whole.ctypes.data)
-    return arrays.problem.shared[2]
+    p.shared[0, : len(y)], p.shared[1, :5] = y, here.gauge
+    answer().call(what, numbers.ctypes.data, whole.ctypes.data)
+    return p.shared[2]
 
 
 @pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
