@@ -44,6 +44,7 @@ TESTED = {
     "first-steps": "test_first_steps",  # the sample of the package
     "forecast": "test_how_to",  # in a cell, between walls; cut out it is refused
     "formats": "test_blocks",  # in a cell, between walls, cut out
+    "index": "test_blocks",  # the diamond
     "input-error": "test_blocks",  # the sample of the package
     "larger-loops": "test_how_to",  # a hexagon
     "material": "test_blocks",  # hexagons, and loops of three kinds of samples
@@ -120,6 +121,18 @@ def test_commands_of_the_pages_are_commands(name, line):
     # Alone, `--in-packing` of a series means the rates.
     line = re.sub(r"(series .*--in-packing)(?! events)", r"\1=rates", " ".join(words))
     app.parse_args(shlex.split(line), exit_on_error=False, print_error=False)
+
+
+def test_the_diamond_of_the_landing_page_is_unstable_in_the_cone_of_its_quadratic_form(capsys):
+    names = {}
+    exec("\n".join(blocks("index")), names)
+    verdict, opening = capsys.readouterr().out.strip().splitlines()
+    assert verdict.startswith("unstable")
+    K = gl.restrict(names["tangent"], "diagonal")
+    # Second-order work vanishes at E2 = t E1.
+    t = np.roots([K[1, 1], K[0, 1] + K[1, 0], K[0, 0]])
+    ends = np.degrees(np.arctan(t)) % 180.0
+    assert float(opening) == pytest.approx(np.ptp(ends), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["evidence/probing", "questions"])
