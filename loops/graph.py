@@ -451,6 +451,11 @@ class ContactState(Shown):
         return self.touching_length - self.length
 
     @property
+    def forces(self) -> Floats:
+        """(..., C, 2) forces of grain i on grain j, `f = N n + T t`."""
+        return self.normal_force[..., None] * self.n + self.shear_force[..., None] * self.t
+
+    @property
     def arm_i(self) -> Floats:
         """(..., C) lever arm `a_i = r_i - overlap/2` of the contact force about grain i.
 

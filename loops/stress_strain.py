@@ -14,7 +14,7 @@ from loops.geometry import (
     reference_volume,
     require_loop,
 )
-from loops.graph import GrainGraph, HasGraph, contact_frame, graph_of
+from loops.graph import GrainGraph, HasGraph, contact_state, graph_of
 from loops.validation import real
 
 
@@ -39,12 +39,7 @@ def contact_forces(graph: GrainGraph) -> Floats:
     >>> contact_forces(pair).tolist()
     [[2.0, 1.0]]
     """
-    _, n, t = contact_frame(graph)
-    return _forces(graph, n, t)
-
-
-def _forces(graph: GrainGraph, n: Floats, t: Floats) -> Floats:
-    return graph.normal_force[..., None] * n + graph.shear_force[..., None] * t
+    return contact_state(graph).forces
 
 
 def love_weber_stress(graph: GrainGraph | HasGraph, volume: ArrayLike | None = None) -> Floats:
@@ -82,10 +77,9 @@ def love_weber_stress(graph: GrainGraph | HasGraph, volume: ArrayLike | None = N
     elif volume is None:
         require_loop(graph)
         volume = np.abs(polygon_area(graph.x))
-    length, n, t = contact_frame(graph)
-    forces = _forces(graph, n, t)
-    n *= length[..., None]
-    return _average(forces, n, checked_volume(volume, graph))
+    state = contact_state(graph)
+    branches = state.length[..., None] * state.n
+    return _average(state.forces, branches, checked_volume(volume, graph))
 
 
 def nominal_stress(graph: GrainGraph, volume: ArrayLike | None = None) -> Floats:

@@ -239,6 +239,4 @@ def packing_stress_rate(system: System, s: Floats) -> Floats:
 
 def packing_stress(system: System) -> Floats:
     """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
-    state = system.rows.state
-    forces = state.normal_force[:, None] * state.n + state.shear_force[:, None] * state.t
-    return np.asarray(forces.T @ system.rows.branches / system.volume)
+    return np.asarray(system.rows.state.forces.T @ system.rows.branches / system.volume)

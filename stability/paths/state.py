@@ -241,12 +241,7 @@ class Rates:
 
 def path_stress(model: PathModel, contacts: ContactState) -> Floats:
     """(4,) nominal stress `P = (1/V0) sum f (x) d0`."""
-    return (forces(contacts).T @ model.d0).ravel() / model.volume
-
-
-def forces(contacts: ContactState) -> Floats:
-    """(C, 2) `f = N n + T t`."""
-    return contacts.normal_force[:, None] * contacts.n + contacts.shear_force[:, None] * contacts.t
+    return (contacts.forces.T @ model.d0).ravel() / model.volume
 
 
 def power(model: PathModel, mode: Mode, contacts: ContactState, rates: Rates) -> Floats:

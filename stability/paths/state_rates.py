@@ -31,7 +31,6 @@ from stability.paths.state import (
     centres,
     contacts_at,
     displacement_gradient,
-    forces,
     pack,
     path_stress,
     power,
@@ -215,7 +214,7 @@ class StateRates:
         if model.closure == "affine":
             return np.nan
         i, j = model.contacts.T
-        f = forces(self.contacts)
+        f = self.contacts.forces
         unbalanced = -model.b @ self.P.reshape(2, 2).T
         np.add.at(unbalanced, i, -f)
         np.add.at(unbalanced, j, f)

@@ -89,7 +89,7 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     mu = np.asarray(snapshot.mechanics()[0].mu)[:, None]
     rates = PackingRates(yield_response(snapshot.scene, yield_band=0.999))
     now, counts = contact_state(snapshot.graph), []
-    force = now.normal_force[:, None] * now.n + now.shear_force[:, None] * now.t
+    force = now.forces
     for angle in np.radians(measured["theta_deg"].unique()):
         found = rates.response(np.diag([np.cos(angle), np.sin(angle)]))
         # Forces turn with the branches.
