@@ -5,16 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import GrainGraph, branch_vectors, contact_forces, find_faces
-from patterns.snapshots.build import build_snapshot
-from patterns.snapshots.frame import Source
-from patterns.snapshots.laws import Parameters
+from patterns import read_frames
 
-LAW = Parameters(1.0, 0.5, 0.5)
+LAW = {"kn": 1.0, "kt": 0.5, "mu": 0.5}
 
 
-def snapshots_of(frames, path, **source):
-    """Every snapshot that a reader of frames finds in a file."""
-    return [build_snapshot(read(), LAW) for read in frames(Source(path, **source))]
+def snapshots_of(path, **how):
+    """Every snapshot in a file."""
+    return list(read_frames(path, **LAW | how))
 
 
 def edit(path, change):

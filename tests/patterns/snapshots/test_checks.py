@@ -13,13 +13,12 @@ import pytest
 from loops import InputError, contact_forces
 from patterns import read_snapshot, sample_cell, sample_path, snapshot_from_tables
 from patterns.snapshots.findings import rounding
-from patterns.snapshots.snapshot import SAMPLE
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
-from tests.patterns.snapshots.yade_samples import BOX, LAW
+from tests.patterns.snapshots.yade_samples import BOX
 
 # Median of the file's kn, which go with the radii.
-BOX_LAW = {"kn": 4.833e5, "kt": 2.416e5, "mu": LAW.mu}
+BOX_LAW = {"kn": 4.833e5, "kt": 2.416e5, "mu": float(np.tan(0.4636))}
 SOFT = {"kn": 1e6, "kt": 5e5, "mu": 0.5}
 PAIR_NAMES = ("dist", "dx", "dy", "force", "fx", "fy", "p1", "p2", "p4")
 LAMMPS_COLUMNS = ("patom1", "patom2", *PAIR_NAMES)
@@ -47,13 +46,13 @@ DECKS = {
     for ending in ("csv", "parquet", "npz", "h5")
 } | {
     "lammps": lambda: lammps(
-        SAMPLE / "lammps/dump.atoms.0.gz", SAMPLE / "lammps/dump.contacts.0.gz"
+        sample_path("lammps/dump.atoms.0.gz"), sample_path("lammps/dump.contacts.0.gz")
     ),
     "liggghts": lambda: liggghts(
-        SAMPLE / "liggghts/atoms.0.dump.gz", SAMPLE / "liggghts/contacts.0.dump.gz"
+        sample_path("liggghts/atoms.0.dump.gz"), sample_path("liggghts/contacts.0.dump.gz")
     ),
     "mercury": lambda: faults.Mercury(
-        SAMPLE / "mercury/box.data.gz", SAMPLE / "mercury/box.fstat.gz", **BOX_LAW
+        sample_path("mercury/box.data.gz"), sample_path("mercury/box.fstat.gz"), **BOX_LAW
     ),
     "yade-xml": lambda: faults.Save(BOX / "state.xml.gz"),
 }
@@ -199,7 +198,7 @@ def test_tables_of_two_close_snapshots(tmp_path):
 )
 def test_exchanged_columns_of_liggghts(groups, noticed_as, tmp_path):
     """The total force or its parts, in other orders than LIGGGHTS writes them."""
-    healthy = read_snapshot(SAMPLE / "liggghts/atoms.0.dump.gz", **SOFT)
+    healthy = read_snapshot(sample_path("liggghts/atoms.0.dump.gz"), **SOFT)
     deck = DECKS["liggghts"]()
     own = {k: v for (f, k), v in deck.fields.items() if f == "contacts"}
     f = {"x": own.pop("fx"), "y": own.pop("fy")}
@@ -232,7 +231,7 @@ def test_exchanged_columns_of_liggghts(groups, noticed_as, tmp_path):
 HEALTHY = [
     (sample_path(), {}),
     (sample_path("grains_periodic.parquet"), {"cell": sample_cell()}),
-    (SAMPLE / "yade_native/periodic/state.xml.gz", {}),
+    (sample_path("yade_native/periodic/state.xml.gz"), {}),
     (BOX / "grains_00.csv.gz", {}),
 ]
 

@@ -14,12 +14,8 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot, sample_path, synthetic_network
-from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
-from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import lammps_frames
 from tests.patterns.dump_writers import (
-    LAW,
     Packing,
     assert_same,
     lammps_columns,
@@ -37,8 +33,8 @@ def packing(count=300, seed=0, tilt=0.0, cell=None):
     return Packing(graph, np.random.default_rng(seed).permutation(count) + 5)
 
 
-def read(path, **source):
-    return snapshots_of(lammps_frames, path, **source)
+def read(path, **how):
+    return snapshots_of(path, format="lammps", **how)
 
 
 def notes(path, **source):
@@ -161,9 +157,8 @@ def test_the_sample_of_lammps_balances():
     To 2e-5 of the mean force: damping is taken at half a time step's distance.
     """
     path = sample_path("lammps") / "dump.atoms.0.gz"
-    frame = lammps_frames(Source(path))[0]()
-    snapshot = build_snapshot(frame, LAW)
-    graph = snapshot.graph
+    (snapshot,) = read(path)
+    graph, said = snapshot.graph, " ".join(snapshot.notes)
     assert (graph.contact_count, snapshot.wall_contacts) == (776, 62)
     assert euler_check(graph, find_faces(graph)).ok
     force = contact_forces(graph)
@@ -171,10 +166,10 @@ def test_the_sample_of_lammps_balances():
     np.add.at(total, graph.contacts[:, 1], force)
     np.add.at(total, graph.contacts[:, 0], -force)
     np.add.at(total, snapshot.walls.grain, snapshot.walls.force)
-    said = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
-    assert np.abs(total - said).max() < 2e-5 * np.abs(force).mean()
-    assert "f_wl (12 contacts), f_wb (16 contacts)" in " ".join(frame.notes)
-    assert "include damping" in " ".join(frame.notes)
+    written = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
+    assert np.abs(total - written).max() < 2e-5 * np.abs(force).mean()
+    assert "f_wl (12 contacts), f_wb (16 contacts)" in said
+    assert "include damping" in said
 
 
 def test_loops_fill_a_periodic_cell(tmp_path):
@@ -198,10 +193,9 @@ def test_diameters_and_a_cell_from_the_user(tmp_path):
 def test_normals_of_walls_point_into_the_grains(tmp_path):
     own = Packing.of(read_snapshot(sample_path()))
     path, _ = write_lammps(tmp_path, own, extra=lammps_walls(own))
-    table = lammps_frames(Source(path))[0]().walls
-    branch, force = table.columns("branch_x", "branch_y"), table.columns("fx", "fy")
-    assert len(table) == 61 and np.hypot(*branch.T).min() > 0
-    assert np.einsum("wk,wk->w", branch, force).min() > 0
+    walls = read(path)[0].walls
+    assert len(walls.grain) == 61 and np.hypot(*walls.branch.T).min() > 0
+    assert np.einsum("wk,wk->w", walls.branch, walls.force).min() > 0
 
 
 def test_ids_of_dumps_keep_every_digit(tmp_path):

@@ -19,12 +19,8 @@ from loops import (
     love_weber_stress,
     outline_area,
 )
-from patterns.snapshots.build import build_snapshot
+from patterns import read_snapshot
 from patterns.snapshots.dump_files import dump_frames
-from patterns.snapshots.formats import FORMATS
-from patterns.snapshots.frame import Source
-from patterns.snapshots.laws import Parameters
-from patterns.snapshots.liggghts import is_liggghts
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = [
@@ -43,10 +39,10 @@ pytestmark = pytest.mark.collection
 
 
 def read(path):
-    name = "liggghts" if is_liggghts(path, b"ITEM: TIMESTEP\n") else "lammps"
-    assert (name == "liggghts") == ("liggghts" in str(path.parent))
-    frame = FORMATS[name].frames(Source(path))[0]()
-    return build_snapshot(frame, Parameters(1e6, 5e5, 0.5))
+    snapshot = read_snapshot(path, kn=1e6, kt=5e5, mu=0.5, frame=0)
+    of_liggghts = any("in the order of pair/gran/local" in note for note in snapshot.notes)
+    assert of_liggghts == ("liggghts" in str(path.parent))
+    return snapshot
 
 
 def logged_stress(path, step):

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 
 from loops import InputError, branch_vectors
-from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.dump_files import dump_frames
-from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import lammps_frames
-from patterns.snapshots.laws import Parameters
 from tests.patterns.dump_writers import Packing, assert_same, lammps_columns, write_lammps
-from tests.patterns.snapshots.test_lammps import LAW, notes, packing, read
+from tests.patterns.snapshots.test_lammps import notes, packing, read
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -27,10 +23,10 @@ def test_normal_force_by_its_size_alone(tmp_path):
     path, _ = write_lammps(tmp_path, own, keep=["patom1", "patom2", "dx", "dy", "force"])
     with pytest.raises(InputError, match=r"none that form a force along the branch.*force=COLUMN"):
         read(path)
-    frame = lammps_frames(Source(path, columns={"force": "c_pair[3]"}))[0]()
-    assert frame.contacts.column("fn") == pytest.approx(own.graph.normal_force, rel=1e-13)
-    assert not frame.contacts.has("fx_on_2")
-    assert "no tangential force" in " ".join(frame.notes)
+    (found,) = read(path, columns={"force": "c_pair[3]"}, mu=0.0)
+    assert found.graph.normal_force == pytest.approx(own.graph.normal_force, rel=1e-13)
+    assert not found.graph.shear_force.any()
+    assert "no tangential force" in " ".join(found.notes)
     geometry = read(path, columns={"fx": "none"})[0]
     assert not geometry.mechanical
 
@@ -103,11 +99,10 @@ def test_grain_of_a_force_is_found_by_its_direction(tmp_path, sign, adhesion):
             words[column] = repr(sign * float(words[column]))
         rows[k] = " ".join(words)
     contacts.write_text("\n".join(rows) + "\n")
-    frame = lammps_frames(Source(path))[0]()
-    assert_same(build_snapshot(frame, LAW, strict=False), own, 1e-13)
+    assert_same(read(path, strict=False)[0], own, 1e-13)
     if adhesion:
         with pytest.raises(InputError, match="they pull"):
-            build_snapshot(frame, LAW)
+            read(path)
 
 
 def test_frictionless_grains_need_no_tangential_force(tmp_path):
@@ -115,6 +110,5 @@ def test_frictionless_grains_need_no_tangential_force(tmp_path):
     smooth = Packing(own.graph.replace(shear_force=0 * own.graph.shear_force), own.ids)
     keep = ["patom1", "patom2", "dx", "dy", "force", "fx", "fy"]
     path, _ = write_lammps(tmp_path, smooth, keep=keep)
-    frame = lammps_frames(Source(path))[0]()
-    assert_same(build_snapshot(frame, Parameters(1.0, 0.5, 0.0)), smooth, 1e-13)
-    assert not build_snapshot(frame, LAW).mechanical
+    assert_same(read(path, mu=0.0)[0], smooth, 1e-13)
+    assert not read(path)[0].mechanical

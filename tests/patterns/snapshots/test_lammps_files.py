@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns import synthetic_network
+from patterns import read_frames, synthetic_network
 from patterns.snapshots.columns import names_beside
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.files import beside
-from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import lammps_frames
-from tests.patterns.dump_writers import Packing, edit, lammps_columns, snapshots_of, write_lammps
+from tests.patterns.dump_writers import (
+    LAW,
+    Packing,
+    edit,
+    lammps_columns,
+    snapshots_of,
+    write_lammps,
+)
 
 
 @pytest.fixture
@@ -25,8 +30,8 @@ def dumps(tmp_path):
     return path, contacts
 
 
-def read(path, **source):
-    return snapshots_of(lammps_frames, path, **source)
+def read(path, **how):
+    return snapshots_of(path, format="lammps", **how)
 
 
 def drop_radius(rows):
@@ -126,10 +131,10 @@ def test_a_number_cut_short_is_not_read(dumps):
 
 def test_frames_before_the_fault_are_read(dumps):
     edit(dumps[1], lambda rows: rows.pop(-2))
-    found = lammps_frames(Source(dumps[0]))
-    assert found[0]().step == 0
+    found = read_frames(dumps[0], **LAW)
+    assert next(found).step == 0
     with pytest.raises(InputError, match="step 500"):
-        found[1]()
+        next(found)
 
 
 def test_three_dimensions_are_refused(tmp_path):

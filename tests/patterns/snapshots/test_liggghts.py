@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from loops import InputError, contact_forces, euler_check, find_faces, love_weber_stress
-from patterns import sample_path, synthetic_network
-from patterns.snapshots.build import build_snapshot
+from patterns import read_snapshot, sample_path, synthetic_network
 from patterns.snapshots.dump_files import dump_frames
-from patterns.snapshots.frame import Source
-from patterns.snapshots.lammps import is_lammps, lammps_frames
-from patterns.snapshots.laws import Parameters
-from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
-from tests.patterns.dump_writers import GROUPS, LATER, Packing, assert_same, write_liggghts
+from patterns.snapshots.lammps import is_lammps
+from patterns.snapshots.liggghts import is_liggghts
+from tests.patterns.dump_writers import GROUPS, LATER, LAW, Packing, assert_same, write_liggghts
 
 RECIPE = ("pos", "id", "force")  # 12 columns
 DEFAULT = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
@@ -27,12 +24,8 @@ def packing(count=300, seed=0, cell=None):
     return Packing(graph, np.random.default_rng(seed).permutation(count) + 5)
 
 
-def frame_of(path, **source):
-    return liggghts_frames(Source(path, **source))[0]()
-
-
-def read(path, **source):
-    return build_snapshot(frame_of(path, **source), Parameters(1.0, 0.5, 0.5))
+def read(path, **how):
+    return read_snapshot(path, **{"format": "liggghts"} | LAW | how)
 
 
 def sets_of_keywords():
@@ -81,12 +74,12 @@ def test_overlaps_of_another_cell_are_not_fitted(tmp_path):
             words[21] = repr(1.01 * float(words[21]))
             rows[k] = " ".join([*words, ""])
     contacts.write_text("\n".join(rows) + "\n")
-    assert "overlaps don't fit it better" in " ".join(frame_of(path).notes)
+    assert "overlaps don't fit it better" in " ".join(read(path, strict=False).notes)
 
 
 def test_the_default_writes_no_parts_of_the_force(tmp_path):
     path, _ = write_liggghts(tmp_path, packing(100), DEFAULT)
-    said = frame_of(path).notes[0]
+    said = read(path).notes[0]
     assert said.endswith("id1=c_cpgl[13], id2=c_cpgl[14], fx=c_cpgl[16], fy=c_cpgl[17]")
 
 
@@ -166,10 +159,8 @@ def test_lammps_reads_the_long_form_all_the_same(tmp_path):
     """Parts of the force are told by their directions, whoever wrote them."""
     own = packing(100)
     path, _ = write_liggghts(tmp_path, own, LONG, box_digits=17)
-    law = Parameters(1.0, 0.5, 0.5)
     columns = {"p1": "c_cpgl[16]", "p2": "c_cpgl[17]"}
-    frame = lammps_frames(Source(path, columns=columns))[0]()
-    assert_same(build_snapshot(frame, law), own, 1e-13)
+    assert_same(read(path, columns=columns, format="lammps"), own, 1e-13)
 
 
 def test_the_sample_of_liggghts_balances():

@@ -4,23 +4,18 @@ import numpy as np
 import pytest
 
 from loops import InputError
-from patterns import read_snapshot, sample_path, synthetic_network
-from patterns.snapshots.build import build_snapshot
-from patterns.snapshots.formats import FORMATS
-from patterns.snapshots.frame import Source
-from patterns.snapshots.laws import Parameters
-from patterns.snapshots.mercury import is_mercury, mercury_frames
+from patterns import count_frames, read_snapshot, sample_path, synthetic_network
 from tests.patterns.dump_writers import (
     LAW,
     Packing,
     assert_same,
     edit,
-    snapshots_of,
     wall_numbers,
     write_lammps,
     write_liggghts,
     write_mercury,
 )
+from tests.patterns.dump_writers import snapshots_of as read
 
 
 def packing(count=100, seed=0):
@@ -37,15 +32,10 @@ def box():
     return Packing(graph, np.arange(graph.grain_count), snapshot.walls)
 
 
-def read(path, **source):
-    return snapshots_of(mercury_frames, path, **source)
-
-
 @pytest.mark.parametrize("layout", [8, 14])
 def test_written_files_are_read_back(tmp_path, layout):
     own = packing()
     path, _ = write_mercury(tmp_path, own, layout=layout)
-    assert is_mercury(path, path.read_bytes()[:4096])
     (snapshot,) = read(path, cell=own.graph.cell)
     assert_same(snapshot, own, 1e-13)
     assert "each contact in two rows" in " ".join(snapshot.notes)
@@ -119,8 +109,7 @@ def test_one_packing_through_every_format(tmp_path):
     }
     for name, path in paths.items():
         given = cell if name == "mercury" else None
-        frame = FORMATS[name].frames(Source(path, cell=given))[0]()
-        assert_same(build_snapshot(frame, LAW), own, 1e-12)
+        assert_same(read_snapshot(path, cell=given, format=name, **LAW), own, 1e-12)
 
 
 def put(rows, line, word, text):
@@ -162,7 +151,7 @@ def test_bad_files(tmp_path, case):
     which, change, message = BAD[case]
     edit(paths[which == "fstat"], change)
     with pytest.raises(InputError, match=message) as error:
-        read(paths[0], cell=own.graph.cell)
+        read(paths[0], format="mercury", cell=own.graph.cell)
     assert "\n" not in str(error.value)
 
 
@@ -189,7 +178,7 @@ def test_contacts_are_found_beside(tmp_path):
     with pytest.raises(InputError, match=r"no .fstat file beside it"):
         read(path)
     path = path.rename(tmp_path / "box.data.7")
-    assert len(mercury_frames(Source(path))) == 1
+    assert count_frames(path) == 1
 
 
 @pytest.mark.parametrize(
@@ -203,14 +192,16 @@ def test_contacts_are_found_beside(tmp_path):
     ],
 )
 def test_other_files_are_not_taken(tmp_path, head):
-    assert not is_mercury(tmp_path / "a.data", head)
+    path = tmp_path / "a.data"
+    path.write_bytes(head)
+    with pytest.raises(InputError, match=r"unknown format|an empty file|no dump of contacts"):
+        count_frames(path)
 
 
 def test_without_stiffness_there_is_no_law(tmp_path):
     own = packing()
     path, _ = write_mercury(tmp_path, own)
-    frame = mercury_frames(Source(path, cell=own.graph.cell))[0]()
-    snapshot = build_snapshot(frame, Parameters())
+    snapshot = read_snapshot(path, cell=own.graph.cell)
     assert snapshot.lacks == ("kn", "kt") and snapshot.has_forces
     assert any("give --kn and --kt" in note for note in snapshot.notes)
 

@@ -1,29 +1,19 @@
 """The sample files of Yade and what they have in common, for the tests."""
 
 import gzip
-from pathlib import Path
 
 import numpy as np
 
 from loops import find_faces
-from patterns import read_snapshot
-from patterns.snapshots.build import build_snapshot
-from patterns.snapshots.frame import Source
-from patterns.snapshots.laws import Parameters
-from patterns.snapshots.snapshot import SAMPLE
+from patterns import read_snapshot, sample_path
 
-NATIVE = SAMPLE / "yade_native"
+NATIVE = sample_path("yade_native")
 BOX, PERIODIC = NATIVE / "box", NATIVE / "periodic"
-LAW = Parameters(kn=4e5, kt=2e5, mu=float(np.tan(0.4636)))
 
 
-def frame_of(module, path, **source):
-    frame = module.frames(Source(Path(path), **source))[0]()
-    return frame
-
-
-def snapshot_of(module, path, **source):
-    return build_snapshot(frame_of(module, path, **source), LAW)
+def snapshot_of(path, **how):
+    """The snapshot of a save, whose contacts have their own springs and friction."""
+    return read_snapshot(path, format="yade-xml", **how)
 
 
 def table_of(folder):

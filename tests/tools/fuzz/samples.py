@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from patterns import read_snapshot, sample_path, write_snapshot
-from patterns.snapshots.snapshot import SAMPLE
 
 
 class Sample(NamedTuple):
@@ -40,7 +39,7 @@ def write_samples(folder: Path) -> list[Sample]:
         ("liggghts", "liggghts", "*.dump.gz", law),
         ("mercury", "mercury", "box.*", law),
     ):
-        found = sorted(file for file in (SAMPLE / inner).glob(pattern) if file.suffix != ".md")
+        found = sorted(file for file in sample_path(inner).glob(pattern) if file.suffix != ".md")
         room = _room(folder, name)
         for file in found:
             shutil.copy(file, room / file.name)

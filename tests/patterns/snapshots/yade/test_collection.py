@@ -13,7 +13,6 @@ import pytest
 
 from loops import InputError, love_weber_stress
 from patterns import read_snapshot
-from patterns.snapshots.formats import FORMATS
 from tests.patterns.snapshots.yade_samples import by_pair, cycles, snapshot_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
@@ -44,7 +43,7 @@ def same_geometry(found, table):
 
 @pytest.mark.parametrize("path", SAVED, ids=name_of)
 def test_saved(path):
-    found = snapshot_of(FORMATS["yade-xml"], path)
+    found = snapshot_of(path)
     table = table_of(path, found.graph.cell)
     same_geometry(found, table)
     # The tables have 15 digits or all.

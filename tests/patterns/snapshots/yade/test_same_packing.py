@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from loops import euler_check, find_faces, love_weber_stress
-from patterns.snapshots.formats import FORMATS
 from tests.patterns.snapshots.yade_samples import (
     BOX,
     PERIODIC,
@@ -25,7 +24,7 @@ def pairs_of(snapshot):
 
 @pytest.mark.parametrize("folder", [BOX, PERIODIC], ids=names)
 def test_save_has_the_forces_of_the_tables(folder):
-    table, saved = table_of(folder), snapshot_of(FORMATS["yade-xml"], folder / "state.xml.gz")
+    table, saved = table_of(folder), snapshot_of(folder / "state.xml.gz")
     assert cycles(saved) == cycles(table)
     assert len(cycles(table)) > 15
     assert (pairs_of(saved) == pairs_of(table)).all()
@@ -43,7 +42,7 @@ def test_save_has_the_forces_of_the_tables(folder):
 
 
 def test_save_has_the_cell_and_the_images_of_the_tables():
-    table, saved = table_of(PERIODIC), snapshot_of(FORMATS["yade-xml"], PERIODIC / "state.xml.gz")
+    table, saved = table_of(PERIODIC), snapshot_of(PERIODIC / "state.xml.gz")
     assert np.abs(saved.graph.cell - table.graph.cell).max() < 1e-15
     assert saved.graph.cell[0, 1] != 0
     assert saved.graph.images.any()
@@ -54,7 +53,7 @@ def test_save_has_the_cell_and_the_images_of_the_tables():
 
 
 def test_save_has_the_walls_of_the_tables():
-    table, saved = table_of(BOX), snapshot_of(FORMATS["yade-xml"], BOX / "state.xml.gz")
+    table, saved = table_of(BOX), snapshot_of(BOX / "state.xml.gz")
     assert saved.wall_contacts == table.wall_contacts == 18
     orders = [np.lexsort([*w.force.T, w.grain]) for w in (saved.walls, table.walls)]
     for name in ("grain", "force", "branch"):
