@@ -16,7 +16,7 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.graph import ContactState
-from loops.laws.frictional import FrictionalLaw
+from loops.laws.frictional import ContactLaw, FrictionalLaw
 
 # Steps from which on a law of one's own is compiled: that takes 2 to 3 s, and saves some 0.8 ms a
 # step (4,050 contacts).
@@ -169,7 +169,7 @@ class PressedContacts(ContactState):
         return self.depth
 
 
-def pressed_contacts(law: FrictionalLaw, radii: Floats, overlap: Floats, T: Floats) -> ContactState:
+def pressed_contacts(law: ContactLaw, radii: Floats, overlap: Floats, T: Floats) -> ContactState:
     """Return contacts (C,) of these overlaps and shear forces, with the law's normal forces."""
     n = np.broadcast_to([1.0, 0.0], (len(overlap), 2))
     (i, j), none = radii, 0.0 * overlap

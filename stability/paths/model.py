@@ -16,6 +16,7 @@ from loops.closures import Closure, Spins
 from loops.closures.system import ClosureForm, closure_form, drive
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import ContactState
+from loops.laws.compiled import pressed_contacts
 from loops.laws.of_pairs import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
 
@@ -267,8 +268,6 @@ def law_scale(state: ContactState, law: ContactLaw) -> float:
 
 
 def compressed_state(state: ContactState, law: ContactLaw, length: float) -> ContactState:
-    """The same contacts compressed_state to a fraction of `r_i + r_j`, without shear force."""
-    state = replace(
-        state, length=length * state.touching_length, shear_force=np.zeros(state.length.shape)
-    )
-    return replace(state, normal_force=law.closed_force(state))
+    """The same contacts compressed to a fraction of `r_i + r_j`, without shear force."""
+    overlap, radii = (1.0 - length) * state.touching_length, (state.radii_i, state.radii_j)
+    return pressed_contacts(law, np.array(radii), overlap, 0.0 * overlap)

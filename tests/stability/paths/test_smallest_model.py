@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, Scene
+from loops import FrictionalLaw, InputError, LinearFrictional, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.regimes import keeps_control
@@ -138,6 +138,27 @@ def test_a_perturbation_of_1e_12_is_modelled():
     x[1, 0] += 2e-12
     path = follow(Scene(square.replace(x=x, x0=x), LAW), stages(0.02, 0.03), closure="traction")
     assert path.model.symmetry == "none"
+
+
+class Stiffening(FrictionalLaw):
+    """Linear springs, stiffer from an overlap of a twentieth on."""
+
+    def closed_force(self, state):
+        beyond = np.maximum(state.overlap - 0.05, 0.0)
+        return state.overlap + self.more * beyond**3
+
+    def stiffnesses(self, state):
+        beyond = np.maximum(state.overlap - 0.05, 0.0)
+        return 1.0 + 3.0 * self.more * beyond**2, 0.8
+
+
+def test_laws_that_differ_at_overlaps_to_come_have_no_symmetry():
+    """They are the same at the overlaps of the start."""
+    law = Stiffening(more=np.array([0.0, 500.0, 100.0, 0.0]))
+    stage = Stage("isotropic_strain", "H11", 0.06)
+    small, full = both(regular_polygon(4, strain=0.04), law, stage, "traction")
+    assert small.model.symmetry == "none"
+    np.testing.assert_allclose(small.P[-1], full.P[-1], rtol=0, atol=1e-13)
 
 
 def test_isotropic_loading_leaves_one_freedom():
