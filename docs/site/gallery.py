@@ -18,7 +18,11 @@ from sphinx.util import logging
 ROOT = Path(__file__).parents[2]
 EXAMPLES, OUT = ROOT / "studies" / "examples", ROOT / "docs" / "gallery"
 # Examples on data that are no part of the repository are not run: the figure that the pages show.
-STORED = {"kuhn_discs": "published-kuhn-discs.png", "cells": "published-cells-kinetics.png"}
+STORED = {
+    "kuhn_discs": "published-kuhn-discs.png",
+    "cells": "published-cells-kinetics.png",
+    "quadrons": "published-cells-quadrons.png",
+}
 PAGE = """# {title}
 
 {text}

@@ -10,11 +10,25 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from patterns import Snapshot, planar, read_snapshot
 from studies.output import as_json
+from studies.reading import cell_reader
 from studies.study import study
+
+# Samples of the collection of tests.
+YADE_SAMPLES = "yade-small", "yade-medium", "yade-periodic", "yade-slow"
+
+
+def read(path: Path) -> Snapshot:
+    """Return a snapshot, its cell from the table `macro.csv` beside it where it has one."""
+    macro = path.parent / "macro.csv"
+    periodic = macro.is_file() and "h_xx" in macro.read_text().split("\n", 1)[0]
+    cell = np.reshape(cell_reader(macro)(path, None), (2, 2)) if periodic else None
+    return planar(read_snapshot(path, cell=cell))
 
 
 def save(

@@ -10,6 +10,7 @@ be one half. Nothing is fitted; the sign of each indicator was fixed beforehand.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,65 +25,51 @@ from patterns import sample_path
 from stability import COMPONENTS
 from studies.examples import run_example, save
 from studies.output import Summary
+from studies.series import skill
 from studies.series.run import run_series
-from studies.series.skill import (
-    INDICATORS,
-    PREDICTORS,
-    TARGETS,
-    interval_columns,
-    score_skill,
-    targets,
-)
 from studies.series.tasks import require_about
-from studies.style import LIGHT_GREY, LINE_COLOURS, TWO_COLUMNS, figure_key, new_figure, styled
+from studies.style import LIGHT_GREY, LINE_COLOURS, figure_key, new_panels, styled
 
 # The closures are left out: they know the strain that each loop really took.
-COMPARED = (
-    *("packing", "packing_path", "replay", "own_motion", "persistence"),
-    *("packing_lambda_min", "order", "sliding", "smallest_N", *INDICATORS),
-)
-# What one snapshot tells, or the interval before it: the benchmark is among these.
-STRUCTURAL = ("packing_lambda_min", "order", "sliding", "smallest_N", *INDICATORS)
-MEAN = (
-    *("auc", "low", "high", "shuffled", "shuffled_low", "shuffled_high", "base"),
-    *("above", "above_low", "above_high", "packings", "intervals"),
-)
+MECHANICAL = ("packing", "packing_path", "replay", "own_motion", "persistence")
+# Known from one snapshot, or from the interval before it: the benchmark is among these.
+STRUCTURAL = ("packing_lambda_min", "order", "sliding", "smallest_N", *skill.INDICATORS)
+COMPARED = (*MECHANICAL, *STRUCTURAL)
+MEANS = ["auc", "low", "high", "shuffled", "shuffled_low", "shuffled_high", "base"]
+MEANS += ["above", "above_low", "above_high", "packings", "intervals"]
 
 
 def sample_series(out: Path, **how: Any) -> Summary:
     """Run the series of the package's sample."""
     cells = sample_path("slow/cells.csv")
     files = sorted(cells.parent.glob("grains_*.parquet"))
-    how |= {"cells": cells, "shear_increment": "radii"}
-    return run_series(files, out, workers=1, figures=False, **how)
+    how |= {"cells": cells, "shear_increment": "radii", "workers": 1, "figures": False}
+    return run_series(files, out, **how)
 
 
 def scores(folder: Path, seed: int = 0) -> pd.DataFrame:
     """AUC of each predictor for each target and interval of a series, true and shuffled."""
-    parts = [
-        sorted((folder / name).glob("part-*.parquet"))
-        for name in ("loops", "increments", "packing")
-    ]
+    rooms = "loops", "increments", "packing"
+    parts = [sorted((folder / room).glob("part-*.parquet")) for room in rooms]
     if not parts[-1]:
         expected = "a result folder of `grainloops series --indicators`"
         remedy = "Run this command first, and name its folder."
         raise InputError(str(folder), "no series with its packing", expected, remedy)
     rng, rows = np.random.default_rng(seed), list[dict[str, Any]]()
-    for own, state, earlier in interval_columns(*parts):
-        before, after = int(own["snapshot_before"][0]), int(own["snapshot_after"][0])
-        row = require_about(folder / "increments" / f"part-{before:05d}-{after:05d}.parquet")["row"]
+    for loops, state, earlier in skill.interval_columns(*parts):
+        before, after = int(loops["snapshot_before"][0]), int(loops["snapshot_after"][0])
+        part = require_about(folder / "increments" / f"part-{before:05d}-{after:05d}.parquet")
         # The larger principal compression of the sample, to one digit: the size of the step.
-        H = np.array([row[f"dH{ij}"] for ij in COMPONENTS]).reshape(2, 2)
+        H = np.array([part["row"][f"dH{ij}"] for ij in COMPONENTS]).reshape(2, 2)
         step = float(f"{np.linalg.eigvalsh(0.5 * (H + H.T))[-1]:.0e}")
         place = {"packing": folder.name, "step": step, "snapshot_after": after}
         shuffled: dict[str, Any] = {}
-        for target, name, score, value, _ in targets(own, state, earlier):
+        for target, name, score, value, _ in skill.targets(loops, state, earlier):
             if name in COMPARED:
                 wrong = shuffled.setdefault(target, rng.permutation(value))
-                found, chance = (score_skill(score, one, signed=False) for one in (value, wrong))
-                kept = {key: found[key] for key in ("base", "coverage", "auc")}
-                told = {"target": target, "predictor": name, "shuffled": chance["auc"]}
-                rows.append({**place, **told, **kept})
+                kinds = [skill.score_skill(score, flags, signed=False) for flags in (value, wrong)]
+                row = place | {"target": target, "predictor": name, "shuffled": kinds[1]["auc"]}
+                rows.append(row | {key: kinds[0][key] for key in ("base", "coverage", "auc")})
     return pd.DataFrame(rows)
 
 
@@ -95,8 +82,7 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
 
 def by_packing(rows: pd.DataFrame) -> pd.DataFrame:
     """Means over the intervals of each packing."""
-    keys = ["packing", "step", "target", "predictor"]
-    groups = rows.groupby(keys, sort=False)
+    groups = rows.groupby(["packing", "step", "target", "predictor"], sort=False)
     return groups[["auc", "shuffled", "base"]].mean().join(groups.size().rename("intervals"))
 
 
@@ -106,30 +92,29 @@ def compare(rows: pd.DataFrame) -> pd.DataFrame:
     `above` is how far the rate problem lies above the predictor, with its own interval: packing by
     packing, so that what they have in common cancels.
     """
-    single, found = by_packing(rows), []
-    for (step, target, name), own in single.groupby(["step", "target", "predictor"], sort=False):
+    single, keys, means = by_packing(rows), ["step", "target", "predictor"], []
+    for (step, target, name), of_packings in single.groupby(keys, sort=False):
         rates = single["auc"].xs((step, target, "packing"), level=(1, 2, 3))
-        auc = own["auc"].droplevel([1, 2, 3])
-        values = [*interval(auc), *interval(own["shuffled"]), float(own["base"].mean())]
-        values += interval((rates - auc).dropna())
-        values += int(auc.notna().sum()), int(own["intervals"].sum())
-        place = {"step": step, "target": target, "predictor": name}
-        found.append(place | dict(zip(MEAN, values, strict=True)))
-    return pd.DataFrame(found)
+        auc = of_packings["auc"].droplevel([1, 2, 3])
+        intervals = *interval(auc), *interval(of_packings["shuffled"])
+        means.append([step, target, name, *intervals, of_packings["base"].mean(),
+                      *interval((rates - auc).dropna()), auc.notna().sum(),
+                      of_packings["intervals"].sum()])  # fmt: skip
+    return pd.DataFrame(means, columns=[*keys, *MEANS])
 
 
 def winners(table: pd.DataFrame) -> list[dict[str, Any]]:
     """The structural predictor of the largest mean AUC by target and step, and what lies above."""
-    found = []
-    for (target, step), own in table.groupby(["target", "step"], sort=False):
-        rows = own.set_index("predictor")
-        aucs = rows.reindex(STRUCTURAL)["auc"].dropna()
-        if len(aucs):
-            best = {"target": target, "step": step, "best": aucs.idxmax()}
-            for key in ("auc", "low", "high", "base", "packings"):
-                best[key] = rows.loc[best["best"], key]
-            found.append(best | {name: rows["auc"].get(name) for name in COMPARED[:5]})
-    return found
+    best = []
+    for (target, step), rows in table.groupby(["target", "step"], sort=False):
+        aucs = rows.set_index("predictor")["auc"]
+        structural = aucs.reindex(STRUCTURAL).dropna()
+        if len(structural):
+            row = rows[rows["predictor"] == structural.idxmax()].iloc[0]
+            best.append({"target": target, "step": step, "best": row["predictor"],
+                         **row[["auc", "low", "high", "base", "packings"]],
+                         **aucs.reindex(MECHANICAL)})  # fmt: skip
+    return best
 
 
 @styled()
@@ -142,47 +127,42 @@ def draw(table: pd.DataFrame) -> Figure:
     several = table.groupby("step")["packings"].transform("max") > 1
     table = table[several] if several.any() else table
     steps = sorted(table["step"].unique())
-    figure = new_figure(TWO_COLUMNS, 5.2, fixed=True)
-    panels = figure.subplots(1, len(TARGETS), sharex=True, sharey=True)
-    apart = 0.7 / max(len(steps), 1)
-    for ax, target in zip(panels, TARGETS, strict=True):
-        for place in range(0, len(names), 2):
-            ax.axhspan(place - 0.5, place + 0.5, color=LIGHT_GREY, alpha=0.35, linewidth=0)
-        for k, step in enumerate(steps):
+    figure, (panels,) = new_panels(1, len(skill.TARGETS), 5.2, sharex=True, sharey=True)
+    apart = np.linspace(-0.35, 0.35, 2 * len(steps) + 1)[1::2]
+    for ax, target in zip(panels, skill.TARGETS, strict=True):
+        ax.grid(axis="y", color=LIGHT_GREY, linewidth=0.5)
+        for step, aside, colour in zip(steps, apart, LINE_COLOURS, strict=False):
             rows = table[(table["target"] == target) & (table["step"] == step)]
-            rows = rows.set_index("predictor").reindex(names)
-            y = np.arange(len(names)) + apart * (k - 0.5 * (len(steps) - 1))
-            colour, label = LINE_COLOURS[k % len(LINE_COLOURS)], f"step of {step:g}"
-            ax.plot(rows["auc"], y, "o", color=colour, markersize=3, label=label)
+            rows, y = rows.set_index("predictor").reindex(names), np.arange(len(names)) + aside
+            ax.plot(rows["auc"], y, "o", color=colour, markersize=3, label=f"step of {step:g}")
             ax.hlines(y, rows["low"], rows["high"], color=colour, linewidth=1.0)
             ax.plot(rows["shuffled"], y, "|", color=colour, markersize=3, alpha=0.6)
         ax.axvline(0.5, color="black", linewidth=0.6, zorder=0)
-        ax.set(title=TARGETS[target], xlabel="AUC", xlim=(0.25, 1.03))
-    panels[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
+        ax.set(title=skill.TARGETS[target], xlabel="AUC", xlim=(0.25, 1.03))
+    panels[0].set_yticks(range(len(names)), labels=[skill.PREDICTORS[name] for name in names])
     panels[0].set_ylim(len(names) - 0.5, -0.5)
-    title = "dots: mean and 95 % interval over packings; ticks: targets shuffled"
-    figure_key(figure, ncols=max(len(steps), 1), title=title)
+    key = "dots: mean and 95 % interval over packings; ticks: targets shuffled"
+    figure_key(figure, ncols=max(len(steps), 1), title=key)
     return figure
 
 
 def main(out: Path, *folders: Path) -> dict[str, Any]:
     """Compare the predictors of the series; write table and figure, and the means by packing."""
     with TemporaryDirectory() as place:
-        every = folders or (Path(place) / "sample",)
         if not folders:
-            sample_series(*every, indicators=True)
-        rows = pd.concat([scores(one, seed) for seed, one in enumerate(every)], ignore_index=True)
-    table = compare(rows)
-    known = table[table["shuffled_low"].notna()]
-    holds = (known["shuffled_low"] <= 0.5) & (known["shuffled_high"] >= 0.5)
+            folders = (Path(place) / "sample",)
+            sample_series(*folders, indicators=True)
+        rows = pd.concat(map(scores, folders, count()), ignore_index=True)
+    table, means = compare(rows), by_packing(rows).reset_index()
+    known = table.dropna(subset="shuffled_low")
+    holds = known.eval("shuffled_low <= 0.5 <= shuffled_high")
     numbers = {
         "packings": sorted(set(rows["packing"])),
         "shuffled_mean": float(table["shuffled"].mean()),
         "share_of_shuffled_intervals_with_one_half": float(holds.mean()) if len(known) else None,
         "best_indicators": winners(table),
     }
-    own = by_packing(rows).reset_index()
-    return save(out, "indicators", draw(table), numbers, table, by_packing=own)
+    return save(out, "indicators", draw(table), numbers, table, by_packing=means)
 
 
 if __name__ == "__main__":

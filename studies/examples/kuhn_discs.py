@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from loops import GrainGraph, LinearFrictional, Scene, contact_state, find_faces
 from loops.contacts import PackingState
@@ -30,11 +29,11 @@ from stability.packing import HeldPacking, hold
 from stability.packing.path import columns
 from studies.evolve import event_table
 from studies.examples import run_example, save
+from studies.frames import path_table
 from studies.style import BLACK, BLUE, LIGHT_GREY, VERMILION, edge_ticks, new_panels, styled
 
 SIDE = 5.718438216717316
-DISC_STIFFNESS = 1.0
-FRICTION = 0.5
+KN, FRICTION = 1.0, 0.5
 # Strain over which the geometry is kept.
 INTERVAL = 5e-6
 # Strain between rows: all of OVAL's strains are rows.
@@ -53,7 +52,7 @@ def discs_in_cell(folder: Path, shear_increment: ShearIncrement = "branch") -> S
     x, cell = np.column_stack(places), SIDE * np.eye(2)
     contacts, images = near_pairs(x, cell, radii, 0.0)
     graph = GrainGraph(x=x, radii=radii, contacts=contacts, images=images, cell=cell)
-    law = LinearFrictional(DISC_STIFFNESS, DISC_STIFFNESS, FRICTION, shear_increment)
+    law = LinearFrictional(KN, KN, FRICTION, shear_increment)
     N = law.normal_force(contact_state(graph))
     return Scene(graph.replace(normal_force=N, shear_force=0.0 * N), law)
 
@@ -67,19 +66,12 @@ def compressed(
 
 
 def compression_table(path: FollowedPath) -> pd.DataFrame:
-    """Return strain, Cauchy stresses, extension across, lost area and the answers of each row."""
+    """Return the rows of a path with Cauchy stresses and the extension across."""
     F = np.eye(2) - path.H.reshape(-1, 2, 2)
     sigma = path.P.reshape(-1, 2, 2) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
-    table = {
-        "strain_11": path.H[:, 0],
-        "sigma_11": sigma[:, 0, 0],
-        "sigma_22": sigma[:, 1, 1],
-        "stress_ratio": sigma[:, 0, 0] / sigma[:, 1, 1],
-        "extension_22": -path.H[:, 3],
-        "lost_area": 1.0 - np.linalg.det(F),
-        "contacts": [int(state.closed.sum()) for state in path.states],
-    }
-    return pd.DataFrame(table | (columns(path.pathologies) if path.pathologies else {}))
+    table = path_table(path).rename(columns={"H11": "strain_11"})
+    sigma_11, sigma_22 = sigma[:, 0, 0], sigma[:, 1, 1]
+    return table.assign(sigma_11=sigma_11, sigma_22=sigma_22, extension_22=-table.H22)
 
 
 def compared(rows: pd.DataFrame, oval: pd.DataFrame) -> pd.DataFrame:
@@ -105,9 +97,8 @@ def structure(state: PackingState) -> dict[str, Any]:
     Contacts are those that carry; `touching` counts pairs of discs that touch, and
     `fabric_11_touching` takes these.
     """
-    length = np.linalg.norm(state.branches, axis=1)
-    touching = length < (1.0 + TOUCH) * state.radii[state.contacts].sum(axis=1)
-    along, graph = (state.branches[:, 0] / length) ** 2, state.graph()
+    touching = state.length < (1.0 + TOUCH) * state.radii[state.contacts].sum(axis=1)
+    along, graph = (state.branches[:, 0] / state.length) ** 2, state.graph()
     return {
         "contacts": graph.contact_count,
         "loops": len(find_faces(graph).loops),
@@ -128,48 +119,26 @@ def compression_events(path: FollowedPath) -> pd.DataFrame:
 
 @styled()
 def draw(rows: pd.DataFrame, table: pd.DataFrame, events: pd.DataFrame) -> Figure:
-    """Draw stress ratio, lost area, differences, candidates and answers over the strain."""
-    heights = {"height_ratios": [3, 3, 2.4, 2, 1.8]}
-    figure, panels = new_panels(5, 1, 7.6, sharex=True, gridspec_kw=heights)
-    ratio, area, off, count, strip = panels[:, 0]
+    """Draw stress ratio, differences, contacts at yield and answers over the strain."""
+    figure, ((ratio,), (off,), (count,), (strip,)) = new_panels(4, 1, 6.2, sharex=True)
     strain, theirs = 100 * rows.strain_11, 100 * table.strain_11
-    lost = 1 - (1 - table.strain_11) * (1 + table.extension_22)
-    for axes, ours, points in (
-        (ratio, rows.stress_ratio, table.sigma_11 / rows.sigma_22[0]),
-        (area, 100 * rows.lost_area, 100 * lost),
-    ):
-        axes.plot(strain, ours, color=BLUE, label="by events")
-        axes.plot(theirs, points, "o", color=VERMILION, mfc="none", label="OVAL")
-    ratio.legend(loc="upper left")
+    ratio.plot(strain, rows.sigma_11 / rows.sigma_22, color=BLUE, label="by events")
+    ratio.plot(theirs, table.sigma_11 / rows.sigma_22[0], "o", color=VERMILION, label="OVAL")
+    ratio.set_ylabel(r"$\sigma_{11}/\sigma_{22}$ (–)")
+    ratio.legend()
     edge_ticks(ratio, 100 * events.strain_11.to_numpy())
-    edges = 100 * np.array([0.0, *BOUNDS])
-    for bounds, colour in zip(zip(*BOUNDS.values(), strict=True), (BLUE, VERMILION), strict=True):
-        off.stairs(bounds, edges, baseline=None, color=colour, linewidth=0.8, linestyle="--")
-    off.semilogy(theirs, table.off_sigma.abs(), "s", color=BLUE, label="of the increment of stress")
-    off.semilogy(theirs, table.off_extension.abs(), "^", color=VERMILION, label="of the extension")
-    off.legend(loc="lower right")
+    off.semilogy(theirs, table.off_sigma.abs(), "s", label="of the rise of the stress")
+    off.semilogy(theirs, table.off_extension.abs(), "^", label="of the extension")
+    off.set_ylabel("difference (–)")
+    off.legend()
     count.step(strain, rows.candidates, where="post", color=BLACK)
-    # Yes is blue, no vermilion, what is not decided grey.
+    count.set_ylabel("contacts\nat yield")
     single = (rows.solutions == 1).astype(float).where(rows.solutions >= 0)
     answers = rows[list(ANSWERS)].assign(single=single, works=(rows.path_w2 > 0).astype(float))
     colours = ListedColormap([VERMILION, BLUE]).with_extremes(bad=LIGHT_GREY)
-    edges = 100 * np.append(rows.strain_11 - 0.5 * ROW, rows.strain_11.iloc[-1] + 0.5 * ROW)
-    strip.pcolormesh(edges, np.arange(6), answers.T, cmap=colours, vmin=0, vmax=1)
-    strip.set_yticks(np.arange(5) + 0.5, [*ANSWERS.values(), "one solution", "$W_2 > 0$"])
-    strip.hlines(range(1, 5), *edges[[0, -1]], color="white", linewidth=3.0)
-    strip.tick_params(axis="y", length=0)
-    strip.set(xlim=edges[[0, -1]] + [-0.02, 0.02], ylim=(5, 0))
-    words = (
-        r"$\sigma_{11}/\sigma_{22}$ (–)",
-        "lost area (%)",
-        "difference (–)",
-        "contacts\nat yield",
-    )
-    for axes, label in zip(panels[:, 0], words, strict=False):
-        axes.set_ylabel(label)
-    key = [Patch(color=BLUE, label="yes"), Patch(color=VERMILION, label="no")]
-    strip.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    strip.set_xlabel(r"strain $E_{11}$ (%)")
+    strip.pcolormesh(strain, range(5), answers.T, cmap=colours, vmin=0, vmax=1, shading="nearest")
+    strip.set_yticks(range(5), [*ANSWERS.values(), "one solution", "$W_2 > 0$"])
+    strip.set(xlabel="strain $E_{11}$ (%); blue: yes, vermilion: no", ylim=(4.5, -0.5))
     return figure
 
 
@@ -180,21 +149,19 @@ def main(out: Path, folder: Path) -> dict[str, Any]:
     path = compressed(held)
     rows, events = compression_table(path), compression_events(path)
     table = compared(rows, oval)
-    radii = compressed(hold(discs_in_cell(folder, "radii")), 4e-4, pathologies=False)
-    other = compared(compression_table(radii), oval[oval.strain_11 <= 4e-4])
+    along_radii = compressed(hold(discs_in_cell(folder, "radii")), 4e-4, pathologies=False)
+    radii = compared(compression_table(along_radii), oval[oval.strain_11 <= 4e-4])
     numbers = {
         "start": structure(path.states[0]),
         "stress_before": held.stress_before.ravel().tolist(),
         "stress_held": held.stress.ravel().tolist(),
         "sliders": [event.parameter for event in path.of_kind("yield")[:2]],
         "events": len(path.events),
-        "rows_not_definite": rows.strain_11[rows.definite == 0].tolist(),
-        "rows_negative_w2": rows.strain_11[rows.path_w2 < 0].tolist(),
         "instabilities": len(path.of_kind("instability")),
         "intervals": path.intervals,
         "within": within(table),
-        "within_radii": within(other),
-        "off_radii": other[["off_sigma", "off_extension"]].abs().max().tolist(),
+        "within_radii": within(radii),
+        "off_radii": radii[["off_sigma", "off_extension"]].abs().max().tolist(),
         "at_0.009": structure(path.states[round(9e-3 / ROW)]),
     }
     more = {"kuhn_discs_oval": table, "kuhn_discs_events": events}

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from scipy.spatial import cKDTree
 
 from loops import (
@@ -36,8 +35,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.geometry import from_centroid, outward
 from patterns import Snapshot, random_loop, read_snapshot, sample_cell, sample_path
 from stability.verdict import loop_stability
-from studies.examples import run_example, save
-from studies.examples.cells import read
+from studies.examples import read, run_example, save
 from studies.style import BLACK, BLUE, VERMILION, figure_key, new_panels, styled
 
 ORDERS = range(3, 13)
@@ -50,8 +48,7 @@ MOST_DEVIATOR, OVERLAP = 0.6, 1e-3
 # the elongation, and mobilisation).
 NEIGHBOURS, NEAR_SHAPES = 100, 0.15
 RESAMPLES = 400
-# Orders of which so many loops are drawn.
-FEWEST_DRAWN = 100
+FEWEST_RANKS = 20
 
 
 def drawn_forces(
@@ -183,7 +180,7 @@ def order_medians(
     rows = []
     for order, own in real.groupby("order"):
         rank = own["rank"].dropna().to_numpy()
-        if len(rank) < 20:
+        if len(rank) < FEWEST_RANKS:
             continue
         means = rng.choice(rank, (RESAMPLES, len(rank))).mean(axis=1)
         row: dict[str, Any] = {"order": order, "matched": len(rank), "rank": rank.mean()}
@@ -194,38 +191,23 @@ def order_medians(
                     f"{name}_negative": (some.lambda_min < 0.0).mean(),
                     f"{name}_convex": some.convex.mean()}  # fmt: skip
         rows.append(row)
-    return pd.DataFrame(rows or {"order": []})
+    return pd.DataFrame(rows)
 
 
 @styled()
-def draw(random: pd.DataFrame, real: pd.DataFrame, table: pd.DataFrame) -> Figure:
-    """Smallest eigenvalue over the order; ranks of real loops; shares of convex loops."""
-    figure, ((smallest, ranks), (mean, convex)) = new_panels(2, 2, 4.8)
-    for data, colour, name in ((random, BLUE, "random"), (real, VERMILION, "real")):
-        groups = data.groupby("order")
-        low, middle, high = groups.lambda_min.quantile([0.05, 0.5, 0.95]).unstack().T.to_numpy()
-        many, look = groups.size().to_numpy() >= FEWEST_DRAWN, {"color": colour, "markersize": 3}
-        spread, orders = np.array([middle - low, high - middle]), np.array([*groups.groups])
-        smallest.errorbar(orders[many], middle[many], spread[:, many], fmt="o", label=name, **look)
-        if len(table):
-            convex.plot(table.order, table[f"{name}_convex"], "o", **look)
-    smallest.set(yscale="log", ylabel=r"$\lambda_{\min}(K_s)/k_n$ (–): 5, 50, 95 %")
-    for order, style in ((3, "-"), (4, "--"), (5, "-."), (6, ":")):
-        own, label = real[real.order == order]["rank"].dropna(), f"$n$ = {order}"
-        ranks.stairs(*np.histogram(own, 10, (0.0, 1.0), density=True), linestyle=style,
-                     color=VERMILION, label=label)  # fmt: skip
-    ranks.axhline(1.0, color=BLACK, linewidth=0.5)
-    ranks.set(xlabel=r"rank of the real loop's $\lambda_{\min}$ (–)", ylabel="density (–)")
-    ranks.legend()
-    if len(table):
-        away = [table["rank"] - table.rank_low, table.rank_high - table["rank"]]
-        mean.errorbar(table.order, table["rank"], away, fmt="o", markersize=3, color=VERMILION)
+def draw(table: pd.DataFrame) -> Figure:
+    """Median smallest eigenvalues, mean ranks of real loops and shares of convex ones by order."""
+    figure, ((smallest, mean, convex),) = new_panels(1, 3, 2.9)
+    for name, colour in (("random", BLUE), ("real", VERMILION)):
+        look: Any = {"marker": "o", "linestyle": "none", "color": colour, "label": name}
+        smallest.plot(table.order, table[f"{name}_lambda"], **look)
+        convex.plot(table.order, table[f"{name}_convex"], **look)
+    away = table["rank"] - table.rank_low, table.rank_high - table["rank"]
+    mean.errorbar(table.order, table["rank"], away, fmt="o", color=VERMILION)
     mean.axhline(0.5, color=BLACK, linewidth=0.5)
-    mean.set(ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
-    convex.set(ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
-    for ax in (smallest, mean, convex):
-        ax.set_xlabel("order $n$ (–)")
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    smallest.set(xlabel="order $n$ (–)", ylabel=r"median $\lambda_{\min}(K_s)/k_n$ (–)")
+    mean.set(xlabel="order $n$ (–)", ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
+    convex.set(xlabel="order $n$ (–)", ylabel="share of convex loops (–)", ylim=(0.0, 1.05))
     figure_key(figure, smallest, ncols=2)
     return figure
 
@@ -245,7 +227,7 @@ def main(out: Path, *paths: Path, loops: int = LOOPS) -> dict[str, Any]:
     table = order_medians(real, random, rng)
     numbers = {"seed": SEED, "random": len(random), "real": len(real)}
     numbers |= {"matched": int(real["rank"].notna().sum()), "by_order": table.to_dict("records")}
-    return save(out, "loop_ensembles", draw(random, real, table), numbers, table)
+    return save(out, "loop_ensembles", draw(table), numbers, table)
 
 
 if __name__ == "__main__":

@@ -21,12 +21,11 @@ from stability.packing import PackingRates, probe
 from stability.packing.yielding import yield_response
 from studies.examples import run_example, save
 from studies.output import components
-from studies.style import BLUE, GREY, TWO_COLUMNS, VERMILION, new_figure, styled
+from studies.style import BLUE, GREY, VERMILION, new_panels, styled
 
 STATES = ("before", "after", "moving")
 BANDS = {"0.999": 0.999, "0.99": 0.99, "elastic": None}
 COLOURS = dict(zip(BANDS, (BLUE, VERMILION, GREY), strict=True))
-TITLES = {"before": "before the peak", "after": "after the peak", "moving": "before, moving"}
 STRESS = ["sig2d_xx", "sig2d_xy", "sig2d_yx", "sig2d_yy"]
 
 
@@ -53,7 +52,7 @@ def increments(rows: pd.DataFrame) -> tuple[Floats, Floats]:
 
 def compared_state(name: str) -> pd.DataFrame:
     """One row per band, amplitude and direction: measured and predicted stress, error, both W2."""
-    (snapshot, measured), parts = state(name), []
+    (snapshot, measured), parts = state(name), list[pd.DataFrame]()
     stress, theta = love_weber_stress(snapshot.graph), measured["theta_deg"].unique()
     wanted = np.column_stack([np.cos(np.radians(theta)), np.sin(np.radians(theta))])
     for label, band in BANDS.items():
@@ -65,7 +64,7 @@ def compared_state(name: str) -> pd.DataFrame:
             size, actual = increments(rows)
             error = np.linalg.norm(P + more - actual, axis=(1, 2))
             length = np.linalg.norm(actual, axis=(1, 2))
-            columns = {
+            parts.append(pd.DataFrame({
                 **{"state": name, "band": label, "amplitude": amplitude, "theta_deg": theta},
                 **components("measured_", actual),
                 **components("predicted_", P + more),
@@ -75,8 +74,7 @@ def compared_state(name: str) -> pd.DataFrame:
                 "measured_W2": np.sum((actual - more) * H, axis=(1, 2)),
                 "predicted_W2": np.sum(P * H, axis=(1, 2)),
                 "unbalanced": rows["unbalanced"].to_numpy(),
-            }
-            parts.append(pd.DataFrame(columns))
+            }))  # fmt: skip
     return pd.concat(parts)
 
 
@@ -106,10 +104,11 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
 def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Errors over the directions in per cent, and the share of right signs of W2."""
     out = []
-    for key, part in rows.groupby(["state", "band", "amplitude"], sort=False):
+    names = ["state", "band", "amplitude"]
+    for key, part in rows.groupby(names, sort=False):
         error, negative = 100 * part["error"], part[["measured_W2", "predicted_W2"]] < 0
         out.append({
-            **dict(zip(("state", "band", "amplitude"), key, strict=True)),
+            **dict(zip(names, key, strict=True)),
             "median": error.median(), "q90": error.quantile(0.9), "largest": error.max(),
             "largest_of_largest": 100 * part["error_of_largest"].max(),
             "of_state": part["error_of_state"].median(),
@@ -124,34 +123,27 @@ def summed(rows: pd.DataFrame) -> list[dict[str, Any]]:
 @styled()
 def draw(rows: pd.DataFrame, sums: pd.DataFrame, kn: float = 1e6) -> Figure:
     """Envelopes, measured and predicted, and the errors over the amplitude."""
-    figure = new_figure(TWO_COLUMNS, 3.0)
-    panels = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.5])
+    figure, (panels,) = new_panels(1, 4, 3.0, width_ratios=[1, 1, 1, 1.5])
     for ax, name in zip(panels, STATES, strict=False):
         for label, near in (("elastic", 2e-6), ("0.999", 2e-6), ("0.99", 2e-5)):
             part = rows[(rows["state"] == name) & (rows["band"] == label)]
             part = part[np.isclose(part["amplitude"], near)]
             loop = np.append(np.arange(len(part)), 0)
             values = part[["predicted_11", "predicted_22"]].to_numpy()[loop] / kn
-            told = label if label == "elastic" else f"predicted, band {label}"
-            style = "--" if label == "elastic" else "-"
-            ax.plot(*values.T, style, color=COLOURS[label], linewidth=1.0, label=told)
-            if label != "elastic":
+            look = {"color": COLOURS[label], "linewidth": 1.0}
+            ax.plot(*values.T, "-" if BANDS[label] else "--", label=f"predicted, {label}", **look)
+            if BANDS[label]:
                 points = part[["measured_11", "measured_22"]].to_numpy() / kn
                 look = {"color": COLOURS[label], "markersize": 3.0, "fillstyle": "none"}
                 ax.plot(*points.T, "os"[near > 5e-6], **look, label=f"Yade, {near:.0e}")
-        ax.set(title=TITLES[name], aspect="equal", xlabel=r"$\Delta\sigma_{11}/(a\,k_n)$")
+        ax.set(title=name, aspect="equal", xlabel=r"$\Delta\sigma_{11}/(a\,k_n)$")
     panels[0].set_ylabel(r"$\Delta\sigma_{22}/(a\,k_n)$")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    for name, mark in zip(STATES, "os^", strict=True):
-        for label in BANDS:
-            part = sums[(sums["state"] == name) & (sums["band"] == label)]
-            look = {"color": COLOURS[label], "fillstyle": "none", "markersize": 3.5}
-            panels[3].loglog(part["amplitude"], part["median"], f"{mark}-", linewidth=0.9, **look)
-    panels[3].set(
-        title="median; circles: before,\nsquares: after, triangles:\nmoving",
-        xlabel="amplitude a of the probe",
-        ylabel="error of the stress\nincrement (%)",
-    )
+    marks, look = dict(zip(STATES, "os^", strict=True)), {"fillstyle": "none", "markersize": 3.5}
+    for (name, label), part in sums.groupby(["state", "band"], sort=False):
+        look |= {"color": COLOURS[label], "marker": marks[name]}
+        panels[3].loglog(part["amplitude"], part["median"], linewidth=0.9, **look)
+    panels[3].set(title="before o, after □, moving △", xlabel="$a$", ylabel="median error (%)")
     return figure
 
 
@@ -161,8 +153,7 @@ def main(out: Path) -> dict[str, Any]:
     sums = summed(rows)
     amplitudes = rows["amplitude"].unique()
     numbers = {"errors": sums, "on_the_way": {name: reached(name, amplitudes) for name in STATES}}
-    figure = draw(rows, pd.DataFrame(sums))
-    return save(out, "probing", figure, numbers, rows, "as Yade's: N, m")
+    return save(out, "probing", draw(rows, pd.DataFrame(sums)), numbers, rows, "as Yade's: N, m")
 
 
 if __name__ == "__main__":

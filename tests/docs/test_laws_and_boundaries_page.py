@@ -18,6 +18,7 @@ from loops import (
     contact_state,
 )
 from loops.in_place import loops_in_place
+from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
 from stability.packing.probe import probe_edge, probe_to
 from studies.series.evolution import track_loops
@@ -91,7 +92,7 @@ def sample(boundary, law):
 
 
 def in_place(one):
-    boundary = one.boundary_and_notes[0]
+    boundary, _ = sample_boundary(one)
     return loops_in_place(Scene(one.graph, one.law, boundary), one.faces).matrix
 
 
@@ -101,18 +102,18 @@ def amplitude(one):
 
 
 def at_rest(one):
-    boundary = one.boundary_and_notes[0]
+    boundary, _ = sample_boundary(one)
     return hold(Scene(one.graph, one.law, boundary)).stress
 
 
 def packing_path(one):
-    boundary = one.boundary_and_notes[0]
+    boundary, _ = sample_boundary(one)
     stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
     return follow(Scene(one.graph, one.law, boundary), stage, closure="packing").P
 
 
 def motion(one):
-    boundary = one.boundary_and_notes[0]
+    boundary, _ = sample_boundary(one)
     scene, H = Scene(one.graph, one.law, boundary), 1e-5 * np.diag([1.0, -0.5])
     return replay(scene, H, inertial_number=1e-4).state.stress
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from loops.kinetics import over_packings
-from studies.examples import cells, kuhn_discs
+from studies.examples import YADE_SAMPLES, cells, kuhn_discs, quadrons
 from studies.examples.three_discs import CASES, changing_angles, located, response_at
 from tests.docs.pages import DOCS, page, says, section, tables
 
@@ -156,7 +156,7 @@ def named(*numbers):
 @pytest.fixture(scope="module")
 def samples():
     """Series of the four packings of the collection."""
-    return [cells.intervals_of(COLLECTION / name) for name in cells.YADE_SAMPLES]
+    return [cells.intervals_of(COLLECTION / name) for name in YADE_SAMPLES]
 
 
 @pytest.mark.collection
@@ -203,8 +203,8 @@ def test_steady_state_and_neighbours_of_the_page(samples):
 
 @pytest.mark.collection
 def test_quadrons_of_the_page():
-    found = {name: cells.quadrons_of(COLLECTION / name) for name in cells.YADE_SAMPLES}
+    found = {name: quadrons.quadrons_of(COLLECTION / name) for name in YADE_SAMPLES}
     assert sum(len(one["area"]) for one in found.values()) == 369_092
-    _, by_order = cells.means(found)
+    _, by_order = quadrons.means(found)
     mean, error = ([value for name, value in row.items() if name != "order"] for row in QUADRONS)
     assert all(map(says, mean, by_order.mean_area)) and all(map(says, error, by_order.error))

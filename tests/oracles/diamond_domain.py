@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from loops.arrays import Floats
 from patterns.diamond import DiamondParameters as Case
 from tests.oracles.strain_lines import (
     StrainLine,
@@ -16,8 +17,6 @@ from tests.oracles.strain_lines import (
     strain_line,
     yield_position,
 )
-
-Floats = np.ndarray
 
 # Points of a programme among which the first change of sign of det Ks is bracketed.
 POINTS = 256

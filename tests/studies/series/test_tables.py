@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from tests.command import run
+from studies.reading import rows_by_number
+from studies.series.run import run_series
 
 CELLS = gl.sample_path("slow/cells.csv")
 PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
@@ -13,10 +14,10 @@ PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
 
 @pytest.fixture(scope="module")
 def states():
-    cells = pd.read_csv(CELLS)[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy()
+    cells = rows_by_number(CELLS)
     return [
-        gl.read_snapshot(path, cell=cell.reshape(2, 2), shear_increment="radii")
-        for path, cell in zip(PATHS, cells[:3], strict=True)
+        gl.read_snapshot(path, cell=np.reshape(cells[k], (2, 2)), shear_increment="radii")
+        for path, k in zip(PATHS, (10, 11, 12), strict=True)
     ]
 
 
@@ -24,8 +25,7 @@ def states():
 def written(tmp_path_factory):
     """Folder of the command on the same snapshots."""
     out = tmp_path_factory.mktemp("series") / "out"
-    how = ("--cells", CELLS, "--shear-increment", "radii", "--no-figures", "--workers", 1)
-    assert run("series", *PATHS, "--out", out, *how) == 0
+    run_series(PATHS, out, cells=CELLS, shear_increment="radii", figures=False, workers=1)
     return out
 
 
