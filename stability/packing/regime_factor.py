@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.yielding import Edge, MixedControl
+from stability.packing.yielding import MixedControl
 from stability.regimes import SlipProblem, agreeing
 
 if TYPE_CHECKING:
@@ -339,16 +339,12 @@ class RegimeFactor:
         parts = []
         for first in range(0, len(rows), ROOM):
             self.set_regimes(sliding, ELASTIC)
-            k = len(self.columns(rows[first : first + ROOM].tolist()))
-            rates = self.edge([Combination(np.zeros(5), unit) for unit in np.eye(k)], contacts)
-            stress, of_columns = self._stress_rates(control, np.zeros((0, 5)))
-            parts.append(np.vstack([rates, of_columns]))
-        *of_strain, of_load = self.edge([Combination(h, h[:0]) for h in np.eye(5)], contacts).T
+            units = self.columns(rows[first : first + ROOM].tolist())
+            parts.append(self.edge(self.driven(control, units), contacts))
+        q = self.edge((self.solve(control),), contacts)[:, 0]
         self.set_regimes(sliding, SLIDING)
         # A force -s on the shear row is one unit of slip.
-        slips, m = -self.side[contacts] * np.hstack(parts), len(rows)
-        given = np.array(of_strain).T, np.eye(m) + slips[:m], stress[:, :4], slips[m:]
-        return Edge(*given, of_load, stress[:, 4]).problem(control)
+        return q, np.eye(len(rows)) - self.side[contacts] * np.hstack(parts)
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

@@ -58,16 +58,14 @@ class MixedControl(NamedTuple):
 class Edge(NamedTuple):
     """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
 
-    Of them all under unit strains (m, 4) and unit slips (m, k), and under the load (m,); the stress
-    rates (4, 4), (4, k), (4,) of these.
+    Of them all under unit strains (m, 4) and unit slips (m, k); the stress rates (4, 4), (4, k) of
+    these.
     """
 
     of_strain: Floats
     of_slip: Floats
     stress: Floats
     stress_of_slip: Floats
-    of_load: Floats | float = 0.0
-    stress_of_load: Floats = NOTHING
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
@@ -75,8 +73,7 @@ class Edge(NamedTuple):
         driven = self.of_strain @ still.strains(self.stress, self.stress_of_slip)
         M = self.of_slip + driven
         M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
-        h = control.strains(self.stress, self.stress_of_load)
-        return self.of_load + self.of_strain @ h, M
+        return self.of_strain @ control.strains(self.stress), M
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:

@@ -149,6 +149,26 @@ def test_paths_are_those_of_weaker_springs(state, strain, monkeypatch):
     np.testing.assert_allclose(one.work[-1, 0], other.work[-1, 0], rtol=rtol)
 
 
+@pytest.mark.parametrize("room", [regime_factor.ROOM, 3])
+@pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
+def test_slips_of_the_condensed_problem_are_those_of_sliding_contacts(control, room, monkeypatch):
+    """With `w = 0` on the contacts that slide `w - z` is that of the packing in these regimes."""
+    graph, some = jammed(36, 5, LAW), np.array([3, 5, 11, 20, 30])
+    slides = np.array([True, False, True, True, False])
+    sides = np.where(some % 2, 1.0, -1.0)
+    pieces = pieces_of(
+        graph, list(zip(some, np.where(slides, SLIDING, ELASTIC), sides, strict=True))
+    )
+    wanted = pieces.edge((pieces.solve(control),), some)[:, 0]
+    monkeypatch.setattr(regime_factor, "ROOM", room)
+    q, M = pieces.problem(control, some)
+    z = np.zeros(len(some))
+    z[slides] = -np.linalg.solve(M[np.ix_(slides, slides)], q[slides])
+    assert (pieces.regime[some] == np.where(slides, SLIDING, ELASTIC)).all()
+    size = np.abs(wanted).max()
+    np.testing.assert_allclose(q + M @ z - z, wanted, rtol=0, atol=1e-9 * size)
+
+
 def test_rows_that_change_next_are_solved_ahead():
     """Yield changes the shear row alone, opening and closing change both."""
     pieces = pieces_of(jammed(36, 5, LAW), [(7, OPEN, 0.0), (9, SLIDING, 1.0)])
