@@ -83,7 +83,7 @@ def snap_through(
     moving.load(load)
     ran, checks = moving.run(steps, dt, damping), 0
     slow = REST_STRAIN * float(np.linalg.norm(H)) / (steps * dt)
-    while ran and not rests(moving, slow):
+    while ran and not rests(moving, slow, REST_FORCE):
         if checks == MAX_CHECKS:
             raise ArithmeticError(
                 f"no rest in {MAX_CHECKS * CHECK_STEPS} steps after an instability"
@@ -108,16 +108,14 @@ def work_of(moving: Moving, end: Contacts, load: Floats, energy: float) -> Float
     return work
 
 
-def rests(moving: Moving, slow: float, force: float | None = None) -> bool:
+def rests(moving: Moving, slow: float, force: float) -> bool:
     """Whether resultants are small over forces and the cell strains no faster than `slow`."""
-    motion = moving.motion
+    motion, still = moving.motion, bool(np.linalg.norm(moving.motion.gradient) < slow)
     # Without contacts there is no moment, and nothing to wait for.
-    if motion.moment.any() and not np.linalg.norm(motion.gradient) < slow:
+    if motion.moment.any() and not still:
         return False
-    state, least = moving.state(), REST_FORCE if force is None else force
-    if not state.closed.any():
-        return True
-    return bool(moving.unbalanced(state) < least and np.linalg.norm(motion.gradient) < slow)
+    state = moving.state()
+    return not state.closed.any() or (still and moving.unbalanced(state) < force)
 
 
 def masses_of(
@@ -435,10 +433,6 @@ class Moving:
             rolling_moment=motion.rolled.copy(),
         )
         return state.with_normal_forces()
-
-
-if TYPE_CHECKING:
-    from loops.compiled.motion import Servo
 
 
 @of_scene

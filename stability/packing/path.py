@@ -470,16 +470,20 @@ def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Path
     candidates = packing.at_yield(N, T, held)
     stuck = candidates[regime[candidates] == ELASTIC]
     packing.side[stuck] = np.sign(T[stuck])
-    w2, m = _second_order_work(packing, control), len(candidates)
+    rates, m = packing.solve(control), len(candidates)
+    strain, stress = rates.h[:4], packing.stress(rates)
+    # Over the sizes of both.
+    size = float(np.linalg.norm(stress) * np.linalg.norm(strain))
+    w2 = float(stress @ strain) / size if size > 0 else np.nan
     if m > MOST_CANDIDATES:
         said = f"{m} candidates, {MOST_CANDIDATES} at most"
         return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing.memory
     if m == 0:
         return _judged(np.zeros(0), np.eye(0), w2), packing.memory
-    low = packing.rounding(packing.solve(control))
     q, M = packing.problem(control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
-    return _judged(q, M * packing.frame["kt"][candidates], w2, low), packing.memory
+    judged = _judged(q, M * packing.frame["kt"][candidates], w2, packing.rounding(rates))
+    return judged, packing.memory
 
 
 def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:
@@ -497,17 +501,6 @@ def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:
         found = agreeing(SlipProblem(q, M, low=low), starts=FEW_STARTS)
         solutions, proved = len(found.solutions), found.exhaustive
     return Pathologies(m, asymmetry, definite, sure, solutions, proved, w2, told)
-
-
-def _second_order_work(packing: RegimeFactor, control: MixedControl) -> float:
-    """Return `P':H'` over the sizes of both, in the present regimes under a control."""
-    from stability.compiled.packing_rates import stress_rate
-
-    rates, stress = packing.solve(control), np.zeros(4)
-    strain = rates.h[:4]
-    stress_rate(packing.frame, packing.regime, packing.side, packing.motion(rates), rates.h, stress)
-    size = float(np.linalg.norm(stress) * np.linalg.norm(strain))
-    return float(stress @ strain) / size if size > 0 else np.nan
 
 
 def columns(found: tuple[Pathologies, ...]) -> dict[str, Floats]:

@@ -316,6 +316,14 @@ class RegimeFactor:
         columns = self.column_stress[:, :m]
         return self.stress0 - columns[:, : len(Y)] @ Y, columns
 
+    def stress(self, rates: Combination) -> Floats:
+        """Return the stress rate (4,) in the present regimes."""
+        from stability.compiled.packing_rates import stress_rate
+
+        out = np.empty(4)
+        stress_rate(self.frame, self.regime, self.side, self.motion(rates), rates.h, out)
+        return out / self.volume
+
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """Return `n . d'` and the shear rate of a pair."""
         from stability.compiled.packing_rates import relative

@@ -95,7 +95,7 @@ class StrainIncrement:
 
         That is an instability, a contact that pulls off, or the limit of the control.
         """
-        from stability.compiled.packing_rates import earliest, stress_rate
+        from stability.compiled.packing_rates import earliest
 
         packing, point, self.reached = self.packing, self.point, False
         rates = self._settled()
@@ -116,10 +116,8 @@ class StrainIncrement:
                 kind = "yield"
                 packing.side[c] = event
             # Rate of the quantity whose target ends it.
-            stress = np.zeros(4)
-            if point.leg.stage.quantity[0] == "P":
-                stress_rate(*pairs, v, h, stress)
-            speed = point.speed(h[:4], stress / packing.volume)
+            by_stress = point.leg.stage.quantity[0] == "P"
+            speed = point.speed(h[:4], packing.stress(rates) if by_stress else np.zeros(4))
             reached = speed * self.left > 0 and self.left / speed < left
             if reached:
                 left = self.left / speed
