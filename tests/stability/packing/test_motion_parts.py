@@ -136,13 +136,13 @@ def test_rest_is_a_small_resultant_and_a_slow_cell(force, speed, rest):
     motion = SimpleNamespace(resultant=resultant, gradient=gradient, moment=moment)
     moving = SimpleNamespace(motion=motion, state=lambda: state)
     moving.unbalanced = lambda state: Moving.unbalanced(moving, state)
-    assert rests(moving, 1.0) is rest
+    assert rests(moving, 1.0, 1e-6) is rest
     # Nothing to wait for where nothing carries.
     idle = replace(state, normal_force=np.zeros(3), closed=np.zeros(3, dtype=bool))
     moving.state = lambda: idle
-    assert rests(moving, 1.0) is (speed < 1.0)
+    assert rests(moving, 1.0, 1e-6) is (speed < 1.0)
     motion.moment = np.zeros(4)
-    assert rests(moving, 1.0)
+    assert rests(moving, 1.0, 1e-6)
 
 
 def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
@@ -156,8 +156,8 @@ def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
         ran.append((steps, dt))
         return True
 
-    def asks(moving, slow):
-        asked.append(slow)
+    def asks(moving, slow, force):
+        asked.append((slow, force))
         return answers.pop(0)
 
     monkeypatch.setattr(Moving, "run", run)
@@ -168,7 +168,7 @@ def test_a_snap_takes_as_long_as_its_inertial_number_says(monkeypatch):
     wanted = duration_of(span * rate, masses, state, 2.5e-7)
     assert steps == round(wanted / dt) and others == [(1000, dt)] * 2
     slow = 1e-2 * np.linalg.norm(span * rate) / (steps * dt)
-    assert asked == [pytest.approx(slow, rel=1e-12)] * 3
+    assert asked == [(pytest.approx(slow, rel=1e-12), 1e-6)] * 3
 
 
 def strains(rate):
