@@ -18,7 +18,6 @@ from loops import (
     contact_state,
 )
 from loops.in_place import loops_in_place
-from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
 from stability.packing.probe import probe_edge, probe_to
 from studies.series.evolution import track_loops
@@ -92,7 +91,7 @@ def sample(boundary, law):
 
 
 def in_place(one):
-    boundary, _ = sample_boundary(one)
+    boundary = one.boundary_and_notes[0]
     return loops_in_place(Scene(one.graph, one.law, boundary), one.faces).matrix
 
 
@@ -102,18 +101,18 @@ def amplitude(one):
 
 
 def at_rest(one):
-    boundary, _ = sample_boundary(one)
+    boundary = one.boundary_and_notes[0]
     return hold(Scene(one.graph, one.law, boundary)).stress
 
 
 def packing_path(one):
-    boundary, _ = sample_boundary(one)
+    boundary = one.boundary_and_notes[0]
     stage = Stage(programmes.drained_biaxial(), "H11", 1e-5)
     return follow(Scene(one.graph, one.law, boundary), stage, closure="packing").P
 
 
 def motion(one):
-    boundary, _ = sample_boundary(one)
+    boundary = one.boundary_and_notes[0]
     scene, H = Scene(one.graph, one.law, boundary), 1e-5 * np.diag([1.0, -0.5])
     return replay(scene, H, inertial_number=1e-4).state.stress
 

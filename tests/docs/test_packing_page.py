@@ -12,7 +12,6 @@ from loops import Scene, boundary_of
 from loops.boundary import outline_grains
 from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
-from patterns.snapshots.snapshot import sample_boundary
 from stability.packing import loops_at_yield
 from stability.packing.hold import unbalanced_force
 from studies.examples import packing_skill
@@ -65,7 +64,7 @@ def test_an_outline_against_walls():
     """Errors of loops whose sample is held at its outline, in per cent."""
     box = read_snapshot(sample_path())
     faces = box.faces
-    boundary, _ = sample_boundary(box)
+    boundary = box.boundary_and_notes[0]
     between = loops_in_place(Scene(box.graph, box.law, boundary), faces).matrix
     held = outline_grains(box.graph, faces)
     found = loops_in_place(

@@ -7,7 +7,6 @@ import grainloops as gl
 from grainloops import replay
 from loops import InputError, boundary_of
 from loops.scene import scene_of
-from patterns.snapshots.snapshot import sample_boundary
 from stability.packing import probe
 from tests.packings import jammed
 
@@ -36,7 +35,7 @@ def test_a_snapshot_has_one_scene_and_its_faces(box):
     assert found.scene is scene and found.faces is scene.faces
     known = box.faces
     assert box.scene.faces is known
-    boundary, _ = sample_boundary(box)
+    boundary = box.boundary_and_notes[0]
     assert scene.boundary.kind == "walls" == boundary.kind
     np.testing.assert_array_equal(scene.graph.regime, box.regime)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loops.arrays import Floats
 from patterns.diamond import DiamondParameters as Case
 from tests.oracles.strain_lines import (
     StrainLine,
@@ -17,6 +16,8 @@ from tests.oracles.strain_lines import (
     strain_line,
     yield_position,
 )
+
+Floats = np.ndarray
 
 # Points of a programme among which the first change of sign of det Ks is bracketed.
 POINTS = 256

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.arrays import Floats
 from loops.validation import acute_angle, finite, nonnegative, positive
 from patterns.diamond.closed_form import external_forces, matrix
+
+Floats = np.ndarray
 
 
 def side_lengths(length: ArrayLike, alpha: ArrayLike) -> tuple[Floats, Floats]:

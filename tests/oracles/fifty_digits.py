@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import LinearFrictional, contact_state
-from loops.arrays import Floats
 from loops.assembly import contact_regime
 from tests.oracles.hard_cases import CaseState
+
+Floats = np.ndarray
 
 DIGITS = 50
 # Rings up to this long are solved grain by grain; longer ones by their compliance.
@@ -181,7 +182,13 @@ def area_50(x0: list[list[Any]]) -> Any:
 
 
 def contact_blocks_50(
-    x: list[list[Any]], normal: Floats, shear: Floats, kn: Any, kt: Any, mu: Any, regime: Any
+    x: list[list[Any]],
+    normal: Floats,
+    shear: Floats,
+    kn: Any,
+    kt: Any,
+    mu: Any,
+    regime: Any,
 ) -> list[Any]:
     """Tangent blocks of a ring's contacts, `f' = -k d'`, 2 x 2 each.
 

@@ -18,8 +18,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats
-from loops.laws.frictional import ShearIncrement
+Floats = np.ndarray
 
 # Halvings of a bracket, down to the rounding of its ends.
 BRACKET_HALVINGS = 64
@@ -97,7 +96,7 @@ def half_diagonals(alpha0: ArrayLike, E1: ArrayLike, E2: ArrayLike) -> Floats:
 
 
 def sticking_shear(
-    line: StrainLine, u: ArrayLike, kappa: ArrayLike, increment: ShearIncrement = "branch"
+    line: StrainLine, u: ArrayLike, kappa: ArrayLike, increment: str = "branch"
 ) -> Floats:
     """Shear force at `u` where the contacts have stuck from the start."""
     d = np.where(line.distance > 0.0, line.distance, 1.0)
@@ -107,7 +106,7 @@ def sticking_shear(
 
 
 def yield_position(
-    line: StrainLine, kappa: ArrayLike, mu: ArrayLike, increment: ShearIncrement = "branch"
+    line: StrainLine, kappa: ArrayLike, mu: ArrayLike, increment: str = "branch"
 ) -> Floats:
     """`u` at which sticking contacts reach `|T| = mu N`; NaN where they open without shear.
 
@@ -140,7 +139,7 @@ def line_states(
     u: ArrayLike,
     kappa: ArrayLike,
     mu: ArrayLike = np.inf,
-    increment: ShearIncrement = "branch",
+    increment: str = "branch",
 ) -> LineStates:
     """States at `u`: sticking up to yield, then `T = s mu N`, nothing once open."""
     u = np.asarray(u, dtype=float)

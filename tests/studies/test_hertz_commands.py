@@ -9,7 +9,6 @@ from grainloops import hold, replay
 from loops import HertzMindlin, Scene
 from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
-from patterns.snapshots.snapshot import sample_boundary
 from stability import Stage, follow, programmes
 from tests.command import run
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split
@@ -73,7 +72,7 @@ def test_a_path_is_that_of_the_law(tmp_path, files):
     ways = ("--to", 2e-3, "--rows", 2, "--interval", 2e-5)
     assert run_hertz("evolve", files[0], *ways, "--out", tmp_path) == 0
     one, table = read(files[0]), pd.read_parquet(tmp_path / "path.parquet")
-    boundary, _ = sample_boundary(one)
+    boundary = one.boundary_and_notes[0]
     stage = Stage(programmes.drained_biaxial(), "H11", 2e-3)
     path = follow(Scene(one.graph, LAW, boundary), stage, closure="packing", rows=2, interval=2e-5)
     assert len(path.events) > 1

@@ -6,7 +6,6 @@ import pytest
 
 import grainloops as gl
 from loops import assemble_tangent, macroscopic_tangent
-from loops.in_place import loops_in_place
 from tests.packings import jammed
 
 RING = gl.regular_polygon(6, strain=0.02)
@@ -85,7 +84,6 @@ OF_PACKINGS = {
     "law of a material": lambda graph, law: gl.LoopMaterial(
         gl.loops_of(gl.Scene(graph, gl.LinearFrictional(1.0, 0.5))), None, law
     ),
-    "loops_in_place": lambda graph, law: loops_in_place(gl.Scene(graph, law)),
     "follow a packing": lambda graph, law: gl.follow(gl.Scene(graph, law), STAGE),
     "rates_at a packing": lambda graph, law: gl.rates_at(gl.Scene(graph, law), "biaxial"),
     "probe": lambda graph, law: gl.probe(gl.Scene(graph, law), 4),

@@ -1,7 +1,9 @@
 """Figures are those that are wanted, in the format that is, as matplotlib saves them."""
 
 import json
+import tomllib
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ from PIL import Image
 
 import grainloops as gl
 from studies import style
-from studies.output import words
 from tests.command import run
 
 
@@ -70,6 +71,7 @@ LOOPS = [
     for k, words in enumerate(COMMANDS)
 ]
 TABLES = {".parquet", ".json"}
+CAPTIONS = Path(style.__file__).with_name("captions.toml")
 
 
 @pytest.mark.parametrize("command", [snapshot(), *LOOPS])
@@ -85,7 +87,7 @@ def test_no_figure_is_drawn_if_none_is_wanted(command, tmp_path, monkeypatch):
 def test_every_figure_has_a_name_that_can_be_asked_for(command, tmp_path, unsaved):
     assert run(*command, "--out", tmp_path / "all") == 0
     drawn = {file.stem for file in (tmp_path / "all").glob("*.png")}
-    assert drawn and drawn <= words("captions")[command[0]].keys()
+    assert drawn and drawn <= tomllib.loads(CAPTIONS.read_text())[command[0]].keys()
     one = min(drawn)
     assert run(*command, "--figures", one, "--out", tmp_path / "one") == 0
     assert [file.name for file in (tmp_path / "one").glob("*.png")] == [f"{one}.png"]

@@ -7,7 +7,6 @@ from loops import LinearFrictional, Regime, Scene, find_faces, in_place
 from loops.arrays import frobenius
 from loops.in_place import loops_in_place
 from patterns import read_snapshot, sample_path, synthetic_network
-from patterns.snapshots.snapshot import sample_boundary
 from stability import restrict, symmetric_part
 from tests.loops.packing.test_in_place_of_a_sample import read
 from tests.stability.packing.yade_rest import yade_rest
@@ -23,7 +22,7 @@ def moving(number, *, sliding):
 def walled(*, sliding):
     """A box of 600 grains with the walls' contacts as planes."""
     snapshot = read_snapshot(sample_path())
-    boundary, _ = sample_boundary(snapshot)
+    boundary = snapshot.boundary_and_notes[0]
     return flagged(snapshot, sliding), snapshot.law, {"boundary": boundary}
 
 

@@ -10,7 +10,6 @@ from loops import HertzMindlin, InputError, Regime, Scene, contact_state, match_
 from loops.laws.hertz_mindlin import HERTZ
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checks import SLIDING_SHARE
-from patterns.snapshots.snapshot import sample_boundary
 from stability import follow
 from tests.packings import jammed, strained
 from tests.stability.packing.walled_packings import jammed_in_box
@@ -222,7 +221,7 @@ def test_friction_of_walls_decides_what_slides():
     snapshot, _ = boxed(
         fx=leaning[:, 0], fy=leaning[:, 1], ks=np.full(count, 1.5), mu=np.full(count, 0.3)
     )
-    planes = sample_boundary(snapshot)[0].walls
+    planes = snapshot.boundary_and_notes[0].walls
     at_yield = share * 1.0000001 >= SLIDING_SHARE
     assert np.count_nonzero(at_yield) == 3
     slides = np.where(at_yield, Regime.SLIDING, Regime.ELASTIC)
@@ -239,7 +238,7 @@ def test_contacts_with_walls_without_a_force_are_left_out_of_paths_in_step():
         snapshot.graph, snapshot.law, snapshot.regime, snapshot.ids, len(none), (),
         WallContacts(walls.grain, none, walls.branch),
     )  # fmt: skip
-    planes = sample_boundary(snapshot)[0].walls
+    planes = snapshot.boundary_and_notes[0].walls
     np.testing.assert_array_equal(planes.grain, walls.grain[1:])
     np.testing.assert_array_equal(planes.force, none[1:])
 

@@ -1,15 +1,14 @@
 """Every event carries the state at its own place, whatever the rows of the path are."""
 
 from functools import cache
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 from loops import LinearFrictional
 from patterns import diamond, regular_polygon
-from stability import Stage, follow, programmes
-from stability.path import EventKind
+from stability import Event, Stage, follow, programmes
 from tests.stability.paths.whole_paths import asked_of, scene_of
 
 LAW = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(5.0)))
@@ -54,7 +53,7 @@ def followed(case, rows):
 
 def test_the_cases_hold_every_kind_of_event_of_a_loop():
     found = {event.kind for case in CASES for event in followed(case, 0).events}
-    assert found == {*get_args(EventKind)} - {"instability"}
+    assert found == {*get_args(get_type_hints(Event)["kind"])} - {"instability"}
 
 
 @pytest.mark.parametrize("case", CASES)

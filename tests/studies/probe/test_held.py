@@ -10,7 +10,6 @@ import pytest
 from grainloops import hold
 from loops import InputError
 from patterns import Snapshot, read_snapshot, sample_path
-from patterns.snapshots.snapshot import sample_boundary
 from stability.packing.hold import unbalanced_force
 from studies.evolve import run_evolve
 from studies.probe import run_probe
@@ -52,7 +51,7 @@ def test_a_note_does_not_make_the_faces_again():
 
 def test_unbalanced_force_counts_walls():
     snapshot = read_snapshot(WALLS)
-    boundary, _ = sample_boundary(snapshot)
+    boundary = snapshot.boundary_and_notes[0]
     total = np.zeros((snapshot.graph.grain_count, 2))
     graph = snapshot.graph
     forces = np.zeros((graph.contact_count, 2))
@@ -75,7 +74,7 @@ def test_the_held_snapshot_has_its_walls_its_regimes_and_its_ids():
     after, changes = held_snapshot(before, "strain")
     assert (after.ids == before.ids).all()
     assert after.wall_contacts == len(after.walls.grain) == len(after.walls.force)
-    boundary, _ = sample_boundary(after)
+    boundary = after.boundary_and_notes[0]
     assert unbalanced_force(after.graph, boundary) < 1.01e-6
     assert changes["sliding"] == np.count_nonzero(after.regime == 2)
     assert (

@@ -24,7 +24,6 @@ from loops import (
 from loops.contacts import start_state
 from loops.in_place import loops_in_place
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
-from patterns.snapshots.snapshot import sample_boundary
 from stability import rates_at
 from stability.packing import loop_changes, loop_rates, packing_increment
 from studies.commands.snapshot import _series_lines
@@ -643,10 +642,10 @@ def test_a_walls_contact_slides_where_the_file_says_so():
     N = np.sum(n * one.walls.force, axis=1)
     T = np.abs(n[:, 0] * one.walls.force[:, 1] - n[:, 1] * one.walls.force[:, 0])
     at_yield = T >= 0.999 * one.walls.mu * N
-    np.testing.assert_array_equal(sample_boundary(one)[0].walls.regime == 2, at_yield)
+    np.testing.assert_array_equal(one.boundary_and_notes[0].walls.regime == 2, at_yield)
     flags = np.arange(len(N)) % 3 == 0
     assert (flags != at_yield).any()
     again = snapshot_from_tables(**replace(one, walls=replace(one.walls, sliding=flags)).tables())
     np.testing.assert_array_equal(again.walls.sliding, flags)
-    np.testing.assert_array_equal(sample_boundary(again)[0].walls.regime == 2, flags)
-    np.testing.assert_array_equal(sample_boundary(again)[0].walls.kt, one.walls.kt)
+    np.testing.assert_array_equal(again.boundary_and_notes[0].walls.regime == 2, flags)
+    np.testing.assert_array_equal(again.boundary_and_notes[0].walls.kt, one.walls.kt)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from patterns import read_snapshot
-from patterns.snapshots.snapshot import sample_boundary
 from stability.packing import PackingIncrements, loop_rates
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.skill import score_skill
@@ -23,7 +22,7 @@ def snapshots():
 
 def test_plates_have_the_springs_and_the_friction_of_the_file(snapshots):
     for snapshot in snapshots:
-        boundary, notes = sample_boundary(snapshot)
+        boundary, notes = snapshot.boundary_and_notes
         planes = boundary.walls
         assert boundary.kind == "walls" and notes == []
         assert (planes.mu == 0.5).all() and np.allclose(planes.kt, 0.5 * planes.kn, rtol=1e-9)

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.reading import rows_by_number
-from studies.series.run import run_series
+from tests.command import run
 
 CELLS = gl.sample_path("slow/cells.csv")
 PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
@@ -14,10 +13,10 @@ PATHS = [gl.sample_path(f"slow/grains_{k}.parquet") for k in (10, 11, 12)]
 
 @pytest.fixture(scope="module")
 def states():
-    cells = rows_by_number(CELLS)
+    cells = pd.read_csv(CELLS)[["h_xx", "h_xy", "h_yx", "h_yy"]].to_numpy()
     return [
-        gl.read_snapshot(path, cell=np.reshape(cells[k], (2, 2)), shear_increment="radii")
-        for path, k in zip(PATHS, (10, 11, 12), strict=True)
+        gl.read_snapshot(path, cell=cell.reshape(2, 2), shear_increment="radii")
+        for path, cell in zip(PATHS, cells[:3], strict=True)
     ]
 
 
@@ -25,7 +24,8 @@ def states():
 def written(tmp_path_factory):
     """Folder of the command on the same snapshots."""
     out = tmp_path_factory.mktemp("series") / "out"
-    run_series(PATHS, out, cells=CELLS, shear_increment="radii", figures=False, workers=1)
+    how = ("--cells", CELLS, "--shear-increment", "radii", "--no-figures", "--workers", 1)
+    assert run("series", *PATHS, "--out", out, *how) == 0
     return out
 
 

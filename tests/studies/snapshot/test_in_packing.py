@@ -15,7 +15,6 @@ from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_
 from loops.boundary import outline_grains
 from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
-from patterns.snapshots.snapshot import sample_boundary
 from stability import restrict, symmetric_part
 from stability.packing import loops_at_yield
 from studies.output import definitions, described, words
@@ -445,7 +444,7 @@ def test_rough_walls_hold_until_they_slide(tmp_path):
     contacts.loc[first, "mu"] = np.hypot(*contacts.loc[first, ["fsx", "fsy"]]) / contacts.fn[first]
     shutil.copy(sample_path(), tmp_path / "grains_biaxial.csv.gz")
     contacts.to_csv(tmp_path / "contacts_biaxial.csv.gz", index=False)
-    planes = sample_boundary(read_snapshot(tmp_path / "grains_biaxial.csv.gz"))[0].walls
+    planes = read_snapshot(tmp_path / "grains_biaxial.csv.gz").boundary_and_notes[0].walls
     ratio = np.hypot(contacts.fsx, contacts.fsy)[wall] / contacts.fn[wall]
     stick = (ratio < 0.3).to_numpy() & (np.arange(wall.sum()) > 0)
     np.testing.assert_array_equal(planes.kt, np.where(stick, contacts["ks"][wall], 0.0))
