@@ -95,9 +95,9 @@ def paths(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(paths, tmp_path_factory):
-    """The whole series in one go, in this process."""
+    """The whole series in one go, by the command in this process."""
     out = tmp_path_factory.mktemp("results") / "series"
-    run(paths, out)
+    assert run_command("series", *paths, "--workers", 1, "--no-figures", "--out", out) == 0
     return out
 
 
@@ -458,6 +458,7 @@ def test_snapshots_with_and_without_forces_are_two_series(tmp_path):
 def test_the_command(paths, result, tmp_path, capsys):
     """Prints JSON alone when asked; one line on stderr and status 2 for bad input."""
     options = ("--workers", 1, "--no-figures", "--out")
+    shutil.copytree(result, tmp_path / "out")
     assert run_command("series", *paths, *options, tmp_path / "out", "--json") == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out) == json.loads((result / "summary.json").read_text())
