@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.columns import components, names_beside
+from patterns.snapshots.columns import NONE, components, names_beside
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
     Frame,
@@ -357,7 +357,6 @@ def frame_of_pairs(
 
 
 Map = dict[str, str]
-NONE = "none"  # entry of a column map for a column that the file lacks
 KNOWN = 0.5  # share of a column that must be ids of grains
 # Centres of a pair are at most this many times the sum of the radii apart: pair lists may hold
 # neighbours beside contacts.

@@ -202,7 +202,8 @@ def read_snapshot(
         kn=kn, kt=kt, mu=mu, phi=phi, shear_increment=shear_increment, law=law, young=young,
         poisson=poisson, shear_history=shear_history, adhesion=adhesion, cohesion=cohesion,
     )  # fmt: skip
-    found = _frames(path, contacts, format, columns, cell, periodic)
+    source = _source(path, contacts, cell, columns, periodic)
+    found = format_of(source.path, format).frames(source)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
         raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
@@ -267,7 +268,7 @@ def snapshot_from_tables(
     """
     given = {"grains": grains, "contacts": contacts} | ({} if walls is None else {"walls": walls})
     tables = {kind: given_table(kind, one) for kind, one in given.items()}
-    source = _source("tables", None, cell, columns, periodic)
+    source = _source("tables", cell=cell, columns=columns, periodic=periodic)
     return build_snapshot(frame_of_tables(source, tables), _parameters(**law), strict=strict)
 
 
@@ -309,7 +310,8 @@ def read_frames(
     [(0, 323)]
     """
     parameters = _parameters(**law)
-    for read in _frames(path, contacts, format, columns, cell, periodic):
+    source = _source(path, contacts, cell, columns, periodic)
+    for read in format_of(source.path, format).frames(source):
         yield build_snapshot(read(), parameters, strict=strict)
 
 
@@ -337,14 +339,14 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    return len(_frames(path, contacts, format, columns))
+    source = _source(path, contacts, columns=columns)
+    return len(format_of(source.path, format).frames(source))
 
 
 def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:
     """Step, iteration or time of each snapshot in a file, None where only reading it would tell."""
-    given = (how.get(name) for name in ("contacts", "format", "columns"))
-    contacts, format, columns = given
-    return [one.step for one in _frames(path, contacts, format or "auto", columns)]
+    source = _source(path, how.get("contacts"), columns=how.get("columns"))
+    return [one.step for one in format_of(path, how.get("format") or "auto").frames(source)]
 
 
 def format_of(path: Path, name: str = "auto") -> Format:
@@ -394,24 +396,12 @@ def _parameters(**options: Unpack[LawOptions]) -> Parameters:
     return Parameters(**asked, mu=friction)  # type: ignore[arg-type]
 
 
-def _frames(
-    path: str | Path,
-    contacts: str | Path | None,
-    format: str,
-    columns: Mapping[str, str | int] | None,
-    cell: ArrayLike | None = None,
-    periodic: str | None = None,
-) -> Frames:
-    source = _source(path, contacts, cell, columns, periodic)
-    return format_of(source.path, format).frames(source)
-
-
 def _source(
     path: str | Path,
-    contacts: str | Path | None,
-    cell: ArrayLike | None,
-    columns: Mapping[str, str | int] | None,
-    periodic: str | None,
+    contacts: str | Path | None = None,
+    cell: ArrayLike | None = None,
+    columns: Mapping[str, str | int] | None = None,
+    periodic: str | None = None,
 ) -> Source:
     given = {} if columns is None else columns
     check_type("columns", given, Mapping, "Give {'radius': 'R'}, plain name to column.")

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.columns import check_names, components
+from patterns.snapshots.columns import NONE, check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
-    NONE,
     PAIR_REACH,
     Atoms,
     DumpFrame,

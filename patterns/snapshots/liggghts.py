@@ -10,10 +10,9 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
-from patterns.snapshots.columns import check_names, components, names_beside
+from patterns.snapshots.columns import NONE, check_names, components, names_beside
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
-    NONE,
     Atoms,
     DumpFrame,
     GrainPairs,
