@@ -27,6 +27,7 @@ from stability.paths.record import (
     touched_pairs,
 )
 from stability.paths.regimes import EdgeTrial, edge_problem, path_symmetry, rate_vector
+from stability.paths.segment import Steps
 from stability.paths.state import (
     Mode,
     contact_overlaps,
@@ -105,7 +106,6 @@ class LoopPathSolver:
     rows: int
     steps_left: int
     programmes: tuple[Programme, ...]
-    periodic: bool
     record: Record = field(default_factory=Record)
     searches: Searches = field(default_factory=Searches)
     common: PointGroup | None = None
@@ -131,7 +131,7 @@ class LoopPathSolver:
             self.model = replace(self.model, symmetry=self.common)
 
     def _symmetry(self, programmes: Iterable[Programme]) -> PointGroup | None:
-        return path_symmetry(self.model, self.y, self.mode, programmes, self.periodic)
+        return path_symmetry(self.model, self.y, self.mode, programmes)
 
     # ---- stages
 
@@ -285,23 +285,17 @@ class LoopPathSolver:
         size = min(max(reach if np.isfinite(reach) else 1.0, strain), 1.0)
         about = self.model, self.mode, stage
         functions = event_functions(*about, start, sense, size, self.options.subspaces)
-        segment = Segment(
-            *about,
-            functions,
-            atol=self.atol * size * scales(self.model),
-            max_step=min(LONGEST_STEP, reach / MIN_STEPS),
-            row_step=min(reach, 1.0) / self.rows if self.rows else np.inf,
-            size=size,
-        )
+        row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
+        atol, longest = self.atol * size * scales(self.model), min(LONGEST_STEP, reach / MIN_STEPS)
         rows, events = len(self.record.rows), len(self.record.events)
         for shorter in RETRIES:
+            how = Steps(atol, shorter * longest, row_step, size, self.steps_left)
             end = follow_segment(
-                replace(segment, max_step=shorter * segment.max_step),
+                Segment(*about, functions, how),
                 self.y,
                 here.gauge,
                 lambda row: self.record.row(self.model, row),
                 self.record.branching,
-                self.steps_left,
             )
             stuck = not end.fired or ("singular", -1) in end.fired
             if not stuck or stage.programme.stress.any():

@@ -45,7 +45,6 @@ def follow_loop(
         rows=rows,
         steps_left=max_steps,
         programmes=tuple(stage.programme for stage in stages),
-        periodic=graph.cell is not None,
         stop=stop,
         in_full=1 if stop else ENUMERATION_LIMIT,
     )

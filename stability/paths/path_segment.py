@@ -177,21 +177,13 @@ def _spectra(here: StateRates, subspace: str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Integration of one segment: model, regimes, event functions and tolerances.
-
-    `functions`: Event functions; `atol` (Y,): Absolute tolerances of the integrator; `max_step`:
-    Longest step in `|H|`; `row_step`: Length in `|H|` between two rows, infinite for a row at every
-    step; `size`: Size of the strains of the stage, at most 1.
-    """
+    """Integration of one segment: model, regimes, programme, event functions, steps."""
 
     model: PathModel
     mode: Mode
     stage: Stage
     functions: EventFunctions
-    atol: Floats
-    max_step: float
-    row_step: float
-    size: float
+    how: Steps
 
     def at(self, y: Floats, gauge: Floats) -> StateRates:
         """State of the integrated variables `y`."""
@@ -223,14 +215,9 @@ def follow_segment(
     gauge: Floats,
     record_row: Callable[[StateRates], None],
     record_branching: Callable[[StateRates], None],
-    steps_left: int,
 ) -> SegmentEnd:
     """Integrate from `y` to the first event."""
     functions = segment.functions
-    how = Steps(
-        np.array(segment.atol), float(segment.max_step), float(segment.row_step),
-        float(segment.size), steps_left,
-    )  # fmt: skip
     mode, programme = segment.mode, segment.stage.programme
     ring = ring_under(segment.model, mode.regime, programme)
     width = max(len(y), len(functions.watch) + 1, 7) + 1
@@ -240,7 +227,8 @@ def follow_segment(
     plain = called_back(segment, len(y), numbers[: 3 * whole[0]].reshape(3, -1))
     call = plain if ring is None else answer()
     system = System(call, plain, numbers, whole, functions.tolerance)
-    code, steps, end, last, fired, record = follow()(system, np.array(y), np.array(gauge), how)
+    begin = np.array(y), np.array(gauge)
+    code, steps, end, last, fired, record = follow()(system, *begin, segment.how)
     if plain.raised is not None:
         raise plain.raised
     for row in record:

@@ -160,14 +160,14 @@ def rate_vector(model: PathModel, rates: Rates) -> Floats:
 
 
 def path_symmetry(
-    model: PathModel, y: Floats, mode: Mode, programmes: Iterable[Programme], periodic: bool = False
+    model: PathModel, y: Floats, mode: Mode, programmes: Iterable[Programme]
 ) -> PointGroup | None:
     """Point group of a state and of the programmes that follow.
 
     Its rates, if they are the only ones, are as symmetric: the group stays that of the path. Normal
     forces follow from the geometry and are not compared.
     """
-    if periodic:
+    if not model.watches_pairs:
         return None
     state = unpack(model, y)
     contacts = contacts_at(model, state, mode)

@@ -64,7 +64,12 @@ ROW, BRANCHING = range(2)
 
 
 class Steps(NamedTuple):
-    """Absolute tolerances, longest step, spacing of rows, size of strains, most steps."""
+    """Steps of a segment, in lengths `|H|` of the path.
+
+    `atol` (Y,): Absolute tolerances; `max_step`: Longest step; `row_step`: Spacing of rows,
+    infinite for one at every step; `size`: Size of the strains of the stage, at most 1; `most`:
+    Number of steps after which the segment is given up.
+    """
 
     atol: Floats
     max_step: float

@@ -23,7 +23,7 @@ def solver_of(graph, law, closure="traction", **options):
                 np.zeros(len(graph.contacts)))  # fmt: skip
     return LoopPathSolver(
         model, initial_state(model, contact_state(graph)), mode, LoopPathOptions(**options),
-        1e-14, 0, 10, (STAGE.programme,), False,
+        1e-14, 0, 10, (STAGE.programme,),
     )  # fmt: skip
 
 
