@@ -100,7 +100,7 @@ def segments_of(monkeypatch, solver, stage, reach, fired):
     """Segments that are tried from a state of `H` up to 0.02, each of which ends by `fired`."""
     tried = []
 
-    def follow(segment, y, gauge, row, branching, steps):
+    def follow(segment, y, gauge, row, branching):
         tried.append(segment)
         solver.record.rows.append({})
         solver.record.events.append(len(tried))
@@ -129,10 +129,10 @@ def test_steps_and_tolerances_of_a_segment(
     solver = solver_of(*square(length, kn, 0.02))
     solver.rows = 4
     (segment,) = segments_of(monkeypatch, solver, STAGE, reach, [("yield", 0)])
-    assert segment.size == size
-    assert segment.max_step == pytest.approx(max_step)
-    assert segment.row_step == pytest.approx(row_step)
-    np.testing.assert_allclose(segment.atol, 1e-14 * size * scales(solver.model), rtol=1e-14)
+    assert segment.how.size == size
+    assert segment.how.max_step == pytest.approx(max_step)
+    assert segment.how.row_step == pytest.approx(row_step)
+    np.testing.assert_allclose(segment.how.atol, 1e-14 * size * scales(solver.model), rtol=1e-14)
     force = kn * solver.model.length
     wanted = [length] * 8 + [force] * 4 + [1.0] + [force * length] * 4
     natural = scales(solver.model) / np.array(wanted)
@@ -156,7 +156,7 @@ def test_steps_of_other_lengths_pass_a_singular_state(monkeypatch, programme, fi
     solver.record.rows[:], solver.record.events[:] = [{}, {}], [-1]
     stage = Stage(programme, "parameter", 1.0)
     segments = segments_of(monkeypatch, solver, stage, 0.16, fired)
-    steps = [segment.max_step for segment in segments]
+    steps = [segment.how.max_step for segment in segments]
     assert steps == pytest.approx([0.02 * shorter for shorter in RETRIES[:tries]])
     assert len(solver.record.rows) == 3 and solver.record.events == [-1, tries]
 
