@@ -115,14 +115,14 @@ class RegimeFactor:
         size = float(np.abs(rates.h[:4]).max())
         return RATE_RTOL * (size * self.stiffest * 2.0 * self.length)
 
-    def tangent(self, c: int) -> tuple[float, float, float]:
-        """Return `D` of a pair: its entries (n, n), (s, n), (s, s); the fourth is 0."""
-        regime, pair = self.regime[c], self.frame[c]
+    def tangent(self, c: int, regime: int, side: float) -> tuple[float, float, float]:
+        """Return `D` of a pair in a regime: entries (n, n), (s, n), (s, s); the fourth is 0."""
+        pair = self.frame[c]
         kn = float(pair["kn"]) if regime != OPEN else 0.0
         push = float(pair["push"]) * kn
         if regime == ELASTIC:
             return push, float(pair["coupling"]), float(pair["kt"])
-        slope = float(self.side[c] * pair["mu"]) if regime == SLIDING else 0.0
+        slope = float(side * pair["mu"]) if regime == SLIDING else 0.0
         return push, slope * kn, 0.0
 
     def factorise(self) -> None:
@@ -225,10 +225,10 @@ class RegimeFactor:
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
         """Change the regime of a pair, and the sign of its slip."""
-        self.regime[c], self.side[c] = self.reference[0][c], self.reference[1][c]
-        was = self.tangent(c)
+        regimes, sides = self.reference
         self.regime[c], self.side[c] = regime, side
-        nn, sn, ss = (a - b for a, b in zip(self.tangent(c), was, strict=True))
+        now, was = self.tangent(c, regime, side), self.tangent(c, regimes[c], sides[c])
+        nn, sn, ss = (a - b for a, b in zip(now, was, strict=True))
         for row, change in ((c, (nn, 0.0)), (len(self.frame) + c, (sn, ss))):
             if row in self.at or change != (0.0, 0.0):
                 self.coefficients[:, self.column(row)] = change

@@ -154,44 +154,35 @@ def yield_response(scene: Scene, *, yield_band: float, by_forces: bool = False) 
     """
     number("yield_band", yield_band, 0.0, 1.0, open_low=True)
     rows = scene.rows
-    near = NearYield(*rows.each(partial(_near_yield, yield_band, by_forces)))
-    system = system_of(scene, np.where(near.may_slide, Regime.ELASTIC, near.regimes))
+    regimes, may_slide, full, *parts = rows.each(partial(_near_yield, yield_band, by_forces))
+    system = system_of(scene, np.where(may_slide, Regime.ELASTIC, regimes))
     kept = system.kept
     degree = np.bincount(rows.ends[kept].ravel(), minlength=int(rows.ends.max(initial=0)) + 1)
     two = (degree[rows.ends] == 2).any(axis=1)
-    inside = near.may_slide & two & ~near.full
-    found = np.flatnonzero((near.may_slide & ~inside)[kept])
-    chosen = NearYield._make(one[kept[found]] for one in near)
+    inside = may_slide & two & ~full
+    found = np.flatnonzero((may_slide & ~inside)[kept])
+    gauge, push, sliding, distance = (part[kept[found]] for part in parts)
     scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
     return YieldResponse(
         system,
         found,
-        chosen.gauge * scale,
-        chosen.push * scale,
-        scale[:, None] * chosen.sliding * scale,
-        chosen.distance,
+        gauge * scale,
+        push * scale,
+        scale[:, None] * sliding * scale,
+        distance,
         two[kept[found]],
         int(np.count_nonzero(inside[kept])),
     )
 
 
-class NearYield(NamedTuple):
-    """Contacts (E,) by their law: regimes; which may slide, which are at their strength in full.
+def _near_yield(
+    band: float, by_forces: bool, law: ContactLaw, state: ContactState
+) -> tuple[Regimes, Flags, Flags, Floats, Floats, Floats, Floats]:
+    """Return regimes (E,), which contacts may slide, which are at their strength in full.
 
-    The others are arrays of `YieldResponse`, without its scale.
+    They may from a share of their strength on, or where they are known to slide. The others are
+    `gauge`, `push`, `sliding` and `distance` of `YieldResponse`, without its scale.
     """
-
-    regimes: Regimes
-    may_slide: Flags
-    full: Flags
-    gauge: Floats
-    push: Floats
-    sliding: Floats
-    distance: Floats
-
-
-def _near_yield(band: float, by_forces: bool, law: ContactLaw, state: ContactState) -> NearYield:
-    """Return contacts that may slide: from a share of their strength on, or said to slide."""
     known = state.regime
     assert known is not None
     judged = known != Regime.OPEN if by_forces else known == Regime.ELASTIC
@@ -207,7 +198,7 @@ def _near_yield(band: float, by_forces: bool, law: ContactLaw, state: ContactSta
     sign, stuck = np.sign(state.shear_force)[:, None], np.full_like(regimes, Regime.ELASTIC)
     change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
     distance = np.where(np.isfinite(strength), np.maximum(strength - size, 0.0), 0.0)
-    return NearYield(
+    return (
         regimes,
         may_slide,
         full,
