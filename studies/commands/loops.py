@@ -335,23 +335,12 @@ def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:
 
 
 def _loop_domain_lines(summary: Summary) -> list[str]:
-    lines = []
+    rows = []
     for row in summary["loops"]:
-        limits = ", ".join(f"{kind} on {count}" for kind, count in row["limits"].items())
-        if "present_state" in row:
-            ends = ", ".join(f"{count} {kind}" for kind, count in row["ended_by"].items())
-            limits += f"; present state {row['present_state']}, programmes ended by: {ends}"
-            if row["present_state"] == "unstable":
-                share = row["negative_share"]
-                limits = "none followed; the present state is unstable, with negative second-order"
-                limits += f" work along {100 * share:.0f} % of them"
-        if "unstable_share" in row:
-            limits += f"; unstable share of strains {row['unstable_share']:.3f}"
-        lines.append(
-            f"n = {row['order']}  {row['closure']}  kappa = {row['kappa']:g}  {row['contacts']:<10}"
-            f"  of {summary['directions']} programmes: {limits or 'no limit'}"
-        )
-    return lines
+        unstable = row.get("present_state") == "unstable"
+        stable = {"followed": not unstable, "unlimited": not (unstable or row["limits"])}
+        rows.append(row | {"unstable": unstable, **stable})
+    return printed("loop_domains", summary, loops=rows)
 
 
 def _domain_lines(summary: Summary) -> list[str]:

@@ -18,7 +18,7 @@ CONDITIONS = {
 CONDITION = re.compile(r"([?!~])([\w\[\] ]+):")
 # Counts by name, what stands between them, and words behind each count.
 COUNTS_AS = {"counts": ("{1}{2} {0}", ", "), "counted": ("{0}: {1}{2}", ", "),
-             "spaced": ("{0}: {1}{2}", "  ")}  # fmt: skip
+             "spaced": ("{0}: {1}{2}", "  "), "met": ("{0} on {1}{2}", ", ")}  # fmt: skip
 COUNTS = re.compile("|".join(COUNTS_AS))
 # Digits and width of a number that may be unknown: '3' or '3>7'.
 DIGITS = re.compile(r"(\d)([<>]\d+)?")
@@ -53,8 +53,8 @@ class Filling(Formatter):
         if counting := COUNTS.match(kind):
             template, between = COUNTS_AS[counting[0]]
             counts = ((known.get(name, name), count) for name, count in value.items())
-            told = (template.format(*one, kind[counting.end() :]) for one in counts)
-            return between.join(told) or "none"
+            words = (template.format(*count, kind[counting.end() :]) for count in counts)
+            return between.join(words) or "none"
         if kind == "values":
             numbers = {n: "-" if number is None else f"{number:.6g}" for n, number in value.items()}
             return "  ".join(f"{name} = {number}" for name, number in numbers.items())
