@@ -275,18 +275,6 @@ def answered(
     return replace(said, status=int(unanswered is not None and unanswered(summary)))
 
 
-def driven_line(summary: dict[str, Any]) -> str:
-    """Line that names the driven axis and that of the major stress at the start."""
-    named, axis, major = (summary[name] for name in ("programme", "axis", "major_axis"))
-    stress = ", ".join(f"{name} = {value:.4g}" for name, value in summary["start"].items())
-    if named.startswith("isotropic"):
-        return f"{named} ({stress})"
-    other = f"; the major stress is along axis {major}"
-    return (
-        f"{named} along axis {axis}{', of the major stress' if axis == major else other} ({stress})"
-    )
-
-
 @contextmanager
 def clock(name: str) -> Iterator[Callable[[str], None]]:
     """Show on the last line of a terminal for how many seconds `name` has worked.

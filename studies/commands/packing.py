@@ -20,12 +20,11 @@ from studies.commands import (
     answer,
     answered,
     clock,
-    driven_line,
     flags,
     numbers,
     out_or,
 )
-from studies.commands.printed import printed
+from studies.commands.printed import driven_line, printed
 from studies.questions import (
     FURTHER,
     Averaging,

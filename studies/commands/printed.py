@@ -108,6 +108,14 @@ def printed(command: str, summary: Mapping[str, Any], **more: Any) -> list[str]:
     return lines
 
 
+def driven_line(summary: Mapping[str, Any]) -> str:
+    """Line that names the driven axis and that of the major stress at the start."""
+    axial = not summary["programme"].startswith("isotropic")
+    major = summary["axis"] == summary["major_axis"]
+    kinds = {"axial": axial, "along": axial and major, "across": axial and not major}
+    return printed("driven", summary, **kinds)[0]
+
+
 def _rows(whole: Mapping[str, Any], each: str) -> list[dict[str, Any]]:
     """Values of each item: its own, its `name` in a mapping, and those of the whole."""
     items = whole.get(each) or ()

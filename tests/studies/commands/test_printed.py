@@ -2,7 +2,8 @@
 
 import pytest
 
-from studies.commands.printed import CONDITION, Filling, printed
+from studies.commands.loops import _loop_domain_lines
+from studies.commands.printed import CONDITION, Filling, driven_line, printed
 from studies.output import words
 
 SUMMARY = {
@@ -70,3 +71,40 @@ def test_every_template_can_be_read():
                 for _, _, spec, _ in Filling().parse(part):
                     _, _, table = (spec or "").partition("/")
                     assert not table or table in tables["words"]
+
+
+@pytest.mark.parametrize(
+    ("programme", "axis", "words"),
+    [
+        ("drained", 2, "drained along axis 2, of the major stress"),
+        ("drained", 1, "drained along axis 1; the major stress is along axis 2"),
+        ("isotropic-stress", 2, "isotropic-stress"),
+    ],
+)
+def test_the_driven_axis_is_named_with_that_of_the_major_stress(programme, axis, words):
+    summary = {"programme": programme, "axis": axis, "major_axis": 2}
+    start = {"P11": 1.0, "P22": 2.0}
+    assert driven_line(summary | {"start": start}) == f"{words} (P11 = 1, P22 = 2)"
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"limits": {"opening": 7, "yield": 2}}, "opening on 7, yield on 2"),
+        ({"unstable_share": 0.25}, "no limit; unstable share of strains 0.250"),
+        (
+            {"present_state": "stable", "ended_by": {"end": 4, "opening": 5}},
+            "no limit; present state stable, programmes ended by: 4 end, 5 opening",
+        ),
+        (
+            {"present_state": "unstable", "negative_share": 0.25, "ended_by": {"start": 9}},
+            "none followed; the present state is unstable, with negative second-order work along "
+            "25 % of them",
+        ),
+    ],
+)
+def test_limits_of_a_domain_are_counted(more, words):
+    loop = {"order": 4, "closure": "affine", "kappa": 0.5, "contacts": "sticking", "limits": {}}
+    (line,) = _loop_domain_lines({"directions": 9, "loops": [loop | more]})
+    head = "n = 4  affine  kappa = 0.5  sticking    of 9 programmes: "
+    assert line == head + words
