@@ -1,5 +1,7 @@
 """Write a packing as LAMMPS, LIGGGHTS and MercuryDPM write it, by their own descriptions."""
 
+import gzip
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +15,17 @@ LAW = {"kn": 1.0, "kt": 0.5, "mu": 0.5}
 def snapshots_of(path, **how):
     """Every snapshot in a file."""
     return list(read_frames(path, **LAW | how))
+
+
+def columns_of(path, *names):
+    """(rows, names) numbers of the first frame of a dump of atoms, plain or gzip."""
+    content = path.read_bytes()
+    text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode()
+    head, rows = text.split("ITEM: ATOMS ", maxsplit=1)
+    known, *lines = rows.splitlines()
+    count = int(re.search(r"NUMBER OF ATOMS\n(\d+)", head)[1])
+    places = [known.split().index(name) for name in names]
+    return np.loadtxt(lines[:count], usecols=places, ndmin=2)
 
 
 def edit(path, change):

@@ -14,10 +14,10 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot, sample_path, synthetic_network
-from patterns.snapshots.dump_files import dump_frames
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,
+    columns_of,
     lammps_columns,
     lammps_walls,
     snapshots_of,
@@ -166,7 +166,7 @@ def test_the_sample_of_lammps_balances():
     np.add.at(total, graph.contacts[:, 1], force)
     np.add.at(total, graph.contacts[:, 0], -force)
     np.add.at(total, snapshot.walls.grain, snapshot.walls.force)
-    written = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
+    written = columns_of(path, "fx", "fy")
     assert np.abs(total - written).max() < 2e-5 * np.abs(force).mean()
     assert "f_wl (12 contacts), f_wb (16 contacts)" in said
     assert "include damping" in said

@@ -20,7 +20,7 @@ from loops import (
     outline_area,
 )
 from patterns import read_snapshot
-from patterns.snapshots.dump_files import dump_frames
+from tests.patterns.dump_writers import columns_of
 
 FOLDER = os.environ.get("GRAINLOOPS_DEM")
 PATHS = [
@@ -88,19 +88,18 @@ def test_forces_on_each_grain(path):
     np.add.at(total, graph.contacts[:, 0], -force)
     if snapshot.walls is not None:
         np.add.at(total, snapshot.walls.grain, snapshot.walls.force)
-    frame = dump_frames(path)[0]
     inside = np.ones(len(total), dtype=bool)
     if path.parent.name in VISCOUS:
-        speed = frame.read(("vx", "vy")).columns("vx", "vy")
+        speed = columns_of(path, "vx", "vy")
         total -= VISCOUS[path.parent.name] * speed
     if path.parent.name == "gravity":
         # The walls' forces are in no file: grains away from them.
         x, r = graph.x, graph.radii
         inside = (x[:, 0] > r) & (x[:, 0] < WIDTH - r) & (x[:, 1] > r)
         angle = np.radians(TILT[int(snapshot.step)])
-        weight = 9.81 * frame.read(("mass",)).column("mass")
+        weight = 9.81 * columns_of(path, "mass")[:, 0]
         total += weight[:, None] * [np.sin(angle), -np.cos(angle)]
-    said = frame.read(("fx", "fy")).columns("fx", "fy")
+    said = columns_of(path, "fx", "fy")
     assert inside.sum() > 0.8 * len(total)
     off = np.abs(total - said)[inside] / np.abs(force).mean()
     if path.name == "atoms.180000.dump":

@@ -8,7 +8,15 @@ from patterns import read_snapshot, sample_path, synthetic_network
 from patterns.snapshots.dump_files import dump_frames
 from patterns.snapshots.lammps import is_lammps
 from patterns.snapshots.liggghts import is_liggghts
-from tests.patterns.dump_writers import GROUPS, LATER, LAW, Packing, assert_same, write_liggghts
+from tests.patterns.dump_writers import (
+    GROUPS,
+    LATER,
+    LAW,
+    Packing,
+    assert_same,
+    columns_of,
+    write_liggghts,
+)
 
 RECIPE = ("pos", "id", "force")  # 12 columns
 DEFAULT = ("pos", "vel", "id", "force", "torque", "history", "contactArea")
@@ -178,7 +186,7 @@ def test_the_sample_of_liggghts_balances():
     total = np.zeros(graph.x.shape)
     np.add.at(total, graph.contacts[:, 1], force)
     np.add.at(total, graph.contacts[:, 0], -force)
-    written = dump_frames(path)[0].read(("fx", "fy")).columns("fx", "fy")
+    written = columns_of(path, "fx", "fy")
     assert np.abs(total - written).max() < 1e-7 * np.abs(force).mean()
 
 

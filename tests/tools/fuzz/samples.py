@@ -61,12 +61,12 @@ def _room(folder: Path, name: str) -> Path:
 
 
 def _write_arrays(path: Path) -> None:
-    from patterns.snapshots.tables import read_table
+    import pandas as pd
 
     arrays: dict[str, Any] = {}
     for group in ("grains", "contacts"):
-        table = read_table(sample_path(f"{group}_biaxial.csv.gz"))
-        arrays |= {f"{group}/{name}": table.column(name) for name in table.names}
+        table = pd.read_csv(sample_path(f"{group}_biaxial.csv.gz"), dtype=float)
+        arrays |= {f"{group}/{name}": table[name].to_numpy() for name in table}
     if path.suffix == ".npz":
         np.savez(path, **arrays)
         return
