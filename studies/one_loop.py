@@ -24,7 +24,7 @@ from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed
 from studies.paths.options import LoopOptions, ProgrammeName
-from studies.paths.polygon import follow_polygon, polygon_summary, polygon_table
+from studies.paths.polygon import follow_polygon, polygon_summary, polygon_tables
 from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, PLACE, STABILITY, loop_columns
@@ -170,7 +170,7 @@ def run_loop(
     if out is None:
         return found
     with results_in("loop", out, options.described(), **how) as results:
-        tables = {"closures": closures, "path": polygon_table(path), "polar": path.polar_table()}
+        tables = {"closures": closures, **polygon_tables(path)}
         summary = results.write_results(tables | {"boundary": domain.rows}, summary)
         if results.figures:
             title = f"Loop {options.loop} of {readable(options.source)}"

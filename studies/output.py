@@ -293,8 +293,8 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         return _plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
+    if isinstance(value, float):  # the sum takes the sign off a zero
+        return value + 0.0 if np.isfinite(value) else None
     if isinstance(value, Path):
         return readable(value)
     return value

@@ -201,6 +201,8 @@ def _of_snapshot(path: Path, loop: int | None, words: Any, how: dict[str, Any]) 
 def _polygon_lines(summary: Summary) -> list[str]:
     from studies.paths.polygon import event_lines
 
+    if not any(summary["states"].values()):
+        return printed("no_path", summary)
     critical = "  ".join(
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()

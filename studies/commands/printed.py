@@ -20,6 +20,8 @@ CONDITION = re.compile(r"([?!~])([\w\[\] ]+):")
 COUNTS_AS = {"counts": ("{1}{2} {0}", ", "), "counted": ("{0}: {1}{2}", ", "),
              "spaced": ("{0}: {1}{2}", "  "), "met": ("{0} on {1}{2}", ", ")}  # fmt: skip
 COUNTS = re.compile("|".join(COUNTS_AS))
+# A zero with a minus: a number that is rounded to zero from below.
+MINUS_ZERO = re.compile(r"(?<![\w.)-])-(?=0(?:\.0+)?(?:e[+-]\d+)?(?!\.?\w))")
 # Digits and width of a number that may be unknown: '3' or '3>7'.
 DIGITS = re.compile(r"(\d)([<>]\d+)?")
 
@@ -74,7 +76,7 @@ class Filling(Formatter):
     def filled(self, template: str, row: Mapping[str, Any]) -> str | None:
         """Text of a template; None where its first part is left out."""
         parts = [self._part(part, row) for part in template.split("|")]
-        return None if parts[0] is None else "".join(part or "" for part in parts)
+        return None if parts[0] is None else MINUS_ZERO.sub("", "".join(p or "" for p in parts))
 
     def _part(self, part: str, row: Mapping[str, Any]) -> str | None:
         """Text of a part of a line; None where its condition fails or a value is unknown."""

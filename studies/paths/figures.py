@@ -39,7 +39,7 @@ from studies.paths.polygon import (
     compare_orders,
     follow_polygon,
     polygon_summary,
-    polygon_table,
+    polygon_tables,
 )
 from studies.study import Drawings, study
 from studies.style import (
@@ -103,7 +103,9 @@ def path_figures(found: Followed) -> Drawings:
 
 
 def polygon_figures(found: Followed) -> Drawings:
-    """Figures of one polygon with their names."""
+    """Figures of one polygon with their names; none of a loop that takes no load."""
+    if not found.loaded:
+        return
     ends = [name for name in ("start", "A", "end") if name in found.marks]
     yield "loop", lambda: draw_loops(found, ends)
     yield "stress_strain", lambda: draw_stress(found)
@@ -607,8 +609,8 @@ def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     """Follow a polygon and write `summary.json`, the tables `path` and `polar`, and figures."""
     with study("polygon", out, options.described(), **how) as results:
         found = follow_polygon(options)
-        tables = {"path": polygon_table(found), "polar": found.polar_table()}
-        return results.write_results(tables, polygon_summary(found), polygon_figures(found))
+        tables, summary = polygon_tables(found), polygon_summary(found)
+        return results.write_results(tables, summary, polygon_figures(found))
 
 
 def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:

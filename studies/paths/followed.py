@@ -59,6 +59,8 @@ SLOPE_ATOL = 1e-10
 STEP_ATOL = 1e-12
 # Directions of a polar diagram: one each half degree.
 DIRECTIONS = 720
+# Forces over kn l0 up to this are round-off.
+FORCE_ATOL = 1e-12
 # Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
 RADIUS = 2.0
 # Words of a cone without a width, and columns of one with it.
@@ -121,6 +123,12 @@ class Followed:
     def stage(self) -> NDArray[np.str_]:
         """(R,) name of each row's stage."""
         return np.array(self.stages)[self.path.stage]
+
+    @cached_property
+    def loaded(self) -> bool:
+        """Whether a contact carries a force in any state; without one there is nothing to judge."""
+        forces = np.abs([self.path.normal_force, self.path.shear_force])
+        return bool(forces.max(initial=0.0) > FORCE_ATOL)
 
     @cached_property
     def slides(self) -> Flags:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -65,7 +65,7 @@ REGIME_NAMES = np.array([regime.name.lower() for regime in Regime])
 def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
     """Confine a polygon and load it; `marks` are I, A, B and end, of a snapshot's loop start too.
 
-    Spectral events are of the subspaces.
+    Spectral events are of the subspaces. A loop that takes no load has no marks.
 
     >>> found = follow_polygon(PolygonOptions(4, confine=0.2, end=0.25))
     >>> [(event.kind, event.subspace) for event in found.path.events][:3]
@@ -85,7 +85,8 @@ def follow_polygon(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPAC
         marks["B"] = slipped.index
     marks["end"] = len(path) - 1
     with np.errstate(invalid="ignore"):
-        return Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
+        found = Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
+    return found if found.loaded else replace(found, marks={})
 
 
 def event_values(found: Followed, event: Event) -> dict[str, Any]:
@@ -167,6 +168,13 @@ def isotropic_threshold(
 # ---- table and summary
 
 
+def polygon_tables(found: Followed) -> dict[str, pd.DataFrame]:
+    """Tables `path` and `polar`; none of a loop that takes no load."""
+    if not found.loaded:
+        return {}
+    return {"path": polygon_table(found), "polar": found.polar_table()}
+
+
 def polygon_table(found: Followed) -> pd.DataFrame:
     """Table of a polygon's path, one row per state; work is over `kn` and the reference area."""
     path, H, P = found.path, found.path.H, found.path.P
@@ -223,15 +231,17 @@ def polygon_summary(found: Followed) -> Summary:
         if slides is not None and (slides.regime != path.regime[row]).any():
             beyond = _operators(found.tangents(slides), found.parts(slides))
             state["beyond"] = {"regime": REGIME_NAMES[slides.regime].tolist(), **beyond}
+    loaded, status = found.loaded, path.status
     return {
         "parameters": options.described(),
         "reference_area": {"value": float(path.volume), "of": "the barely touching polygon"},
         "critical_strain": critical,
-        "events": [event_values(found, event) for event in path.events],
+        "events": [event_values(found, event) for event in path.events if loaded],
         "peak": peak,
         "states": states,
-        **values_of(path, "status", "message"),
-        "rows": len(path),
+        "status": status if loaded or status != "finished" else "no_load",
+        "message": path.message if loaded else _no_path(found),
+        "rows": len(path) if loaded else 0,
         "model": asdict(path.model),
         "verification": _verification(found, critical),
         "notes": [*file_notes(options), *_notes(found, critical, peak)],
@@ -300,6 +310,13 @@ def _verification(found: Followed, critical: dict[str, float | None]) -> dict[st
     }
 
 
+def _no_path(found: Followed) -> str:
+    """Why a loop has no path."""
+    said = f"no contact carries a force up to E1 = {np.abs(found.E1).max():.3g}"
+    ended = "" if found.path.status == "finished" else f"; {found.path.message}"
+    return f"there is no path, the loop takes no load: {said}{ended}"
+
+
 def _notes(
     found: Followed, critical: dict[str, float | None], peak: dict[str, float] | None
 ) -> list[str]:
@@ -311,6 +328,8 @@ def _notes(
             "no critical isotropic strain: isotropic strain changes this loop's shape; the events "
             "say where stability is lost on the path"
         )
+    if not found.loaded:
+        return notes
     if path.status != "finished":
         notes.append(f"the path ends early ({path.status}): {path.message}")
     if peak is None and len(rows) > 1:
@@ -381,7 +400,7 @@ def compare_orders(options: ComparisonOptions) -> Compared:
         row = {
             "order": order,
             "critical_strain": thresholds(options.of(order)),
-            "first_yield": event_values(one, slipped) if slipped else None,
+            "first_yield": event_values(one, slipped) if slipped and one.loaded else None,
             "peak": one.peak,
             **values_of(one.path, "status", "message"),
             "end": {name: float(getattr(one, name)[-1]) for name in ("E1", "E2", "s1")},

@@ -106,3 +106,23 @@ def test_tables_that_are_no_loop(capsys, tmp_path, rows, word):
     path.write_text(rows)
     assert run("polygon", "--centres", str(path), "--out", str(tmp_path / "out")) == 2
     assert word in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("how", ["dart", "unconfined"])
+def test_a_loop_that_takes_no_load_has_no_path(capsys, tmp_path, how):
+    """A re-entrant loop folds, an unconfined one flattens: no contact ever carries a force."""
+    ring = ["--order", "4", "--confine", "0", "--end", "0.1"]
+    if how == "dart":
+        x, side = np.array([[1.5, 0.0], [-0.8, 1.0], [0.0, 0.0], [-0.8, -1.0]]), 0.95
+        radii = [np.hypot(2.3, 1.0) - side, side, np.hypot(0.8, 1.0) - side, side]
+        ring = write_ring(tmp_path / "ring.csv", x, [float(r) for r in radii])
+    words, out = ["polygon", *ring, "--closure", "traction"], tmp_path / "out"
+    assert run(*words, "--out", str(out)) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("there is no path, the loop takes no load: no contact carries a force")
+    assert not any(word in said for word in ("stable", "state ", "E1 = -", "yield"))
+    assert [path.name for path in out.iterdir()] == ["summary.json"]
+    assert run(*words, "--json", "--force", "--out", str(out)) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert not any(found["states"].values()) and found["events"] == [] and found["rows"] == 0
+    assert found["status"] == "no_load" and found["peak"] is None
