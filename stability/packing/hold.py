@@ -122,6 +122,12 @@ class HeldPacking(Shown):
         regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
         return Scene(self.graph.replace(regime=regime), self.law, self.boundary)
 
+    @property
+    def place(self) -> str:
+        """Say what was held: the walls, the cell or the stress."""
+        cell = "at fixed cell" if self.boundary.kind == "cell" else "between its walls"
+        return cell if self.control == "strain" else "at fixed stress"
+
     def __str__(self) -> str:
         before, after = (np.diag(s) for s in (self.stress_before, self.stress))
         other = "" if self.other_status == self.status else f" (other damping: {self.other_status})"
@@ -130,7 +136,7 @@ class HeldPacking(Shown):
             size = np.linalg.norm(self.strain)
             strain = f", strain {size:.2g}, spread {100 * self.strain_spread:.2g} %"
         return (
-            f"held at fixed {'cell' if self.control == 'strain' else 'stress'}: {self.status} "
+            f"held {self.place}: {self.status} "
             f"with damping {self.damping:g}{other}, unbalanced force "
             f"{self.unbalanced_before:.1e} to {self.unbalanced:.1e}, stress "
             f"({before[0]:.4g}, {before[1]:.4g}) to ({after[0]:.4g}, {after[1]:.4g}), spread "

@@ -310,9 +310,21 @@ def held_snapshot(
 
 def _require_rest(held: HeldPacking) -> None:
     """Raise `InputError` where a sample does not come to rest."""
-    if held.status != "at rest":
-        expected = "a sample that comes to rest"
-        raise InputError("--hold", str(held), expected, "Take another state of the series.")
+    if held.status == "at rest":
+        return
+    strain, left = float(np.linalg.norm(held.strain)), len(held.graph.contacts)
+    if held.status == "not at rest":
+        received = f"an unbalanced force of {held.unbalanced:.1e} after {held.steps} steps"
+        remedy = "Let hold of stability.packing take more steps (most_steps), or another sample."
+    elif held.control == "stress" and left:
+        received = f"a flow: the cell strains by {strain:.2g}"
+        remedy = "Hold the cell in place of the stress, or take a sample that bears this stress."
+    else:
+        kept = left - held.gained
+        received = f"a flow: {kept} of {held.lost + kept} contacts between grains are left"
+        remedy = "Look for grains and contacts that are missing, or take a sample that is jammed."
+    where = f"the sample, which was brought to rest first ({held.place})"
+    raise InputError(where, received, "a state at rest", remedy)
 
 
 def scene_at_rest(subject: Subject, control: HoldControl | None) -> Scene:

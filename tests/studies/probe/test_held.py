@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grainloops import hold
-from loops import InputError
+from grainloops import hold, probe, sustain
+from loops import InputError, Scene
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing.hold import unbalanced_force
 from studies.evolve import run_evolve
@@ -27,7 +27,7 @@ def test_a_sample_between_walls_is_held_and_every_direction_answered(tmp_path):
     held = summary["held"]
     assert held["status"] == "at rest" and held["control"] == "strain"
     assert held["unbalanced"] <= 1e-6 < 5e-4 < held["unbalanced_before"]
-    assert any(note.startswith("held at fixed cell") for note in summary["notes"])
+    assert any(note.startswith("held between its walls") for note in summary["notes"])
     assert not any("the state moves" in note for note in summary["notes"])
     stored = json.loads((tmp_path / "held" / "summary.json").read_text())
     assert stored["held"]["gained"] == held["gained"]
@@ -108,13 +108,32 @@ def test_what_cannot_be_held_is_said(change, tmp_path):
             held_snapshot(snapshot, "stress")
 
 
-def test_a_sample_that_flows_is_refused_with_its_motion(monkeypatch):
-    def flowing(*given, **options):
-        return replace(hold(*given, most_steps=1, **options), status="flows")
+def test_what_does_not_come_to_rest_is_refused_in_plain_words(monkeypatch):
+    """Each of the ways to miss the rest, told by every question alike."""
+    snapshot, scene = read_snapshot(WALLS), Scene(jammed(24, 3, LAW), LAW)
+    held, in_cell = hold(snapshot, most_steps=1), hold(scene)
 
-    monkeypatch.setattr(sys.modules["stability.packing.hold"], "hold", flowing)
-    with pytest.raises(InputError, match=r"--hold: got held at fixed cell: flows with damping"):
-        held_snapshot(read_snapshot(WALLS), "strain")
+    def refused(question, subject, control, ended, **changed):
+        found = replace(ended, **changed)
+        with monkeypatch.context() as patch:
+            patch.setattr(sys.modules["stability.packing.hold"], "hold", lambda *_, **__: found)
+            with pytest.raises(InputError) as error:
+                question(subject, hold=control)
+        return str(error.value).removeprefix("the sample, which was brought to rest first ")
+
+    kept = held.graph.contact_count
+    for question in (probe, sustain):
+        lost = {"status": "flows", "gained": 0, "lost": 50}
+        assert refused(question, snapshot, "strain", held, **lost) == (
+            f"(between its walls): got a flow: {kept} of {kept + 50} contacts between grains "
+            "are left, expected a state at rest. Look for grains and contacts that are missing, or "
+            "take a sample that is jammed."
+        )
+    said = refused(probe, scene, "strain", in_cell, status="not at rest", steps=500)
+    assert said.startswith("(at fixed cell): got an unbalanced force of ") and "500 steps" in said
+    strained = {"status": "flows", "control": "stress", "strain": np.diag([0.06, 0.08])}
+    said = refused(probe, scene, "stress", in_cell, **strained)
+    assert said.startswith("(at fixed stress): got a flow: the cell strains by 0.1, expected")
 
 
 def test_directions_without_an_answer_stand_first_and_none_at_all_is_exit_1(
