@@ -113,7 +113,7 @@ def test_what_does_not_come_to_rest_is_refused_in_plain_words(monkeypatch):
     snapshot, scene = read_snapshot(WALLS), Scene(jammed(24, 3, LAW), LAW)
     held, in_cell = hold(snapshot, most_steps=1), hold(scene)
 
-    def refused(question, subject, control, ended, **changed):
+    def refused(question, subject, control, ended, /, **changed):
         found = replace(ended, **changed)
         with monkeypatch.context() as patch:
             patch.setattr(sys.modules["stability.packing.hold"], "hold", lambda *_, **__: found)
