@@ -47,7 +47,7 @@ from studies.snapshot.figures import (
     order_bar,
 )
 from studies.snapshot.summary import JUDGE_TITLES
-from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map, share_of
+from studies.snapshot.table import GROUPS, LAST_ORDER, loops_for_map
 from studies.study import MOST_LOOPS, Drawings, LoopsForMap
 from studies.style import (
     BLACK,
@@ -410,17 +410,17 @@ def series_figures(
 @panel()
 def buckling(found: Summary, ax: Axes) -> None:
     """Shares of lost loops and of negative work beside chains that buckle, others, elsewhere."""
-    at = np.arange(len(PLACES))
+    places = [place for place in PLACES if found[place]["loops"]]
+    at = np.arange(len(places))
     looks = {"lost": ("o", VERMILION, "lost"), "negative_W2": ("s", BLUE, "survive with $W_2 < 0$")}
     for k, (name, (marker, colour, label)) in enumerate(looks.items()):
-        shares = [found[place][name] or share_of(0, 0) for place in PLACES]
+        shares = [found[place][name] for place in places]
         mean, error = ([100.0 * one[key] for one in shares] for key in ("mean", "std_error"))
         ax.errorbar(at + 0.16 * k - 0.08, mean, error, fmt=marker, color=colour, label=label)
-    orders = [found[place]["mean_order"] or np.nan for place in PLACES]
-    named = [f"{place}\n{found[place]['loops']} loops,\nmean order {order:.2f}"
-             for place, order in zip(PLACES, orders, strict=True)]  # fmt: skip
+    named = [f"{place}\n{found[place]['loops']} loops,\nmean order {found[place]['mean_order']:.2f}"
+             for place in places]  # fmt: skip
     ax.set_xticks(at, labels=named)
-    ax.set(ylabel="share of the loops (%)", xlim=(-0.5, 2.5))
+    ax.set(ylabel="share of the loops (%)", xlim=(-0.5, len(places) - 0.5))
     ax.legend()
 
 

@@ -9,7 +9,9 @@ import pytest
 
 import grainloops as gl
 from loops import force_chains
-from studies.series.chains import BUCKLES, chain_bends
+from studies.commands.printed import printed
+from studies.series.chains import BUCKLES, PLACES, chain_bends, chain_summary
+from studies.series.figures import buckling
 from tests.golden.answers import write_series
 from tests.studies.series.test_run import run
 
@@ -136,3 +138,31 @@ def test_a_series_counts_loops_by_place(tmp_path):
             assert found == pytest.approx(own.mean() if len(own) else None, nan_ok=True)
     assert summary["segments"] >= summary["segments_buckled"] >= 0
     assert sum(summary[place]["loops"] for place in places) == len(old) > 0
+
+
+def interval(**counts):
+    """Numbers of an interval: all zero but these."""
+    names = [
+        f"{place}_{name}" for place in PLACES for name in ("loops", "grains", "lost", "negative_W2")
+    ]
+    return dict.fromkeys(["segments", "segments_buckled", *names], 0) | counts
+
+
+def test_each_place_has_a_line_and_a_column_if_it_has_loops():
+    """Three in a hundred lost: 100 sqrt(.03 .97/100) = 1.7 % is the error of the share."""
+    beside = {"straight_loops": 100, "straight_grains": 400, "straight_lost": 3}
+    calm = chain_summary([interval(segments=20, **beside)])
+    buckles = {"buckled_loops": 4, "buckled_grains": 20, "buckled_lost": 1}
+    bent = chain_summary([interval(segments=20, segments_buckled=1, **beside, **buckles)])
+    head = "of 20 segments of force chains buckle (bend by more than 1 degree over an interval)"
+    straight = "loops beside other segments alone: 3.0 +- 1.7 % of 100 are lost over an interval"
+    buckled = "loops beside a segment that buckles: 25.0 +- 21.7 % of 4 are lost over an interval"
+    said = [
+        [line for line in printed("series", {"chains": found}) if "segment" in line]
+        for found in (calm, bent)
+    ]
+    assert said == [[f"0 {head}", straight], [f"1 {head}", buckled, straight]]
+    for found, named in ((calm, ["straight"]), (bent, ["buckled", "straight"])):
+        ticks = [label.get_text() for label in buckling(found).get_xticklabels()]
+        assert [tick.split("\n")[0] for tick in ticks] == named
+        assert not any("nan" in tick for tick in ticks)
