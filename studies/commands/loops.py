@@ -45,9 +45,11 @@ OF_POLYGON = ("order", "radii", "compare", "snapshot", "centres")
 OF_DOMAIN = ("order", "compare", "radii", "snapshot")
 OWN = ("orientation", "kappa", "phi_deg", "confine", "rolling")
 CONES = {
-    "empty": "no unstable direction",
+    "empty": "no unstable direction there",
     "ray": "second-order work vanishes in one direction",
 }
+# Subspaces besides (11, 22), named where their verdict differs.
+WIDER = {"symmetric": "(11, 22, 12 + 21)", "full": "all four strain components"}
 
 
 def diamond_command(
@@ -228,10 +230,14 @@ def state_lines(summary: Summary) -> list[str]:
 
 
 def _stability(operators: dict[str, Any]) -> str:
-    """Verdict and cone of one operator in (11, 22)."""
+    """Verdict and cone of one operator in (11, 22), and verdicts of wider subspaces that differ."""
     cone, verdict = operators["cone"], operators["verdict"]
+    status = verdict.get("diagonal", verdict)["status"]
     wide = f"double cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
-    return f"{verdict.get('diagonal', verdict)['status']}, {CONES.get(cone['status'], wide)}"
+    said = [f"{status} in the normal strains (11, 22), {CONES.get(cone['status'], wide)}"]
+    others = {name: verdict[name]["status"] for name in WIDER if name in verdict}
+    said += [f"{one} in {WIDER[name]}" for name, one in others.items() if one != status]
+    return "; ".join(said)
 
 
 def loop_command(

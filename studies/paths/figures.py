@@ -161,8 +161,8 @@ def draw_operators(found: Followed, of: str, ax: Axes) -> None:
         look: Any = {"color": colour, "linestyle": style}
         lines = ax.plot(found.broken(found.E1), found.broken(values), **look)
         lines[0].set_label(name.format(operator))
-    units = {"determinant": "determinant (–)", "eigenvalues": "eigenvalues over $k_n$ (–)"}
-    over_strain(found, ax, marked, units[of], 0.1)
+    units = {"determinant": "determinant", "eigenvalues": "eigenvalues over $k_n$"}
+    over_strain(found, ax, marked, f"{units[of]} in (11, 22) (–)", 0.1)
     ax.legend(loc="best")
 
 

@@ -20,7 +20,7 @@ from patterns.diamond import DiamondParameters
 from stability import rates_at, restrict
 from stability.programmes import proportional_strain
 from studies.commands.loops import state_lines
-from studies.paths.figures import run_comparison, run_polygon
+from studies.paths.figures import draw_operators, run_comparison, run_polygon
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -36,6 +36,7 @@ from studies.paths.polygon import (
     polygon_table,
     thresholds,
 )
+from studies.style import axes_or_new
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty
@@ -395,9 +396,24 @@ def test_states_of_a_polygon_have_both_sides_of_the_first_yield(pentagon):
     assert states["B"]["beyond"]["regime"].count("sliding") == 2 and path.regime[row].max() == 1
     *lines, _ = state_lines(summary)
     assert [line[:12].strip() for line in lines] == ["state A", "state B", "", "", "state end", ""]
-    assert "arriving: stable, no unstable direction" in lines[1]
+    assert "arriving: stable in the normal strains (11, 22), no unstable" in lines[1]
     assert "going on" in lines[2] and "42.35 degrees wide" in lines[2]
-    assert lines[-1].endswith("69.05 of 360 degrees unstable")
+    assert lines[-1].endswith("69.05 of 360 degrees of (11, 22) unstable")
+
+
+def test_a_verdict_names_its_subspace():
+    """Affine pentagons lose det Ks in all four components alone, at the first yield."""
+    found = follow_polygon(PolygonOptions(5, end=0.2))
+    lost = {event.subspace for event in found.path.events if event.kind == "det_Ks_zero"}
+    share = found.subspaces.iloc[-1]
+    assert lost == {"full"} and share["unstable_fraction_full"] > 0.0
+    assert share["unstable_fraction_symmetric"] == share["unstable_fraction_diagonal"] == 0.0
+    lines = state_lines(polygon_summary(found))
+    before, after = lines[0], next(line for line in lines if line.startswith("state end"))
+    assert before.endswith(": stable in the normal strains (11, 22), no unstable direction there")
+    assert after.endswith("direction there; unstable in all four strain components")
+    ax = draw_operators(found, "determinant", ax=axes_or_new(None))
+    assert ax.get_ylabel() == "determinant in (11, 22) (–)"
 
 
 def test_the_parts_of_K_are_those_of_the_paper():
