@@ -196,9 +196,9 @@ def _report(error: Exception) -> NoReturn:
         case MissingArgumentError():
             name = "" if error.argument is None else error.argument.name
             kind = "option" if name.startswith("-") else "argument"
-            _fail(f"Missing {kind} '{name}'. Try 'grainloops --help'.")
+            _fail(f"Missing {kind} '{name}'. {_help_of(error)}")
         case CycloptsError():
-            _fail(f"{said.removesuffix('.')}. Try 'grainloops --help'.")
+            _fail(f"{said if said.endswith(('.', '?')) else f'{said}.'} {_help_of(error)}")
         case OSError():
             _forget_output()
             _fail(said, status=1)
@@ -206,6 +206,11 @@ def _report(error: Exception) -> NoReturn:
             said = said if said.startswith("out of memory") else f"out of memory. {said}"
             _fail(said.rstrip(". "), status=1)
     raise error
+
+
+def _help_of(error: CycloptsError) -> str:
+    """Return the sentence that names the help of the command with the error."""
+    return f"Try '{' '.join(['grainloops', *(error.command_chain or ())])} --help'."
 
 
 def _fail(message: str, status: int = 2) -> NoReturn:

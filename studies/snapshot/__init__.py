@@ -47,7 +47,8 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
         configuration |= {"in_packing": in_packing, "hold": hold, "yield_band": yield_band}
     elif hold or yield_band is not None:
         expected = "with --in-packing: loops are judged in their packing alone"
-        raise InputError("--hold, --yield-band", "no --in-packing", expected, "Add --in-packing.")
+        given = ", ".join(["--hold"] * hold + ["--yield-band"] * (yield_band is not None))
+        raise InputError(given, "no --in-packing", expected, "Add --in-packing.")
     with study("snapshot", out, configuration, **files) as results:
         snapshot = read_planar(path, **how)
         with ThreadPoolExecutor(1) as other:

@@ -12,7 +12,7 @@ import pytest
 import grainloops as gl
 from studies.cli import COMMANDS
 from studies.commands import Answer, out_or
-from tests.command import run
+from tests.command import refusal, run
 
 SAMPLE = str(gl.sample_path())
 ROOT = str(gl.sample_path().parents[3])
@@ -179,3 +179,19 @@ def test_python_runs_the_package_as_the_command(tmp_path):
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("grainloops: --order: got 2, expected a whole number from 3")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["evolve", "a.csv"], "Missing option '--to'. Try 'grainloops evolve --help'."),
+        (["evolve"], "Missing argument 'PATHS'. Try 'grainloops evolve --help'."),
+        (["check", "a.csv", "--outt", "3"], "mean --out? Try 'grainloops check --help'."),
+        (["nosuch"], "Try 'grainloops --help'."),
+        (["snapshot", "a.csv", "--hold"], "grainloops: --hold: got no --in-packing"),
+        (["snapshot", "a.csv", "--yield-band", "0.9"], ": --yield-band: got no --in-packing"),
+        (["snapshot", "a.csv", "--hold", "--yield-band", "0.9"], ": --hold, --yield-band: got no"),
+    ],
+)
+def test_a_refusal_names_the_command_and_what_was_given(words, told, capsys):
+    assert told in refusal(capsys, *words)
