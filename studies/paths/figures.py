@@ -224,16 +224,26 @@ def over_strain(
             ha="center", va="bottom",
         )  # fmt: skip
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-    parts = [] if found.gaps is None else true_runs(np.minimum(*found.gaps) < 0.0)
-    for part in parts:
-        first, last = found.E1[part][[0, -1]]
+    parts = [] if found.gaps is None else overlaps(found.E1, np.minimum(*found.gaps))
+    for first, last in parts:
         ax.axvspan(first, last, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
     if parts:
         said = "share a contact" if found.options.contact_on_touch == "add" else "overlap"
-        middle = 0.5 * (found.E1[parts[0]][0] + found.E1[parts[-1]][-1])
+        middle = 0.5 * (parts[0][0] + parts[-1][1])
         write_above(ax, middle, f"opposite grains {said}", color=GREY, fontsize=7)
     ax.set(xlabel=STRAIN_LABEL, ylabel=ylabel, xlim=(0.0, None))
     ax.margins(y=margin)
+
+
+def overlaps(E1: Floats, gap: Floats) -> list[tuple[float, float]]:
+    """Strains between which a gap is negative: zeros between rows are linear."""
+    found = []
+    for part in true_runs(gap < 0.0):
+        before, after = max(part.start - 1, 0), min(part.stop, len(gap) - 1)
+        ends = [part.start, before], [part.stop - 1, after]
+        first, last = (float(np.interp(0.0, gap[rows], E1[rows])) for rows in ends)
+        found.append((first, last))
+    return found
 
 
 def write_above(ax: Axes, x: float, text: str, **look: Any) -> None:

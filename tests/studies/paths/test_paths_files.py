@@ -18,13 +18,14 @@ from studies.paths.figures import (
     draw_operators,
     draw_polar,
     draw_stress,
+    overlaps,
     run_diamond,
 )
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
-from tests.studies.paths.followed import followed
+from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty
 
 EVENT_KEYS = {
@@ -142,6 +143,19 @@ def test_a_path_without_named_states_is_written(tmp_path, unsaved):
         "summary", "path", "polar", "path_dependence", "axial_stress", "determinant",
         "eigenvalues", "split", "cone",
     }  # fmt: skip
+
+
+def test_opposite_grains_overlap_from_the_event_on():
+    """The band begins where they touch, and ends where the note says that they separate."""
+    for table, parted in ((1, None), (2, 0.295383)):
+        path, summary = followed(table=table), summary_of(table=table)
+        bands = overlaps(path.E1, np.minimum(*path.gaps))
+        touch = {e["E1"] for e in summary["events"] if e["kind"] == "opposite_contact"}
+        assert [first for first, _ in bands] == pytest.approx(sorted(touch), abs=1e-14)
+        assert bands[-1][1] == path.E1[-1]
+        if parted is not None:
+            assert f"separate at E1 = {parted}" in "".join(summary["notes"])
+            assert bands[0][1] == pytest.approx(parted, abs=5.1e-7)
 
 
 def test_drawing_functions_use_the_axes_they_are_given():
