@@ -8,9 +8,10 @@ from functools import cached_property, wraps
 from os import PathLike
 from typing import Concatenate, ParamSpec, Protocol, TypeVar, cast
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import one_blas_thread
+from loops.arrays import Integers, one_blas_thread
 from loops.boundary import Boundary, Rows, boundary_of, rows_of
 from loops.errors import InputError, check_type
 from loops.faces import Faces, find_faces
@@ -23,6 +24,7 @@ from loops.graph import (
 )
 from loops.laws.frictional import ContactLaw, require_law
 from loops.shown import Shown
+from loops.validation import integers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,6 +39,8 @@ class Scene(Shown):
         Law of the contacts between grains.
     boundary : Boundary
         What the sample ends at: if left out the graph's periodic cell, or nothing.
+    ids : (G,) array of int, optional
+        Ids of the grains, as a file has them, for tables and fates; if left out their numbers.
 
     Examples
     --------
@@ -51,6 +55,7 @@ class Scene(Shown):
     graph: GrainGraph
     law: ContactLaw
     boundary: Boundary = None  # type: ignore[assignment]
+    ids: Integers = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         remedy = "Give Scene(graph, law); a Snapshot has .scene."
@@ -60,6 +65,9 @@ class Scene(Shown):
         remedy = "Give boundary_of(graph, walls=, held=)."
         check_type("boundary of a scene", self.boundary, Boundary, remedy)
         require_law(self.law, self.graph.contact_shape)
+        if cast(object, self.ids) is None:
+            object.__setattr__(self, "ids", np.arange(self.graph.grain_count))
+        integers("ids of a scene", self.ids, self.graph.grain_count)
 
     @property
     def given_volume(self) -> float | None:
@@ -96,8 +104,8 @@ class Scene(Shown):
         Returns
         -------
         Scene
-            Grains are numbered anew in their order; area and cell of the boundary stay. `gl.hold`
-            brings it to rest.
+            Grains are numbered anew in their order and keep their ids; area and cell of the
+            boundary stay. `gl.hold` brings it to rest.
 
         Raises
         ------
@@ -114,7 +122,8 @@ class Scene(Shown):
         """
         kept = graph_without(self.graph, grains, contacts)
         boundary = self.boundary.of_kept(kept.grains, self.graph.grain_count)
-        return Scene(kept.graph, self.law.take(kept.contacts), boundary)
+        law, ids = self.law.take(kept.contacts), self.ids[kept.grains]
+        return Scene(kept.graph, law, boundary, ids)
 
     def facts(self) -> dict[str, object]:
         """Return the facts that the prompt and a notebook show."""

@@ -18,8 +18,9 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.errors import check_choice, check_type, path_of
+from loops.errors import check_choice, path_of
 from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
+from loops.scene import Subject
 from patterns.snapshots.columns import (
     LAYOUTS,
     WHEN,
@@ -32,7 +33,7 @@ from patterns.snapshots.files import Text, beside, head_of, unpacked_name
 from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.geometry import as_periodic
 from patterns.snapshots.laws import LawName
-from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.snapshot import Snapshot, snapshot_of
 from patterns.snapshots.tables import (
     ARRAY_FILES,
     SPREADSHEETS,
@@ -379,7 +380,7 @@ def _cell_beside(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
+def write_snapshot(path: str | Path, snapshot: Snapshot | Subject) -> None:
     """Write the tables that `read_snapshot` reads.
 
     Parameters
@@ -389,7 +390,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
         those with walls (`walls`), and in a JSON file (`cell`) the cell of a periodic snapshot, the
         shear increment `radii` and Hertz's law are written beside it; files of these names are
         replaced, each when its successor is complete.
-    snapshot : Snapshot
+    snapshot : Snapshot, Scene or HeldPacking
         What to write; without forces the tables have none.
 
     Raises
@@ -407,7 +408,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot) -> None:
     819
     """
     path = path_of("path", path, "Name a file: 'grains_1.parquet'.")
-    check_type("snapshot", snapshot, Snapshot, "Give what gl.read_snapshot returns.")
+    snapshot = snapshot_of(snapshot)
     if "grains" not in path.name or path.suffix not in (".parquet", ".csv"):
         raise InputError(
             str(path), "this name", "grains... ending in .parquet or .csv", "Rename it."

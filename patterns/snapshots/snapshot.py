@@ -137,7 +137,7 @@ class Snapshot(Shown):
         (law, regime), graph = self.mechanics(), self.graph
         if graph.regime is not regime:
             graph = graph.replace(regime=regime)
-        scene = Scene(graph, law, self.boundary_and_notes[0])
+        scene = Scene(graph, law, self.boundary_and_notes[0], self.ids)
         if "faces" in vars(self):
             # Already found.
             vars(scene)["faces"] = self.faces
@@ -315,7 +315,7 @@ class Snapshot(Shown):
 def snapshot_of(subject: Snapshot | Subject) -> Snapshot:
     """Return the snapshot of a question's first argument: itself, or one of a scene's grains.
 
-    The ids of a scene's grains are their indices. `InputError` for anything else.
+    `InputError` for anything else.
     """
     if isinstance(subject, Snapshot):
         return subject
@@ -329,8 +329,8 @@ def snapshot_of(subject: Snapshot | Subject) -> Snapshot:
         at_walls = WallContacts(walls.grain, walls.force, -walls.branch, *springs, sliding)
     regime = contact_regime(contact_state(graph), scene.law)
     own = graph.replace(regime=regime)
-    ids, count = np.arange(graph.grain_count), 0 if walls is None else len(walls.grain)
-    snapshot = Snapshot(own, scene.law, regime, ids, count, (), at_walls)
+    count = 0 if walls is None else len(walls.grain)
+    snapshot = Snapshot(own, scene.law, regime, scene.ids, count, (), at_walls)
     # The boundary stays the scene's own.
     vars(snapshot)["scene"] = replace(scene, graph=own)
     return snapshot

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
 from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.contacts import Contacts, PackingState, contacts_at_start, start_state
 from loops.errors import InputError, check_choice, number, whole_number
@@ -57,6 +57,8 @@ class HeldPacking(Shown):
         Stiffness and friction of these contacts.
     boundary : Boundary
         Its cell, or the contacts with walls at rest and their forces.
+    ids : (G,) array of int
+        Ids of the grains, those of the scene that was held.
     status : {'at rest', 'not at rest', 'flows'}
         Whether the unbalanced force fell below the bound; `flows`: under a held stress the cell
         strained by more than 0.05, or no contact was left.
@@ -96,6 +98,7 @@ class HeldPacking(Shown):
     graph: GrainGraph
     law: MovableLaw
     boundary: Boundary
+    ids: Integers
     status: HoldStatus
     other_status: HoldStatus
     damping: float
@@ -120,7 +123,7 @@ class HeldPacking(Shown):
         limit = SLIDING_SHARE * self.law.strength(contact_state(self.graph))
         slides = np.abs(self.graph.shear_force) >= limit
         regime = np.where(slides, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-        return Scene(self.graph.replace(regime=regime), self.law, self.boundary)
+        return Scene(self.graph.replace(regime=regime), self.law, self.boundary, self.ids)
 
     @property
     def place(self) -> str:
@@ -276,6 +279,7 @@ def _told(
         graph=at_rest,
         law=law_of(scene.law, end.law, last),
         boundary=boundary_of(at_rest, **around),
+        ids=scene.ids,
         status=found.status,
         other_status=other.status,
         damping=found.damping,

@@ -56,6 +56,7 @@ def test_what_stays_is_as_it_was(sample):
     number = {one: k for k, one in enumerate(sample.ids.tolist())}
     scene = sample.scene.without(numbers, [[number[one] for one in first]])
     assert np.array_equal(scene.graph.contacts, less.graph.contacts)
+    assert np.array_equal(scene.ids, less.ids)
     tangents = (gl.affine_tangent(one.graph, one.law, volume=1.0) for one in (scene, less.scene))
     assert np.array_equal(*(tangent.matrix for tangent in tangents))
 
@@ -97,3 +98,28 @@ def test_what_is_not_there_is_named(what, said):
     scene = {"grains": [99], "contacts": [[0, 0]]}
     with pytest.raises(gl.InputError, match="without: got grain 99, contact 0-0, expected grains"):
         sample.scene.without(**scene)
+
+
+@pytest.mark.parametrize("ends", ["cell", "walls"])
+def test_a_sample_at_rest_keeps_the_ids_of_its_grains(tmp_path, ends):
+    """Without its first grain numbers and ids differ: tables, fates and files are by ids."""
+    sample = small_sample(ends, LAW)
+    less = sample.without(grains=sample.ids[:1])
+    held = gl.hold(less)
+    assert np.array_equal(held.ids, less.ids)
+    assert np.array_equal(held.scene.ids, less.ids)
+    table = gl.loop_table(held)
+    assert len(table) and {one for row in table["grains"] for one in row} <= {*less.ids.tolist()}
+    # The same scene has the same loops.
+    assert {*gl.fates(less, less.scene)["fate"]} == {"survived"}
+    before = {frozenset(row) for row in gl.loop_table(less)["grains"]}
+    after = {frozenset(row) for row in table["grains"]}
+    fates = gl.fates(less, held)
+    assert (fates["fate"] == "survived").sum() == len(before & after) > 0
+    gl.write_snapshot(tmp_path / "grains_held.parquet", held)
+    again = gl.read_snapshot(tmp_path / "grains_held.parquet")
+    assert np.array_equal(again.ids, less.ids)
+    assert np.array_equal(again.graph.contacts, held.graph.contacts)
+    # Files hold the components of forces.
+    forces = again.graph.normal_force, held.graph.normal_force
+    np.testing.assert_allclose(*forces, rtol=1e-12)
