@@ -392,7 +392,7 @@ def series_figures(
         yield "kinetics", lambda: kinetics_figure(tables)
     if "segments" in evolution and evolution["segments"].sum() > 0:
         yield "buckling", lambda: buckling(chain_summary(evolution.iloc[1:].to_dict("records")))
-    if "regions" in tables:
+    if "regions" in tables and {"survived", "negative"} & {*tables["regions"]}:
         yield "regions", lambda: regions_over_intervals(tables["regions"])
     if len(increments.get("W2", ())):
         yield "work_signs", lambda: work_signs(increments)
@@ -433,6 +433,8 @@ def regions_over_intervals(table: pd.DataFrame) -> Figure:
     every = table[table["orders"] == "all"]
     for k, (place, rows) in enumerate(every.groupby("place", sort=False)):
         for ax, name in zip(panels, shown, strict=True):
+            if rows[name].isna().all():
+                continue
             share = 1.0 - rows[name] if name == "survived" else rows[name]
             at = rows["snapshot_after"] + 0.12 * (k - 0.5)
             colour, marker = PLACE_COLOURS[k % len(PLACE_COLOURS)], "osD^v"[k % 5]

@@ -8,13 +8,23 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet
 
+from loops import InputError
 from loops.tracking import Fate
 from stability import COMPONENTS
-from studies.output import Columns, Summary
+from studies.output import DATASETS, Columns, Summary, described
 from studies.series.tasks import Series
-from studies.snapshot.regions import Property, loop_regions, places_table, region_summary
+from studies.snapshot.regions import (
+    THRESHOLD,
+    UNKNOWN,
+    Property,
+    loop_regions,
+    places_table,
+    region_summary,
+    require_regions,
+)
 from studies.snapshot.summary import verdict_properties
 
+SURVIVED = Fate.SURVIVED.name.lower()
 # Columns of the loops of all intervals together.
 POOLED = ("order", "area", "fate", "W2")
 
@@ -22,6 +32,7 @@ POOLED = ("order", "area", "fate", "W2")
 def series_regions(series: Series, regions: str) -> tuple[pd.DataFrame, Summary]:
     """Return the table of regions by interval, and the summary of all intervals together."""
     tables, pooled, named = list[pd.DataFrame](), list[Columns](), list[str]()
+    require_series_regions(regions, len(series.planned))
     for earlier, interval in zip(series.snapshots, series.intervals, strict=False):
         table = earlier_loops(earlier.parts["loops"], interval.parts)
         place, names = loop_regions(table, regions)
@@ -33,8 +44,28 @@ def series_regions(series: Series, regions: str) -> tuple[pd.DataFrame, Summary]
         named = max(named, names.tolist(), key=len)
     whole = {name: np.concatenate([one[name] for one in pooled]) for name in pooled[0]}
     whole["region"] = np.array(named)[whole["place"]]
-    places = places_table(whole["order"], whole["place"], named, fate_properties(whole))
-    return pd.concat(tables, ignore_index=True), region_summary(places, whole)
+    properties, found = fate_properties(whole), pd.concat(tables, ignore_index=True)
+    lost = whole["fate"] != SURVIVED
+    if lost.any() and (whole["region"][lost] == UNKNOWN).all():
+        # The column is measured of loops that survived: their region says nothing on survival.
+        del properties["survived"]
+        found = found.drop(columns=["survived", "survived_error"])
+    places = places_table(whole["order"], whole["place"], named, properties)
+    return found, region_summary(places, whole)
+
+
+def require_series_regions(regions: str, snapshots: int) -> None:
+    """Raise `InputError` for regions that no series of so many snapshots has."""
+    require_regions(regions)
+    column = THRESHOLD.fullmatch(regions)
+    tables = (f"series/{name}" for name in DATASETS)
+    if column and column[1] != "shear" and not any(described(at, column[1]) for at in tables):
+        expected = "shear, or a column of the loops, fates, increments or packing of a series"
+        remedy = "docs/columns.md lists them."
+        raise InputError("--regions", f"column {column[1]}", expected, remedy)
+    if snapshots < 2:
+        remedy = "Give later ones, or take grainloops snapshot --regions."
+        raise InputError("--regions", "one snapshot", "a series of two at least", remedy)
 
 
 def earlier_loops(loops: Path, parts: dict[str, Path]) -> Columns:
@@ -70,7 +101,7 @@ def read_part(part: Path) -> Columns:
 
 def fate_properties(table: Columns) -> dict[str, Property]:
     """Return which loops survived, and which of those have negative second-order work."""
-    survived = table["fate"] == Fate.SURVIVED.name.lower()
+    survived = table["fate"] == SURVIVED
     found = {"survived": Property(survived, np.ones(len(survived), dtype=bool))}
     if "W2" in table:
         found["negative"] = Property(table["W2"] < 0, np.isfinite(table["W2"]))

@@ -28,7 +28,7 @@ from studies.reading import in_order, plan_series, reading
 from studies.series.chains import chain_summary
 from studies.series.evolution import verdict_row
 from studies.series.packing import STRESS_ERROR, WAYS, Following, read_strains
-from studies.series.regions import series_regions
+from studies.series.regions import require_series_regions, series_regions
 from studies.series.skill import (
     LONG_STEP,
     part_columns,
@@ -48,7 +48,6 @@ from studies.series.tasks import (
     write_csv,
 )
 from studies.series.workers import open_runner
-from studies.snapshot.regions import require_regions
 from studies.snapshot.table import PLACE
 from studies.study import Figures, Results, study
 
@@ -105,7 +104,7 @@ def run_series(
         read["probe"] = list(probe)
     configuration = {"paths": paths, "cells": cells, "times": times, **read}
     if asked.regions is not None:
-        require_regions(asked.regions)
+        require_series_regions(asked.regions, len(planned))
         configuration["regions"] = asked.regions
     read["cells"] = None if cells is None else cells.name
     out = out.absolute()

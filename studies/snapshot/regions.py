@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from studies.snapshot.table import GROUPS, LAST_ORDER, share
 
 # A column of the table of loops and a threshold, `nonaffinity>2`.
 THRESHOLD = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
-ELSEWHERE = "elsewhere"
+ELSEWHERE, UNKNOWN = "elsewhere", "unknown"
 Strings = NDArray[np.str_]
 
 
@@ -42,11 +43,13 @@ def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
         values = np.asarray(table[column]) if column in table else np.empty(0, dtype=object)
         if values.dtype.kind not in "iuf":
             named = [name for name in table if np.asarray(table[name]).dtype.kind in "iuf"]
+            near = get_close_matches(column, named)
+            remedy = f"Did you mean {near[0]}?" if near else "Correct the name."
             expected = f"a column of numbers: {', '.join(named)}"
-            raise InputError("--regions", f"column {column}", expected, "Correct the name.")
+            raise InputError("--regions", f"column {column}", expected, remedy)
         inside = values > value if sign == ">" else values < value
         known = np.isfinite(values)
-        names = [regions.strip(), ELSEWHERE, *(() if known.all() else ("unknown",))]
+        names = [regions.strip(), ELSEWHERE, *(() if known.all() else (UNKNOWN,))]
         return np.where(known, np.where(inside, 0, 1), 2), np.array(names)
     polygons = _polygons(Path(regions))
     if "x" not in table:

@@ -208,12 +208,15 @@ def write_paraview(
     """
     source, graph, faces = as_json(provenance), snapshot.graph, snapshot.faces
     offsets, corners, grains = loop_polygons(graph, faces)
+    numbered = {name: np.asarray(v) for name, v in table.items() if name != "grains"}
+    if "region" in numbered:
+        numbered["region"] = np.unique(numbered["region"], return_inverse=True)[1]
     write_polydata(
         folder / "loops.vtp",
         points=corners,
         offsets=offsets,
         lines=False,
-        cell_data={name: np.asarray(v) for name, v in table.items() if name != "grains"},
+        cell_data={name: v for name, v in numbered.items() if v.dtype.kind in "iufb"},
         point_data={"grain": snapshot.ids[grains]},
         source=source,
     )
