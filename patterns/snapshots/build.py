@@ -123,8 +123,6 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
             raise
         again, said, repeated = twice
         return _of_fewer(frame, rows[again], said, (repeated,), parameters, strict=strict)
-    if branches.images is not None and not branches.images.any():
-        notes.append("no contact crosses the border of the periodic cell")
     pushed = None if walls is None else (walls.grain, walls.force)
     state = Checked(
         *(graph, branches.d, branches.length, law, regime, branches.given, pushed, bodies.ids),

@@ -148,8 +148,17 @@ def cell(state: Checked) -> Finding | None:
     An edge longer by the share s makes a branch across it longer by s times its part along it.
     """
     images = state.graph.images
-    if state.graph.cell is None or images is None or not images.any():
+    if state.graph.cell is None or images is None:
         return None
+    if not images.any():
+        says = f"none of {len(images)} contacts crosses the border of the cell"
+        found, remedy = Finding("cell", 0.0, says), "Give the sample's own cell, or none."
+        if state.walls is None or not len(state.walls[0]):
+            return found.doubt(": stresses are over the area of a cell that may be wrong", remedy)
+        count = len(state.walls[0])
+        return found.error(
+            f", and {count} with walls are known: the sample is between walls", remedy
+        )
     fit, inner = state.fit, np.asarray(~images.any(axis=1))
     wanted = np.full(len(inner), median(state.overlap[inner]) if inner.any() else np.nan)
     if fit is not None:

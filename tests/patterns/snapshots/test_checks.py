@@ -415,3 +415,18 @@ def test_rounding_of_numbers_is_found(magnitude):
     )
     text = np.array([float(f"{v:.6g}") for v in values])
     assert 0.4e-5 * magnitude < rounding(text) < 0.6e-5 * magnitude
+
+
+def test_a_cell_that_no_contact_crosses():
+    """Wrong for a sample between walls, and doubtful for one without: stresses are over its area."""
+    with pytest.raises(InputError, match=r"between walls.*sample's own cell, or none"):
+        read_snapshot(sample_path(), cell=[[1.0, 0.0], [0.0, 1.0]])
+    row = snapshot_from_tables(
+        {"id": [1, 2, 3], "x": [1.0, 2.0, 1.5], "y": [1.0, 1.0, 1.85], "radius": [0.505] * 3},
+        {"id1": [1, 2, 3], "id2": [2, 3, 1], "fn": [1.0, 1.0, 1.0]},
+        cell=[[4.0, 0.0], [0.0, 4.0]],
+    )
+    (found,) = (one for one in row.findings if one.check == "cell")
+    assert found.severity == "doubt"
+    assert "none of 3 contacts crosses" in found.says
+    assert any("none of 3 contacts crosses" in note for note in row.notes)
