@@ -90,7 +90,8 @@ def _arrays(result: Any) -> pd.DataFrame:
 
     A tensor (2, 2) alone is an entry.
     """
-    names = getattr(result, "__dataclass_fields__", ())
+    # Ids belong to the grains of a scene, not to its answer.
+    names = (name for name in getattr(result, "__dataclass_fields__", ()) if name != "ids")
     values = {name: getattr(result, name) for name in names}
     arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray) and v.ndim}
     tensors = {name: v[None] for name, v in arrays.items() if v.shape == (2, 2)}

@@ -1,6 +1,7 @@
 """Forecasts: places against the paths themselves, probabilities in closed form, the command."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -160,8 +161,9 @@ def test_results_say_what_they_are(found, sample):
         assert ax.get_xlabel()
 
 
-def test_a_scene_counts_its_grains_from_zero(sample):
-    evolved = evolve(sample.scene, "drained", **DRIVEN, rows=1)
+def test_a_scene_without_ids_counts_its_grains_from_zero(sample):
+    assert np.array_equal(sample.scene.ids, sample.ids)
+    evolved = evolve(replace(sample.scene, ids=None), "drained", **DRIVEN, rows=1)
     assert isinstance(evolved, Evolution)
     ids = np.unique(np.concatenate(evolved.table()["grains"].tolist()))
     assert ids.min() >= 0 and ids.max() < sample.graph.grain_count

@@ -114,7 +114,7 @@ CALLS = {
     ),
     "Regime": ({"value": 1}, "value:place"),
     "RollingResistance": ({"law": LAW, "k_r": 0.1}, "law:law k_r:array mu_r:array"),
-    "Scene": ({"graph": "ring", "law": LAW}, "graph:graph law:law boundary:result"),
+    "Scene": ({"graph": "ring", "law": LAW}, "graph:graph law:law boundary:result ids:place"),
     "Stage": (
         {"programme": "drained_biaxial", "quantity": "H11", "target": 0.1},
         "programme:choice quantity:choice target:number fallback:",
