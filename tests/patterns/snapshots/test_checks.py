@@ -418,7 +418,7 @@ def test_rounding_of_numbers_is_found(magnitude):
 
 
 def test_a_cell_that_no_contact_crosses():
-    """Wrong for a sample between walls, and doubtful for one without: stresses are over its area."""
+    """It is wrong for a sample between walls, and doubtful for one without."""
     with pytest.raises(InputError, match=r"between walls.*sample's own cell, or none"):
         read_snapshot(sample_path(), cell=[[1.0, 0.0], [0.0, 1.0]])
     row = snapshot_from_tables(
