@@ -62,8 +62,8 @@ class LoopStudy(Shown):
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
         verdicts = dict(zip(self.closures["closure"], self.closures["verdict"], strict=True))
-        events = len(self.path.events)
-        return {**verdicts, "path": f"{self.path.status}, {events} events", **self.domain.facts()}
+        status, events = self.summary["status"], len(self.summary["events"])
+        return {**verdicts, "path": f"{status}, {events} events", **self.domain.facts()}
 
     def figures(self) -> Drawings:
         """Figures of the page with their names."""

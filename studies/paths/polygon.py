@@ -320,6 +320,8 @@ def _no_path(found: Followed) -> str:
 def _notes(
     found: Followed, critical: dict[str, float | None], peak: dict[str, float] | None
 ) -> list[str]:
+    if not found.loaded:
+        return []
     path, rows = found.path, found.loading
     lost = [name for name, strain in critical.items() if strain == 0.0]
     notes = [f"unstable from the first load on in the subspace {name}" for name in lost]
@@ -328,8 +330,6 @@ def _notes(
             "no critical isotropic strain: isotropic strain changes this loop's shape; the events "
             "say where stability is lost on the path"
         )
-    if not found.loaded:
-        return notes
     if path.status != "finished":
         notes.append(f"the path ends early ({path.status}): {path.message}")
     if peak is None and len(rows) > 1:

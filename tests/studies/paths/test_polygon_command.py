@@ -126,3 +126,4 @@ def test_a_loop_that_takes_no_load_has_no_path(capsys, tmp_path, how):
     found = json.loads(capsys.readouterr().out)
     assert not any(found["states"].values()) and found["events"] == [] and found["rows"] == 0
     assert found["status"] == "no_load" and found["peak"] is None
+    assert not any("events" in note or "ends early" in note for note in found["notes"])
