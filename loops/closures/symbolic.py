@@ -45,6 +45,11 @@ class SymbolicTangent(NamedTuple):
     C: Any
     values: dict[Any, float]
 
+    def __repr__(self) -> str:
+        matrices = {name: getattr(self, name) for name in "ASKC"}
+        shown = [f"{name}: {M.shape}" for name, M in matrices.items() if M is not None]
+        return f"SymbolicTangent({', '.join(shown)}, symbols: {len(self.values)})"
+
 
 def symbolic_tangent(
     graph: GrainGraph | HasLaw, law: ContactLaw | None = None, closure: Closure = "affine"
@@ -81,6 +86,8 @@ def symbolic_tangent(
     >>> x = [[0, 0], [1, 0], [1, 1], [0, 1]]
     >>> square = GrainGraph(x=x, radii=[0.5] * 4, contacts=[[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> found = symbolic_tangent(square, LinearFrictional(kn=1.0, kt=0.5))
+    >>> found
+    SymbolicTangent(A: (8, 4), S: (8, 8), K: (4, 4), symbols: 11)
     >>> found.S[:2, :2]
     Matrix([
     [kn,       T/l],

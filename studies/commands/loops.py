@@ -90,8 +90,9 @@ def polygon_command(
     """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
     _which_loop(asked, OF_POLYGON, needed=True)
     compare, named = asked.compare, f"polygon-{asked.order or asked.compare or 'grains'}"
+    named = "polygon" if asked.centres else named
     named = f"loop-{asked.loop}-polygon" if asked.snapshot else named
-    out = out_or(writing.out, named, asked.snapshot)
+    out = out_or(writing.out, named, asked.snapshot or asked.centres)
     with clock("grainloops polygon"):
         from studies.paths.figures import run_comparison, run_polygon
         from studies.paths.options import ComparisonOptions
