@@ -127,3 +127,12 @@ def test_a_loop_that_takes_no_load_has_no_path(capsys, tmp_path, how):
     assert not any(found["states"].values()) and found["events"] == [] and found["rows"] == 0
     assert found["status"] == "no_load" and found["peak"] is None
     assert not any("events" in note or "ends early" in note for note in found["notes"])
+
+
+def test_results_of_centres_are_named_after_their_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    x, y = np.cos(0.4 * np.pi * np.arange(5)), np.sin(0.4 * np.pi * np.arange(5))
+    rows = [f"{a},{b},{np.sin(0.2 * np.pi)}" for a, b in zip(x, y, strict=True)]
+    (tmp_path / "pent.csv").write_text("\n".join(["x,y,radius", *rows]))
+    assert run("polygon", "--centres", "pent.csv", "--end", "0.11", "--figures", "none") == 0
+    assert (tmp_path / "pent-polygon" / "summary.json").is_file()
