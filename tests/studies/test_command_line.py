@@ -4,6 +4,7 @@ import os
 import pty
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 import grainloops as gl
 from studies.cli import COMMANDS
-from studies.commands import Answer, out_or
+from studies.commands import KERNELS, Answer, clock, out_or
 from tests.command import refusal, run
 
 SAMPLE = str(gl.sample_path())
@@ -195,3 +196,38 @@ def test_python_runs_the_package_as_the_command(tmp_path):
 )
 def test_a_refusal_names_the_command_and_what_was_given(words, told, capsys):
     assert told in refusal(capsys, *words)
+
+
+@pytest.mark.parametrize(
+    ("command", "kept", "quiet", "told"),
+    [
+        ("diamond", None, False, True),
+        ("evolve", "paths_5a/a.nbi", False, True),
+        ("diamond", "paths_5a/a.nbi", False, False),
+        ("diamond", None, True, False),
+        ("check", None, False, False),
+    ],
+)
+def test_a_wait_for_kernels_is_told_once(command, kept, quiet, told, tmp_path, monkeypatch, capsys):
+    """Where numba's cache has none of the command's kernels; a refusal within two seconds is not."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("TTY_COMPATIBLE", "0" if quiet else "")
+    if kept is not None:
+        (tmp_path / kept).parent.mkdir()
+        (tmp_path / kept).touch()
+    with clock(f"grainloops {command}"):
+        pass
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("studies.commands.CLOCK_PATIENCE", 0.01)
+    with clock(f"grainloops {command}"):
+        time.sleep(0.1)
+    line = f"grainloops {command}: compiling kernels, once: about half a minute\n"
+    assert capsys.readouterr().err == line * told
+
+
+def test_kernels_lie_where_they_are_looked_for():
+    """Each room has kernels, and commands are known."""
+    assert set(KERNELS) <= set(COMMANDS)
+    for room in set(KERNELS.values()):
+        sources = [path.read_text() for path in (Path(ROOT) / room).glob("*.py")]
+        assert any("kernel" in source for source in sources)
