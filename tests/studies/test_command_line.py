@@ -209,7 +209,7 @@ def test_a_refusal_names_the_command_and_what_was_given(words, told, capsys):
     ],
 )
 def test_a_wait_for_kernels_is_told_once(command, kept, quiet, told, tmp_path, monkeypatch, capsys):
-    """Where numba's cache has none of the command's kernels; a refusal within two seconds is not."""
+    """Where numba's cache has none of the command's kernels, and after two seconds."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("TTY_COMPATIBLE", "0" if quiet else "")
     if kept is not None:
