@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
@@ -398,7 +399,14 @@ def bench_command(
     out = out_or(out, "bench")
     run_bench = _benchmarks().run_bench
     with clock("grainloops bench") as tell:
-        summary = run_bench(out, quick=quick, only=only, force=force, progress=tell)
+
+        def progress(line: str) -> None:
+            if quick or os.environ.get("TTY_COMPATIBLE") == "0":
+                tell(line)
+            else:
+                print(f"grainloops bench: {line}", file=sys.stderr, flush=True)
+
+        summary = run_bench(out, quick=quick, only=only, force=force, progress=progress)
     defaults = [
         row | {"name": name, "knee": group["knee"]}
         for name, group in summary["groups"].items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -32,6 +33,11 @@ from tests.oracles.hard_cases import HARD_CASES
 
 HARD, SMALLEST = "hard-cases", "smallest-model"
 GROUPS = METHOD_GROUPS | {"options": option_methods}
+# Seconds of the groups on two busy cores, 29 November 2026.
+SECONDS = {
+    **{"paths": 5, "closures": 106, "directions": 8, "batches": 7, "compiled": 5},
+    **{"options": 170, HARD: 12, SMALLEST: 21},
+}
 UNITS = "seconds of processor time per item, bytes; errors relative or absolute as each row says"
 # Methods with an error below this, rounding, are ranked by their time alone.
 KNEE_ERROR = 1e-14
@@ -107,15 +113,17 @@ def chosen_groups(only: str | None) -> tuple[str, ...]:
 def collect(
     names: tuple[str, ...], quick: bool, progress: Callable[[str], None] | None = None
 ) -> Measured:
-    """Measure the groups of these names; `progress` is called with each name."""
+    """Measure the groups of these names; `progress` gets a line before and one after each."""
+    if progress is not None and not quick:
+        expected = sum(SECONDS[name] for name in names) / 60
+        progress(f"{len(names)} parts ({', '.join(names)}) take about {expected:.1f} minutes")
     methods: list[dict[str, Any]] = []
     tangents: list[dict[str, Any]] = []
     paths: list[dict[str, Any]] = []
     smallest: list[dict[str, Any]] = []
     letters: dict[str, dict[str, str]] = {}
     for name in names:
-        if progress is not None:
-            progress(name)
+        begin = time.perf_counter()
         if name == HARD:
             for case in HARD_CASES:
                 if case.kind == "tangent":
@@ -129,6 +137,8 @@ def collect(
             smallest += [] if quick else smallest_model_rows()
         else:
             methods += [asdict(row) for row in GROUPS[name](quick)]
+        if progress is not None:
+            progress(f"{name} finished in {time.perf_counter() - begin:.0f} s")
     return Measured(
         methods=pd.DataFrame(methods),
         tangents=pd.DataFrame(tangents),

@@ -17,7 +17,7 @@ from tests.benchmarks.methods import (
     direction_methods,
     irregular_rings,
 )
-from tests.benchmarks.run import chosen_groups, run_bench
+from tests.benchmarks.run import GROUPS, SECONDS, chosen_groups, run_bench
 from tests.command import run
 from tests.oracles.fifty_digits import (
     as_array,
@@ -92,6 +92,25 @@ def test_groups_are_chosen_by_name():
     assert set(chosen_groups(None)) == {*METHOD_GROUPS, *own}
     with pytest.raises(InputError, match="hard-cases"):
         chosen_groups("paths,nothing")
+
+
+def test_a_run_tells_how_long_it_takes_and_each_part_that_is_finished(
+    monkeypatch, capsys, tmp_path
+):
+    for name in ("paths", "options"):
+        monkeypatch.setitem(GROUPS, name, lambda quick: [])
+    asked = ["bench", "--only", "options,paths", "--out", tmp_path]
+    assert run(*asked) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        "grainloops bench: 2 parts (options, paths) take about 2.9 minutes",
+        "grainloops bench: options finished in 0 s",
+        "grainloops bench: paths finished in 0 s",
+    ]
+    assert set(SECONDS) == set(chosen_groups(None))
+    for more in (["--quick"], ["--quiet"]):
+        assert run(*asked, "--force", *more) == 0
+        assert capsys.readouterr().err == ""
 
 
 def test_a_quick_run_writes_everything(tmp_path):
