@@ -9,6 +9,7 @@ import numpy as np
 
 from loops import GrainGraph, find_crossings
 from loops.arrays import Floats
+from loops.shown import counted
 
 Severity = Literal["ok", "doubt", "error"]
 SEVERITIES: tuple[Severity, ...] = get_args(Severity)
@@ -43,7 +44,11 @@ class Finding(NamedTuple):
 def crossings(graph: GrainGraph) -> Finding:
     """Finding on branches that cross: loops need a plane network."""
     count = len(find_crossings(graph, MOST_CROSSINGS))
-    found = Finding("crossings", float(count), f"{count} pairs of branches cross")
+    found = Finding(
+        "crossings",
+        float(count),
+        counted(count, "pair of branches crosses", "pairs of branches cross"),
+    )
     if not count:
         return found
     return found.error(

@@ -8,6 +8,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.compiled import given, use_compiled
+from loops.shown import counted
 from patterns.snapshots.checked import ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, rounding
 from patterns.snapshots.geometry import high_cell
@@ -52,7 +53,8 @@ def lost_contacts(state: Checked) -> Finding | None:
         one, two = state.ids[pairs[k]].tolist()
         return f"{one} and {two} (by {overlap[k] / typical:.3g} typical overlaps)"
 
-    says = f"{len(lost)} pairs of grains overlap and have no contact"
+    says = counted(len(lost), "pair of grains overlaps", "pairs of grains overlap")
+    says += " and has no contact" if len(lost) == 1 else " and have no contact"
     remedy = "Export these contacts too, or correct the radii or the cell."
     if state.walls is not None and state.graph.cell is not None and all(state.periodic):
         remedy += " Between walls the sample is periodic one way: --periodic x, or y."

@@ -32,7 +32,7 @@ from loops.graph import graph_without, state_of
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
 from loops.scene import Scene, Subject, scene_of
-from loops.shown import Shown
+from loops.shown import Shown, counted
 from loops.validation import checked_regimes, integers
 from patterns.snapshots.columns import components
 from patterns.snapshots.findings import MOST_CROSSINGS, Finding, few
@@ -188,7 +188,8 @@ class Snapshot(Shown):
         lost = self.graph.contact_count - len(kept.contacts)
         own["notes"] = (
             *self.notes,
-            f"{len(self.ids) - len(kept.grains)} grains and {lost} contacts left out",
+            f"{counted(len(self.ids) - len(kept.grains), 'grain')} and "
+            f"{counted(lost, 'contact')} left out",
         )
         own |= {"law": scene.law.take(kept.contacts), "regime": kept.graph.regime, "walls": walls}
         own["wall_contacts"] = self.wall_contacts if walls is None else len(walls.grain)
@@ -487,7 +488,7 @@ def planar(
         shown = few(named, lambda ab: "{0[0]}-{0[1]} and {1[0]}-{1[1]}".format(*ab), mark="; ")
         raise InputError(
             f"contacts of {where}",
-            f"{len(pairs)} pairs of crossing branches (grains {shown})",
+            f"{counted(len(pairs), 'pair')} of crossing branches (grains {shown})",
             "a planar network",
             "Opposite grains of a loop overlap, or the cell is wrong; --drop-crossings (in Python "
             "gl.planar(snapshot, drop=True)) leaves out one contact of each pair, the less loaded "
@@ -497,7 +498,8 @@ def planar(
     kept = np.delete(np.arange(graph.contact_count), dropped)
     ten = few(snapshot.ids[graph.contacts[dropped]], lambda pair: "{}-{}".format(*pair), 10)
     note = (
-        f"{len(pairs)} pairs of crossing branches: {len(dropped)} contacts left out, of grains "
+        f"{counted(len(pairs), 'pair')} of crossing branches: "
+        f"{counted(len(dropped), 'contact')} left out, of grains "
         f"{ten}; their forces are missing in every stress"
     )
     images = None if graph.images is None else graph.images[kept]

@@ -17,7 +17,7 @@ from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
 from loops.laws.of_pairs import MovableLaw, law_of
 from loops.scene import Scene, of_scene
-from loops.shown import Shown
+from loops.shown import Shown, counted
 from loops.validation import finite
 from stability.packing.equations_of_motion import (
     Moving,
@@ -143,7 +143,8 @@ class HeldPacking(Shown):
             f"with damping {self.damping:g}{other}, unbalanced force "
             f"{self.unbalanced_before:.1e} to {self.unbalanced:.1e}, stress "
             f"({before[0]:.4g}, {before[1]:.4g}) to ({after[0]:.4g}, {after[1]:.4g}), spread "
-            f"{100 * self.spread:.2g} %{strain}, {self.lost} contacts lost, {self.gained} gained"
+            f"{100 * self.spread:.2g} %{strain}, "
+            f"{counted(self.lost, 'contact')} lost, {self.gained} gained"
         )
 
 

@@ -336,7 +336,7 @@ def test_a_weak_contact_that_is_lost_is_told(path, options):
         assert suspicious(told) == {"lost"}
         pair = " and ".join(map(str, sorted(healthy.ids[graph.contacts[row]].tolist())))
         assert (
-            f"1 pairs of grains overlap and have no contact: {pair} (by" in found(told, "lost").says
+            f"1 pair of grains overlaps and has no contact: {pair} (by" in found(told, "lost").says
         )
 
 

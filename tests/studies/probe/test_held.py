@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from grainloops import hold, probe, sustain
-from loops import InputError, Scene
+from loops import GrainGraph, InputError, Scene
 from patterns import Snapshot, read_snapshot, sample_path
+from patterns.snapshots.findings import crossings
 from stability.packing.hold import unbalanced_force
 from studies.evolve import run_evolve
 from studies.probe import run_probe
@@ -167,3 +168,15 @@ def test_a_held_snapshot_keeps_along_which_vectors_it_is_periodic():
     held, _ = held_snapshot(state, "strain")
     assert held.periodic == (True, False)
     assert held.velocity is None and held.rotation is None
+
+
+def test_one_contact_is_no_plural():
+    held = hold(Scene(jammed(24, 3, LAW), LAW))
+    assert "1 contact lost" in str(replace(held, lost=1))
+    assert "2 contacts lost" in str(replace(held, lost=2))
+    snapshot = read_snapshot(WALLS)
+    note = snapshot.without(grains=snapshot.ids[:1]).notes[-1]
+    assert note.startswith("1 grain and ")
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    crossed = GrainGraph(x=square, radii=[0.8] * 4, contacts=[[0, 2], [1, 3]])
+    assert crossings(crossed).says.startswith("1 pair of branches crosses")

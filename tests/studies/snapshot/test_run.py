@@ -288,7 +288,7 @@ def test_crossing_branches_are_named(tmp_path, capsys):
     path = write(tmp_path, contacts=contacts)
     assert run("snapshot", path, "--out", tmp_path / "out") == 2
     message = capsys.readouterr().err
-    assert "1 pairs of crossing branches" in message
+    assert "1 pair of crossing branches" in message
     assert "10-12" in message
     assert "11-13" in message
     assert not (tmp_path / "out").exists()
