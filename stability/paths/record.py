@@ -13,7 +13,12 @@ from loops.symmetry import identity, invariant_fields
 from stability.path import CHANGES, Event, EventKind, ModelChoice, ModelOption, Path, PathStatus
 from stability.paths.kernels import ring_of
 from stability.paths.model import PathModel
-from stability.paths.path_segment import SPECTRAL, SegmentEnd, eigenvalue_kind
+from stability.paths.path_segment import (
+    CROSSING_TOLERANCE,
+    SPECTRAL,
+    SegmentEnd,
+    eigenvalue_kind,
+)
 from stability.paths.regimes import EdgeTrial
 from stability.paths.state import Mode, shear_stiffness
 from stability.paths.state_rates import StateRates
@@ -216,17 +221,21 @@ def record_start(record: Record, model: PathModel, mode: Mode) -> None:
 def record_jumps(
     record: Record, before: Floats, after: Floats, parameter: float, subspaces: tuple[str, ...]
 ) -> None:
-    """Record where eigenvalues or determinants jump over zero as regimes change."""
+    """Record where eigenvalues or determinants jump over zero as regimes change.
+
+    A tangent that vanishes on one side, as of a loop without load, has no sign there.
+    """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return
     for subspace in subspaces:
         K = restrict(np.stack([before, after]), subspace)
-        below = (symmetric_spectrum(K) < -RTOL * operator_norm(K)[:, None]).sum(axis=1)
+        norm = operator_norm(K).max()
+        below = (symmetric_spectrum(K) < -RTOL * norm).sum(axis=1)
         if below[0] != below[1]:
             jump = tuple(below.tolist())
             record.event("det_Ks_zero", parameter, jump=jump, subspace=subspace)
-        det = np.linalg.det(K)
-        if det[0] * det[1] < 0:
+        det, least = np.linalg.det(K), CROSSING_TOLERANCE["det_K_zero"] * norm ** K.shape[1]
+        if det[0] * det[1] < 0 and np.abs(det).min() > least:
             record.event("det_K_zero", parameter, jump=tuple(det.tolist()), subspace=subspace)
 
 

@@ -303,7 +303,7 @@ def held_snapshot(
         wall_contacts=0 if walls is None else len(walls.grain), walls=walls,
         notes=(*snapshot.notes, *notes), velocity=None, spin=None, rotation=None,
     )  # fmt: skip
-    arrays = ("graph", "law", "boundary")
+    arrays = ("graph", "law", "boundary", "ids")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
     return planar(at_rest, "the held sample"), changes
 

@@ -107,9 +107,11 @@ SMALL, LARGE = ("affine", 1e-3, 1e6), ("traction", 1e3, 1e-3)
     [
         *((case, SMALL) for case in ("opening", "yield", "added", "added at once", "free spins")),
         ("yield", LARGE),
+        # The loop that has opened has no stiffness: the sign of its determinant is rounding.
+        ("opening", LARGE),
         *(
             pytest.param(case, LARGE, marks=pytest.mark.slow)
-            for case in ("opening", "added", "added at once", "free spins")
+            for case in ("added", "added at once", "free spins")
         ),
     ],
 )
