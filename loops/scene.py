@@ -48,8 +48,8 @@ class Scene(Shown):
     >>> row = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1], [1, 0]],
     ...     images=[[0, 0], [1, 0]], cell=[[2, 0], [0, 3]])
     >>> scene = Scene(row, LinearFrictional(1.0, 0.5, 0.5))
-    >>> scene.boundary.kind, scene.boundary.volume
-    ('cell', 6.0)
+    >>> scene.boundary.kind, scene.boundary.volume, scene.ids.tolist()
+    ('cell', 6.0, [0, 1])
     """
 
     graph: GrainGraph
@@ -65,9 +65,9 @@ class Scene(Shown):
         remedy = "Give boundary_of(graph, walls=, held=)."
         check_type("boundary of a scene", self.boundary, Boundary, remedy)
         require_law(self.law, self.graph.contact_shape)
-        if cast(object, self.ids) is None:
-            object.__setattr__(self, "ids", np.arange(self.graph.grain_count))
-        integers("ids of a scene", self.ids, self.graph.grain_count)
+        count = self.graph.grain_count
+        ids = np.arange(count) if cast(object, self.ids) is None else self.ids
+        object.__setattr__(self, "ids", integers("ids of a scene", ids, count))
 
     @property
     def given_volume(self) -> float | None:
@@ -145,8 +145,8 @@ Asked = ParamSpec("Asked")
 Answer = TypeVar("Answer")
 
 
-def scene_of(subject: Subject) -> Scene:
-    """Return the scene of a question's first argument: itself, or that of a snapshot.
+def scene_of(subject: Subject, where: str = "first argument") -> Scene:
+    """Return the scene of a question's argument: itself, or that of a snapshot.
 
     `InputError` for anything else.
     """
@@ -159,7 +159,7 @@ def scene_of(subject: Subject) -> Scene:
             received = "a graph without its law"
         named = isinstance(subject, str | PathLike)
         remedy = "Read it: gl.read_snapshot(path)." if named else "Give Scene(graph, law)."
-        raise InputError("first argument", received, expected, remedy)
+        raise InputError(where, received, expected, remedy)
     return subject.scene
 
 

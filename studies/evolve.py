@@ -180,8 +180,7 @@ def evolve(
     Parameters
     ----------
     subject : Scene or Snapshot
-        A packing with forces, periodic or between known walls. The ids of a snapshot's grains are
-        kept.
+        A packing with forces, periodic or between known walls. The ids of the grains are kept.
     programme : str
         'drained' (nominal stress across the driven axis constant), 'cauchy-drained' or 'biaxial'
         (Cauchy stress), 'isotropic', 'isotropic-stress', 'oedometric', 'undrained',

@@ -396,7 +396,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot | Subject) -> None:
     Raises
     ------
     InputError
-        For another name or ending.
+        For another name or ending, or what is no snapshot and no scene.
 
     Examples
     --------
@@ -408,7 +408,7 @@ def write_snapshot(path: str | Path, snapshot: Snapshot | Subject) -> None:
     819
     """
     path = path_of("path", path, "Name a file: 'grains_1.parquet'.")
-    snapshot = snapshot_of(snapshot)
+    snapshot = snapshot_of(snapshot, "snapshot")
     if "grains" not in path.name or path.suffix not in (".parquet", ".csv"):
         raise InputError(
             str(path), "this name", "grains... ending in .parquet or .csv", "Rename it."

@@ -154,7 +154,8 @@ def cell(state: Checked) -> Finding | None:
         return None
     if not images.any():
         says = f"none of {len(images)} contacts crosses the border of the cell"
-        found, remedy = Finding("cell", 0.0, says), "Give the sample's own cell, or none."
+        found = Finding("cell", 0.0, says)
+        remedy = "Give the sample's own cell, or none (in a dump ff in place of pp)."
         if state.walls is None or not len(state.walls[0]):
             return found.doubt(": stresses are over the area of a cell that may be wrong", remedy)
         count = len(state.walls[0])

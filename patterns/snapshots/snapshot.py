@@ -313,14 +313,14 @@ class Snapshot(Shown):
         }
 
 
-def snapshot_of(subject: Snapshot | Subject) -> Snapshot:
-    """Return the snapshot of a question's first argument: itself, or one of a scene's grains.
+def snapshot_of(subject: Snapshot | Subject, where: str = "first argument") -> Snapshot:
+    """Return the snapshot of a question's argument: itself, or one of a scene's grains.
 
     `InputError` for anything else.
     """
     if isinstance(subject, Snapshot):
         return subject
-    scene = scene_of(subject)
+    scene = scene_of(subject, where)
     graph, walls, at_walls = scene.graph, scene.boundary.walls, None
     if walls is not None:
         if walls.force is None:

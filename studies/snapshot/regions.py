@@ -48,7 +48,7 @@ def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
             expected = f"a column of numbers: {', '.join(named)}"
             raise InputError("--regions", f"column {column}", expected, remedy)
         inside = values > value if sign == ">" else values < value
-        known = np.isfinite(values)
+        known = ~np.isnan(values)
         names = [regions.strip(), ELSEWHERE, *(() if known.all() else (UNKNOWN,))]
         return np.where(known, np.where(inside, 0, 1), 2), np.array(names)
     polygons = _polygons(Path(regions))

@@ -123,3 +123,12 @@ def test_a_sample_at_rest_keeps_the_ids_of_its_grains(tmp_path, ends):
     # Files hold the components of forces.
     forces = again.graph.normal_force, held.graph.normal_force
     np.testing.assert_allclose(*forces, rtol=1e-12)
+
+
+def test_ids_of_a_scene_are_whole_numbers_one_a_grain():
+    graph = gl.regular_polygon(4)
+    scene = gl.Scene(graph, LAW, ids=[7, 5, 9, 8])
+    assert scene.without(grains=[1]).ids.tolist() == [7, 9, 8]
+    for ids in ([1, 2, 3], [0.5, 1.0, 2.0, 3.0]):
+        with pytest.raises(gl.InputError, match="ids of a scene"):
+            gl.Scene(graph, LAW, ids=ids)

@@ -111,9 +111,10 @@ def test_loops_without_places_have_no_polygons(tmp_path):
 
 
 def test_loops_without_a_number_are_in_no_region():
-    table = SQUARE | {"W2": np.array([np.nan, -1.0, 1.0, np.nan])}
-    place, names = loop_regions(table, "W2<0")
-    assert names[place].tolist() == ["unknown", "W2<0", "elsewhere", "unknown"]
+    # A time to an event is infinite where there is none.
+    table = SQUARE | {"opening": np.array([np.nan, -1.0, np.inf, np.nan])}
+    place, names = loop_regions(table, "opening<0")
+    assert names[place].tolist() == ["unknown", "opening<0", "elsewhere", "unknown"]
 
 
 def table_of_series(out):

@@ -169,7 +169,7 @@ def test_two_contacts_that_push_each_other_on_without_end():
     assert nearest_regimes(-np.ones(3), M).tolist() == [False, True, True]
 
 
-def test_a_principal_transformexchanges_slips_and_rates():
+def test_a_principal_transform_exchanges_slips_and_rates():
     rng = np.random.default_rng(3)
     q, M, z = rng.normal(size=6), rng.normal(size=(6, 6)), rng.normal(size=6)
     w, active = q + M @ z, np.arange(6) % 2 == 0
@@ -179,7 +179,7 @@ def test_a_principal_transformexchanges_slips_and_rates():
     assert principal_transform(q, 0.0 * M, active) is None
 
 
-def test_anexchange_solves_a_row_for_its_column():
+def test_an_exchange_solves_a_row_for_its_column():
     rng = np.random.default_rng(4)
     table, x = np.asfortranarray(rng.normal(size=(3, 4))), rng.normal(size=4)
     y = table @ x
