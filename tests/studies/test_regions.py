@@ -167,6 +167,15 @@ def test_regions_of_a_series_are_those_of_its_fates_and_increments(tmp_path):
     # The strain of a loop that was lost is not known: nothing is said of survival.
     assert "survived" not in regions and "survived" not in summary["regions"]["elsewhere"]
 
+    # Loops of one interval on both sides of a threshold on an increment.
+    least = float(table["W2"].median())
+    summary = run_series(paths, out, workers=1, figures=False, regions=f"W2<{least!r}")
+    regions, table = pd.read_parquet(out / "regions.parquet"), table_of_series(out)
+    inside = np.where(table["W2"] < least, f"W2<{least!r}", "elsewhere")
+    table["place"] = np.where(table["W2"].notna(), inside, "unknown")
+    negative = (table["W2"] < 0).astype(float).where(table["W2"].notna())
+    assert_counted(regions, summary["regions"], table, "negative", negative)
+
     summary = run_series(paths, out, workers=1, figures=False, regions="deviator>150")
     regions, table = pd.read_parquet(out / "regions.parquet"), table_of_series(out)
     table["place"] = np.where(table["deviator"] > 150.0, "deviator>150", "elsewhere")
