@@ -1,7 +1,6 @@
 """Paths and replays between walls: mirror images, slow motion, halving, energy, forces on walls."""
 
 import functools
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -96,17 +95,17 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
 
 
 @pytest.mark.parametrize("which", JAMMED)
-def test_the_error_halves_with_the_interval(which):
-    paths = [drained(which, 4e-5), drained(which, 2e-5), drained(which)]
+def test_the_error_is_of_first_order_in_the_interval(which):
+    """Between walls errors of both signs meet: they fall faster than the interval, or slower."""
+    intervals = 4e-5, 1e-5, 2.5e-6, 1.25e-6
+    paths = [drained(which, interval) for interval in intervals]
     assert {path.status for path in paths} == {"finished"}
     assert len({tuple(sorted(kinds(path))) for path in paths}) == 1
-    ends = [np.concatenate([path.H[-1], path.P[-1]]) for path in paths]
-    coarse, fine = (np.linalg.norm(a - b) for a, b in pairwise(ends))
-    if which == JOINED:
-        # Its load starts at the end of the interval, wherever in it the cage has closed.
-        assert coarse < 2e-3 * 4e-5 and fine < 2e-3 * 2e-5
-    else:
-        assert 1.6 < coarse / fine < 2.5 or coarse < 1e-9
+    *ends, last = (np.concatenate([path.H[-1], path.P[-1]]) for path in paths)
+    # The load of one starts at the end of the interval, wherever in it the cage has closed.
+    most = 2e-3 if which == JOINED else 3e-4
+    for interval, end in zip(intervals, ends, strict=False):
+        assert np.linalg.norm(end - last) < most * interval
 
 
 @pytest.mark.parametrize("which", JAMMED)
