@@ -452,8 +452,10 @@ def test_a_path_that_asks_for_ever_more_strain_ends_or_falls_back():
 def test_events_of_a_rejected_interval_are_dropped():
     """A limit of the control met at the start of an interval: nothing lies beyond the last row."""
     stage = Stage(drained_biaxial(), "parameter", 0.05)
-    path = followed(Scene(packed(16, 2, LAW), LAW), stage, interval=2e-4)
+    path = followed(Scene(packed(16, 2, LAW), LAW), stage, interval=5e-5)
     assert path.status == "control_limit" and len(path.events)
+    # That of intervals of 2e-5; intervals of 2e-4 step over it.
+    assert path.limit == pytest.approx(0.02291, rel=1e-3)
     assert max(event.parameter for event in path.events) <= path.parameter[-1]
 
 
