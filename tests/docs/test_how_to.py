@@ -47,10 +47,8 @@ def test_a_page_names_its_evidence(name):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_what_a_page_is_worth_stands_in_its_evidence(name):
-    worth = " ".join(
-        re.findall(r"\*\*What it is worth:\*\*(.*?)\n\n", page(name) + "\n\n", re.DOTALL)
-    )
+def test_the_validation_of_a_page_stands_in_its_evidence(name):
+    worth = " ".join(re.findall(r"\*\*Validation:\*\*(.*?)\n\n", page(name) + "\n\n", re.DOTALL))
     told = set(re.findall(r"\d+[.,]\d+", re.sub(r"\([^)]*\)", "", worth)))
     assert worth and [n for n in sorted(told) if n not in page(f"evidence/{name}")] == []
 

@@ -25,7 +25,7 @@ from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
 DEM = Path(os.environ.get("GRAINLOOPS_DEM", "/none"))
 LOOPS = section(page("evidence/packing"), "## What does each loop do?")
 FORESIGHT, BY_ORDER = tables(LOOPS)
-WORTH = tables(section(page("evidence/series"), "## What the predictions are worth"))
+WORTH = tables(section(page("evidence/series"), "## Skill of the predictions"))
 PLACE = section(page("evidence/packing"), "## The operator of a loop in place")
 slow = pytest.mark.slow
 collected = pytest.mark.collection
