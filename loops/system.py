@@ -232,11 +232,6 @@ def stiffness_matrix(system: System, stiffness: Floats | None = None) -> sparse.
     return assembled_sparse(blocks, system.ends, system.size)
 
 
-def packing_stress_rate(system: System, s: Floats) -> Floats:
-    """Return the nominal stress rate `P' = (1/V) sum f' (x) d`, (2, 2) or (2, 2, k)."""
-    return np.einsum("ei...,ej->ij...", s[:, :2], system.branches) / system.volume
-
-
 def packing_stress(system: System) -> Floats:
     """Return the Cauchy stress `(1/V) sum f (x) d` of all contacts, walls included, (2, 2)."""
     return np.asarray(system.rows.state.forces.T @ system.rows.branches / system.volume)

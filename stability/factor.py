@@ -65,6 +65,12 @@ class Factor:
         self.moves = np.flatnonzero(system.freedom >= 0)
         self.factors = self._factorised(self.stiffness)
         self.order = self.factors.order
+        # Loads (size, 4) under unit strain rates 11, 12, 21, 22 of grains that don't move.
+        self.loads = self.factors.strained[0][:, self.moves].T
+
+    def stress(self, motion: Floats) -> Floats:
+        """Return the stress rates (4, k) of motions (size, k) at a strain rate of zero."""
+        return np.asarray(-self.factors.strained[1][:, self.moves] @ motion) / self.system.volume
 
     def _factorised(self, stiffness: Floats) -> Factors:
         from stability.compiled.packing_system import factorise
@@ -75,8 +81,8 @@ class Factor:
         springs = np.full((bodies, 3), np.inf)
         springs.ravel()[self.moves] = REGULARISATION * system.unit
         springs[system.carrying.anchors, :2] += system.unit
-        elements = BY_GRAIN.T @ stiffness @ BY_GRAIN
-        factors = factorise(rows.ends[system.kept], elements, springs, self.order)
+        pairs = rows.ends[system.kept], BY_GRAIN.T @ stiffness @ BY_GRAIN, system.branches
+        factors = factorise(*pairs, springs, self.order)
         if not factors.regular:
             expected = "contacts that hold the grains"
             raise InputError("packing", "a singular system", expected, "See the law.")

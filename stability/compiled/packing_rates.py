@@ -29,8 +29,8 @@ UNIT_STRAINS = np.eye(5, 4)
 
 
 @kernel
-def relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float, float]:
-    """`n . d'`, the shear rate, and `t . d'`."""
+def relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float]:
+    """`n . d'` and the shear rate."""
     i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
     d0, d1 = pair["d"][0], pair["d"][1]
     r0 = v[j] - v[i] - (h[0] * d0 + h[1] * d1)
@@ -38,7 +38,7 @@ def relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float, float]:
     across = pair["t"][0] * r0 + pair["t"][1] * r1
     spins = pair["lever"]
     shear = pair["turning"] * across - spins[0] * v[i + 2] - spins[1] * v[j + 2]
-    return pair["n"][0] * r0 + pair["n"][1] * r1, shear, across
+    return pair["n"][0] * r0 + pair["n"][1] * r1, shear
 
 
 @kernel
@@ -69,24 +69,6 @@ def at_yield(
 
 
 @kernel
-def stress_rate(
-    pairs: NDArray[Any], regime: Regimes, side: Floats, v: Floats, h: Floats, out: Floats
-) -> None:
-    """`V P'` under a motion."""
-    out[:] = 0.0
-    for p in range(len(pairs)):
-        if regime[p] != 0:
-            pair = pairs[p]
-            un, ut, across = relative(pair, v, h)
-            dn, dt = _force_rates(pair, regime[p], side[p], un, ut)
-            dn *= pair["push"]
-            for a in range(2):
-                f = dn * pair["n"][a] + dt * pair["t"][a] + pair["rotation"][a] * across
-                out[2 * a] += f * pair["d"][0]
-                out[2 * a + 1] += f * pair["d"][1]
-
-
-@kernel
 def earliest(
     pairs: NDArray[Any],
     regime: Regimes,
@@ -110,7 +92,7 @@ def earliest(
     """
     fastest, largest = 0.0, 0.0
     for p in range(len(pairs)):
-        un, ut, _ = relative(pairs[p], v, h)
+        un, ut = relative(pairs[p], v, h)
         dn, dt = _force_rates(pairs[p], regime[p], side[p], un, ut)
         rates[p, UN], rates[p, DN], rates[p, DT], rates[p, UT] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
@@ -343,8 +325,7 @@ def _velocity_gradient(strain: Floats, h: Floats, time: float) -> tuple[float, f
 @kernel
 def _under(pair: Any, V: Floats, U: Floats, c: int) -> tuple[float, float]:
     """`n . d'` and the shear rate of a pair under motion `c`: of `V`, from 5 on of `U`."""
-    un, ut, _ = relative(pair, V[c] if c < 5 else U[c - 5], UNIT_STRAINS[min(c, 4)])
-    return un, ut
+    return relative(pair, V[c] if c < 5 else U[c - 5], UNIT_STRAINS[min(c, 4)])
 
 
 @kernel
@@ -376,33 +357,22 @@ def yield_rates(
     chosen: Integers,
     V: Floats,
     U: Floats,
+    columns: int,
     known: Floats,
     motion_count: Integers,
     slip_sign: Floats,
-    h: Floats,
-    w: Floats,
-    out: Floats,
 ) -> None:
-    """Rates of the yield function of stuck pairs, minus the slip (k, r), under `V h + U w`.
+    """Rates of the yield function of stuck pairs, minus the slip, under `V` and the first columns.
 
     `known` (P, 5 + columns) keeps that under each motion, for the first `motion_count` of them
     and a pair that slides on the side `slip_sign`.
     """
-    count, m = w.shape
-    for k in range(len(chosen)):
-        p = chosen[k]
+    for p in chosen:
         pair = pairs[p]
         if slip_sign[p] != side[p]:
             slip_sign[p], motion_count[p] = side[p], 0
-        for c in range(motion_count[p], 5 + m):
+        for c in range(motion_count[p], 5 + columns):
             un, ut = _under(pair, V, U, c)
             shear = pair["kt"] * ut + pair["coupling"] * un
             known[p, c] = side[p] * shear - pair["mu"] * pair["kn"] * un
-        motion_count[p] = 5 + m
-        for r in range(count):
-            value = 0.0
-            for c in range(5):
-                value += known[p, c] * h[r, c]
-            for c in range(m):
-                value += known[p, 5 + c] * w[r, c]
-            out[k, r] = value
+        motion_count[p] = 5 + columns

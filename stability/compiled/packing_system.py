@@ -40,7 +40,9 @@ class Order(NamedTuple):
 class Factors(NamedTuple):
     """Factors of the stiffness; freedom f of a motion is row `into[f]`.
 
-    They are `regular` if no pivot is singular.
+    They are `regular` if no pivot is singular. `strained` (2, 4, 3B) are the loads of bodies at
+    rest under unit strain rates 11, 12, 21, 22, and those of the transposed stiffness; `affine`
+    (4, 4) is `V P'` then.
     """
 
     order: Order
@@ -52,18 +54,12 @@ class Factors(NamedTuple):
     pivot: Floats
     swap: Integers
     regular: bool
+    strained: Floats
+    affine: Floats
 
-    def motions_of_packing(
-        self, pairs: NDArray[Any], regime: Regimes, side: Floats, load: Floats
-    ) -> Floats:
-        """Return motions (5, 3B) under unit strain rates 11, 12, 21, 22 and under the load."""
-        loads = np.zeros((5, len(load)))
-        strain_loads(pairs, regime, side, loads)
-        loads[4] = load
-        # Without a load they take one sweep of `LOADS_AT_ONCE`, not two.
-        some, motions = (loads if load.any() else loads[:4]), np.zeros_like(loads)
-        motions[: len(some)] = self.motions(some.T)
-        return motions
+    def stress(self, motions: Floats) -> Floats:
+        """Return `V P'` (4, k) under motions (k, 3B) at a strain rate of zero."""
+        return np.asarray(-self.strained[1] @ motions.T)
 
     def motions(self, loads: Floats, freedoms: Integers | slice = slice(None)) -> Floats:
         """Return motions (k, 3B) under loads (n, k) on these freedoms."""
@@ -86,11 +82,13 @@ class Factors(NamedTuple):
         return out
 
 
-def factorise(ends: Integers, elements: Floats, springs: Floats, order: Order | None) -> Factors:
+def factorise(
+    ends: Integers, elements: Floats, d: Floats, springs: Floats, order: Order | None
+) -> Factors:
     """Return factors of the stiffness on `springs` (B, 3), in this order or one that fills less.
 
-    `elements` (P, 6, 6) are those of pairs of bodies `ends` (P, 2). A freedom on a spring of
-    infinite stiffness is held.
+    `elements` (P, 6, 6) are those of pairs of bodies `ends` (P, 2), `d` (P, 2) their branches. A
+    freedom on a spring of infinite stiffness is held.
     """
     count = len(springs)
     if order is not None:
@@ -106,7 +104,9 @@ def factorise(ends: Integers, elements: Floats, springs: Floats, order: Order | 
     swap = np.empty((count, 3), dtype=np.int64)
     regular = eliminate(*system, swap)
     into = (3 * order.place[:, None] + np.arange(3)).ravel()
-    return Factors(order, into, *system, swap, regular)
+    strained, affine = np.zeros((2, 4, 3 * count)), np.zeros((4, 4))
+    strain_loads(ends, elements, d, strained, affine)
+    return Factors(order, into, *system, swap, regular, strained, affine)
 
 
 def elimination_order(ends: Integers, bodies: int) -> Integers:
@@ -205,22 +205,20 @@ def _pair_resultants(
 
 
 @kernel
-def strain_loads(pairs: NDArray[Any], regime: Regimes, side: Floats, out: Floats) -> None:
-    """Add the resultants (4, 3 B) under unit strain rates 11, 12, 21, 22 of bodies at rest."""
-    for p in range(len(pairs)):
-        if regime[p] == 0:
-            continue
-        pair = pairs[p]
-        i, j = 3 * pair["grains"][0], 3 * pair["grains"][1]
+def strain_loads(
+    ends: Integers, elements: Floats, d: Floats, strained: Floats, affine: Floats
+) -> None:
+    """Add the loads and the stress of bodies at rest, see `Factors`."""
+    for p in range(len(ends)):
         for k in range(4):
-            rate = -pair["d"][k % 2]
-            f0, f1, m0, m1 = _pair_resultants(pair, regime[p], side[p], 3 + k // 2, rate)
-            out[k, j] += f0
-            out[k, j + 1] += f1
-            out[k, i] -= f0
-            out[k, i + 1] -= f1
-            out[k, i + 2] -= m0
-            out[k, j + 2] -= m1
+            # The other body goes against the first by -d[k % 2] along k // 2.
+            b, rate = 3 + k // 2, d[p, k % 2]
+            for a in range(6):
+                f = 3 * ends[p, a // 3] + a % 3
+                strained[0, k, f] += rate * elements[p, a, b]
+                strained[1, k, f] += rate * elements[p, b, a]
+            for m in range(4):
+                affine[k, m] += rate * elements[p, b, 3 + m // 2] * d[p, m % 2]
 
 
 @kernel

@@ -38,7 +38,7 @@ from stability.regimes import SlipProblem, agreeing
 
 # Candidates up to which minors and solutions are looked for.
 FEW_CANDIDATES = 30
-# Candidates up to which there is a matrix: twice the columns that a factor keeps at most.
+# Candidates up to which there is a matrix.
 MOST_CANDIDATES = 192
 # Random and named starts of the search for solutions where not all sets are tried.
 FEW_STARTS = 5

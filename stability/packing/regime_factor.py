@@ -17,7 +17,7 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.yielding import MixedControl
+from stability.packing.yielding import Edge, MixedControl
 from stability.regimes import SlipProblem, agreeing
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class RegimeFactor:
         self.count, self.length = len(state.x), state.mean_radius
         self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
-        self.load = np.zeros(freedoms)
+        self.load, self.V = np.zeros(freedoms), np.zeros((5, freedoms))
         # Walls stand still.
         self.ground_spring = np.where(np.arange(self.count) < state.count, 0.0, np.inf)
         self.time_to_event = np.full(len(self.frame), np.inf)
@@ -133,16 +133,16 @@ class RegimeFactor:
         closed = self.regime[: self.pair_count] != OPEN
         self.touched: Flags = np.zeros(self.count, dtype=bool)
         self.touched[self.frame["grains"][: self.pair_count][closed]] = True
-        system, load = (self.frame, *self.reference), self._held_load()
         springs = np.maximum(REGULARISATION, self.ground_spring)[:, None]
-        ends, elements = stiffnesses(*system)
+        ends, elements = stiffnesses(self.frame, *self.reference)
         springs = springs * np.full(3, self.frame["kn"].mean())
-        self.factors = factorise(ends, elements, springs, self.order)
+        d = self.frame["d"][self.regime != OPEN]
+        self.factors = factorise(ends, elements, d, springs, self.order)
         self.order = self.factors.order
         if not self.factors.regular:
             raise ArithmeticError("it is singular in these regimes")
-        self.V = self._relative(self.factors.motions_of_packing(*system, load))
-        self._drop_columns()
+        self.V[:4] = self._relative(self.factors.motions(self.factors.strained[0].T))
+        self.set_load(self.load)
 
     def _drop_columns(self) -> None:
         """Forget the columns, and rates and stresses under them."""
@@ -155,20 +155,22 @@ class RegimeFactor:
         self.base = np.empty((2, ROOM, 5))
         self.mutual = np.empty((2, ROOM, ROOM))
         self.coefficients = np.zeros((2, ROOM))
-        self.stress0, self.column_stress = np.zeros((4, 5)), np.zeros((4, ROOM))
-        self.stressed = 0
+        # Stress rates under unit strains and the load, and under the columns.
+        self.base_stress, self.column_stress = self._stress(self.V), np.empty((4, ROOM))
+        self.base_stress[:, :4] += self.factors.affine / self.volume
 
     def set_load(self, load: Floats) -> None:
         """Replace the load, in the reference regimes."""
         self.load = load
-        self.V[4] = self._relative(self.factors.motions(self._held_load()[:, None]))[0]
+        # On grains with contacts; in a cell without the resultant of all.
+        held = self._relative(np.where(np.repeat(self.touched, 3), load, 0.0)[None])
+        self.V[4] = self._relative(self.factors.motions(held.T))[0] if held.any() else 0.0
         # Stress and yield-function rates under the load before are kept with the columns.
         self._drop_columns()
 
-    def _held_load(self) -> Floats:
-        """Return the load of grains with contacts; in a cell without the resultant of all."""
-        load = np.where(np.repeat(self.touched, 3), self.load, 0.0)
-        return self._relative(load[None])[0]
+    def _stress(self, motions: Floats) -> Floats:
+        """Return stress rates (4, k) of motions (k, 3B) in the reference regimes."""
+        return self.factors.stress(motions) / self.volume
 
     def _relative(self, motions: Floats) -> Floats:
         """Take the mean of the grains with contacts from motions (k, 3B); walls hold the others.
@@ -208,14 +210,11 @@ class RegimeFactor:
             self.U[k] = self.ready.pop(row)
             chosen = self.rows[: k + 1] % len(self.frame)
             mutual_rates(self.frame, chosen, self.V, self.U, self.base, self.mutual)
+            # With its own force.
+            pair = self.frame[chosen[k]]
+            own = np.outer(pair["t"] if row >= len(self.frame) else pair["n"], pair["d"])
+            self.column_stress[:, k] = self._stress(self.U[k]) + own.ravel() / self.volume
         return self.at[row]
-
-    def columns(self, rows: list[int]) -> list[int]:
-        """Return the numbers of the columns of these rows."""
-        new = [r for r in rows if r not in self.at and r not in self.ready]
-        for k in range(0, len(new), BATCH):
-            self._solve_ahead(new[k : k + BATCH])
-        return [self.column(row) for row in rows]
 
     def _solve_ahead(self, rows: list[int]) -> None:
         """Solve for the columns of the first eight of these rows that have none."""
@@ -248,7 +247,7 @@ class RegimeFactor:
         small, h = self._small(), np.ones(5)
         if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
-        stress = self._stress_rates(control, small.Y)[0]
+        stress = self._unit_stress(small)
         h[:4] = control.strains(stress[:, :4], stress[:, 4])
         # Nothing of the columns that came since.
         w = np.zeros(len(self.at))
@@ -262,9 +261,8 @@ class RegimeFactor:
         x[:m] = -small.solved(self._changes(self.mutual[:, :, units], m))
         x[units, np.arange(len(units))] += 1.0
         if control.stress.any():
-            stress, columns = self._stress_rates(control, small.Y)
-            still = control._replace(rate=np.zeros((4, 1)))
-            h[:4] = still.strains(stress[:, :4], columns @ x)
+            still, columns = control._replace(rate=np.zeros((4, 1))), self.column_stress
+            h[:4] = still.strains(self._unit_stress(small)[:, :4], columns[:, : len(x)] @ x)
             x[:m] -= small.Y @ h
         return [Combination(*one) for one in zip(h.T, x.T, strict=True)]
 
@@ -292,43 +290,23 @@ class RegimeFactor:
         small = self._small()
         if not control.stress.any() or small.sign == 0.0:
             return small.sign
-        stress = self._stress_rates(control, small.Y)[0][:, :4]
+        stress = self._unit_stress(small)[:, :4]
         return float(small.sign * np.sign(np.linalg.det(control.matrix(stress))))
 
-    def _stress_rates(self, control: MixedControl, Y: Floats) -> tuple[Floats, Floats]:
-        """Return stress rates of unit strains and the load, and of columns; zero if unneeded."""
-        from stability.compiled import packing_rates as kernels
-
-        frame, m, out = self.frame, len(self.at), np.empty(4)
-        if not control.stress.any():
-            return np.zeros((4, 5)), np.zeros((4, m))
-        if not self.stressed:
-            for k in range(5):
-                kernels.stress_rate(frame, *self.reference, self.V[k], kernels.UNIT_STRAINS[k], out)
-                self.stress0[:, k] = out / self.volume
-        # Of the columns that have none yet, their own force included.
-        for k in range(max(self.stressed - 1, 0), m):
-            kernels.stress_rate(frame, *self.reference, self.U[k], kernels.UNIT_STRAINS[4], out)
-            pair, shear = frame[self.rows[k] % len(frame)], self.rows[k] >= len(frame)
-            own = np.outer(pair["t"] if shear else pair["n"], pair["d"]).ravel()
-            self.column_stress[:, k] = (out + own) / self.volume
-        self.stressed = m + 1
-        columns = self.column_stress[:, :m]
-        return self.stress0 - columns[:, : len(Y)] @ Y, columns
+    def _unit_stress(self, small: Small) -> Floats:
+        """Return stress rates (4, 5) of unit strains and the load in the present regimes."""
+        return np.asarray(self.base_stress - self.column_stress[:, : len(small.Y)] @ small.Y)
 
     def stress(self, rates: Combination) -> Floats:
         """Return the stress rate (4,) in the present regimes."""
-        from stability.compiled.packing_rates import stress_rate
-
-        out = np.empty(4)
-        stress_rate(self.frame, self.regime, self.side, self.motion(rates), rates.h, out)
-        return out / self.volume
+        columns = self.column_stress[:, : len(rates.w)]
+        return np.asarray(self.base_stress @ rates.h + columns @ rates.w)
 
     def relative(self, rates: Combination, c: int) -> tuple[float, float]:
         """Return `n . d'` and the shear rate of a pair."""
         from stability.compiled.packing_rates import relative
 
-        un, ut, _ = relative(self.frame[c], self.motion(rates), rates.h)
+        un, ut = relative(self.frame[c], self.motion(rates), rates.h)
         return un, ut
 
     def edge(self, rates: Sequence[Combination], c: Integers) -> Floats:
@@ -336,23 +314,29 @@ class RegimeFactor:
         from stability.compiled.packing_rates import yield_rates
 
         h, w = (np.array(parts) for parts in zip(*rates, strict=True))
-        out = np.empty((len(c), len(rates)))
+        m = w.shape[1]
         cached = self.yield_rates, self.motion_count, self.slip_sign
-        yield_rates(self.frame, self.side, c, self.V, self.U, *cached, h, w, out)
-        return out
+        yield_rates(self.frame, self.side, c, self.V, self.U, m, *cached)
+        return np.asarray(self.yield_rates[c, :5] @ h.T + self.yield_rates[c, 5 : 5 + m] @ w.T)
 
     def problem(self, control: MixedControl, contacts: Integers) -> tuple[Floats, Floats]:
         """Return `q` and `M` of contacts at yield on their sides; slips are times stiffness."""
-        rows, sliding = len(self.frame) + contacts, contacts[self.regime[contacts] == SLIDING]
-        parts = []
-        for first in range(0, len(rows), ROOM):
-            self.set_regimes(sliding, ELASTIC)
-            units = self.columns(rows[first : first + ROOM].tolist())
-            parts.append(self.edge(self.driven(control, units), contacts))
-        q = self.edge((self.solve(control),), contacts)[:, 0]
-        self.set_regimes(sliding, SLIDING)
+        from stability.compiled.packing_rates import yield_rates
+
+        sliding, m = contacts[self.regime[contacts] == SLIDING], len(contacts)
+        self.set_regimes(sliding, ELASTIC)
+        rows = (len(self.frame) + contacts).tolist()
+        units = self._relative(self.factors.motions_of_rows(self.frame, rows))
+        pairs, side = self.frame[contacts], self.side[contacts]
+        rates, none = np.empty((m, 5 + m)), (np.zeros(m, dtype=np.int64), np.zeros(m))
+        yield_rates(pairs, side, np.arange(m), self.V, units, m, rates, *none)
+        own = np.einsum("ki,kj->ijk", pairs["t"], pairs["d"]).reshape(4, m) / self.volume
         # A force -s on the shear row is one unit of slip.
-        return q, np.eye(len(rows)) - self.side[contacts] * np.hstack(parts)
+        of_slip = np.eye(m) - side * rates[:, 5:], -side * (self._stress(units) + own)
+        parts = rates[:, :4], of_slip[0], self.base_stress[:, :4], of_slip[1]
+        found = Edge(*parts, rates[:, 4], self.base_stress[:, 4]).problem(control)
+        self.set_regimes(sliding, SLIDING)
+        return found
 
     def motion(self, rates: Combination) -> Floats:
         """Return the motion (3G,) of all freedoms."""

@@ -335,7 +335,8 @@ class PackingRates:
         yielding = self.yielding
         system = yielding.system
         H = control.strains(answer.stress).reshape(2, 2)
-        relative, forces = answer.relative @ H.ravel(), answer.forces @ H.ravel()
+        relative = answer.relative @ H.ravel()
+        forces = -np.einsum("eij,ej->ei", stiffness_of(yielding, active), relative)
         wrong = complementary_rates(yielding, active, relative)
         unsure = self.rounding(answer, H.ravel())
         disagreeing = wrong < -SIGN * np.abs(wrong).max(initial=0.0) - unsure
@@ -345,7 +346,7 @@ class PackingRates:
         pushes = np.einsum("eij,ej->ei", lawful, relative)
         left = balancing_forces(system, -pushes)
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
-        size = float(np.linalg.norm(balancing_forces(system, affine)))
+        size = float(np.linalg.norm(self.elastic.factor.loads @ H.ravel()))
         # Where grains move affinely, as in a lattice, loads and residual are rounding.
         size = max(size, IDLE * float(np.linalg.norm(affine)))
         size = size if size > 0 else 1.0
@@ -517,7 +518,7 @@ class PackingIncrements:
         motion = elastic.motion @ h + self.rates.slips @ slip
         relative = relative_motion(system, motion, H)
         forces = forces_with_slip(yielding, relative, slip)
-        size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
+        size = float(np.linalg.norm(elastic.factor.loads @ h)) or 1.0
         residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
         status: ResponseStatus = "nearest" if raised.held.any() else "one found"
         if status == "one found" and positive_definite(M):

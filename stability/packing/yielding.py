@@ -18,9 +18,7 @@ from loops.laws.frictional import ContactLaw, Regime, edge_of
 from loops.scene import Scene
 from loops.system import (
     System,
-    balancing_forces,
     in_freedoms,
-    packing_stress_rate,
     relative_motion,
     system_of,
 )
@@ -59,13 +57,15 @@ class Edge(NamedTuple):
     """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
 
     Of them all under unit strains (m, 4) and unit slips (m, k); the stress rates (4, 4), (4, k) of
-    these.
+    these; both (m,), (4,) of a load that is there besides.
     """
 
     of_strain: Floats
     of_slip: Floats
     stress: Floats
     stress_of_slip: Floats
+    of_load: Floats | float = 0.0
+    stress_of_load: Floats = NOTHING
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
@@ -73,7 +73,8 @@ class Edge(NamedTuple):
         driven = self.of_strain @ still.strains(self.stress, self.stress_of_slip)
         M = self.of_slip + driven
         M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
-        return self.of_strain @ control.strains(self.stress), M
+        h = control.strains(self.stress, self.stress_of_load)
+        return self.of_strain @ h + self.of_load, M
 
 
 def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:
@@ -131,19 +132,17 @@ class YieldResponse:
 
 @dataclass(frozen=True, eq=False)
 class LinearAnswer:
-    """Response of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22.
-
-    `loads` (size, 4) are the forces of the affine motion, `unbalanced` what no motion
-    balances.
-    """
+    """Response of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22."""
 
     factor: Factor
-    loads: Floats
-    unbalanced: Floats
     motion: Floats
     relative: Floats
-    forces: Floats
     stress: Floats
+
+    @property
+    def unbalanced(self) -> Floats:
+        """(size, 4) loads that no motion balances."""
+        return np.asarray(self.factor.loads - self.factor.matrix @ self.motion)
 
 
 @one_blas_thread()
@@ -225,15 +224,10 @@ def linear_answer(
     """
     system, blocks = yielding.system, stiffness_of(yielding, active)
     factor = Factor(system, blocks, before.factor.order if before else None)
-    affine = relative_motion(system, np.zeros((system.size, 4)), UNIT_STRAINS)
-    loads = balancing_forces(system, blocks @ affine)
-    motion = factor.solve(loads)
+    motion = factor.solve(factor.loads)
     relative = relative_motion(system, motion, UNIT_STRAINS)
-    forces = -blocks @ relative
-    stress = packing_stress_rate(system, forces).reshape(4, 4)
-    return LinearAnswer(
-        factor, loads, loads - factor.matrix @ motion, motion, relative, forces, stress
-    )
+    stress = factor.factors.affine / system.volume + factor.stress(motion)
+    return LinearAnswer(factor, motion, relative, stress)
 
 
 def slip_motion(
@@ -262,13 +256,10 @@ def condensed(
     matrix = np.eye(len(chosen)) + side * (
         in_freedoms(system, rows, yielding.gauge[chosen]) @ motion
     )
-    blocks = stiffness_of(yielding, active)
-    lines = np.einsum("eij,ek->ejik", blocks[:, :2], system.branches)
-    # Few columns at the right: the other way round BLAS takes twelve times as long.
-    stress = (motion.T @ balancing_forces(system, lines.reshape(len(blocks), 4, 4))).T
     own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
     of_strain = complementary_rates(yielding, active, answer.relative)[chosen]
-    return Edge(of_strain, matrix, answer.stress, (stress - own) / system.volume)
+    stress = answer.factor.stress(motion) - own / system.volume
+    return Edge(of_strain, matrix, answer.stress, stress)
 
 
 def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:

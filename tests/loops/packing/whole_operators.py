@@ -27,7 +27,6 @@ from loops.in_place import inverse_at_contacts, loops_in_place
 from loops.system import (
     balancing_forces,
     in_freedoms,
-    packing_stress_rate,
     packing_system,
     relative_motion,
     stiffness_matrix,
@@ -164,6 +163,8 @@ def system_of(case):
     matrix = stiffness_matrix(system)
     factor = Factor(system)
     balanced = matrix @ wave
+    affine = factor.factors.affine @ strain.reshape(4, 2)
+    stress = affine / system.volume + factor.stress(wave)
     mode, moves, _ = spin_modes(system.stiffness, system.ends, system.size)
     words["mode"] = mode.tolist()
     return words, {
@@ -173,7 +174,7 @@ def system_of(case):
         "motion": motion,
         "single motion": relative_motion(system, wave[:, 0]),
         "forces": balancing_forces(system, forces),
-        "stress": packing_stress_rate(system, forces),
+        "stress": stress.reshape(2, 2, 2),
         "rows": in_freedoms(system, rows, motion[rows, :, 0]) @ wave,
         "matrix": balanced,
         "solved": matrix @ factor.solve(balanced),

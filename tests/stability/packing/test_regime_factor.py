@@ -6,8 +6,7 @@ import pytest
 from loops import Scene, branch_vectors
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
-from stability.compiled.packing_rates import stress_rate
-from stability.compiled.packing_system import stiffnesses, strain_loads
+from stability.compiled.packing_system import stiffnesses
 from stability.packing import regime_factor, strain_increment
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.yielding import MixedControl
@@ -58,12 +57,9 @@ def stiffness(pieces):
 
 def rates_of(pieces):
     """Resultants (3G + 4, 3G) and `V P'` under unit motions, then under unit strain rates."""
-    system, n = (pieces.frame, pieces.regime, pieces.side), 3 * pieces.count
-    loads, stress = np.vstack([-stiffness(pieces).T, np.zeros((4, n))]), np.zeros((n + 4, 4))
-    strain_loads(*system, loads[n:])
-    for row, out in zip(np.eye(n + 4), stress, strict=True):
-        stress_rate(*system, row[:n], row[n:], out)
-    return loads, stress
+    factors, n = pieces.factors, 3 * pieces.count
+    loads = np.vstack([-stiffness(pieces).T, factors.strained[0]])
+    return loads, np.vstack([factors.stress(np.eye(n)).T, factors.affine.T])
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
@@ -96,16 +92,12 @@ def test_columns_solved_ahead_are_those_solved_alone():
     np.testing.assert_array_equal(ahead.mutual[:, :10, :10], alone.mutual[:, :10, :10])
 
 
-def test_right_hand_sides_solved_at_once_change_nothing(monkeypatch):
+def test_right_hand_sides_solved_at_once_change_nothing():
     """Twenty-four at once left sixteen unsolved without a word."""
-    graph = jammed(36, 5, LAW)
-    wanted = pieces_of(graph)
-    rows = wanted.columns(list(range(20)))
-    monkeypatch.setattr(regime_factor, "BATCH", 3 * BATCH)
-    pieces = pieces_of(graph)
-    assert pieces.columns(list(range(20))) == rows
-    np.testing.assert_array_equal(pieces.V, wanted.V)
-    np.testing.assert_array_equal(pieces.U[:20], wanted.U[:20])
+    pieces, rows = pieces_of(jammed(36, 5, LAW)), list(range(22))
+    alone = [pieces.factors.motions_of_rows(pieces.frame, [row])[0] for row in rows]
+    together = pieces.factors.motions_of_rows(pieces.frame, rows)
+    np.testing.assert_array_equal(together, alone)
 
 
 def test_little_room_for_columns_changes_no_path(monkeypatch):
@@ -149,9 +141,8 @@ def test_paths_are_those_of_weaker_springs(state, strain, monkeypatch):
     np.testing.assert_allclose(one.work[-1, 0], other.work[-1, 0], rtol=rtol)
 
 
-@pytest.mark.parametrize("room", [regime_factor.ROOM, 3])
 @pytest.mark.parametrize("control", CONTROLS, ids=["strain", "stress"])
-def test_slips_of_the_condensed_problem_are_those_of_sliding_contacts(control, room, monkeypatch):
+def test_slips_of_the_condensed_problem_are_those_of_sliding_contacts(control):
     """With `w = 0` on the contacts that slide `w - z` is that of the packing in these regimes."""
     graph, some = jammed(36, 5, LAW), np.array([3, 5, 11, 20, 30])
     slides = np.array([True, False, True, True, False])
@@ -160,7 +151,6 @@ def test_slips_of_the_condensed_problem_are_those_of_sliding_contacts(control, r
         graph, list(zip(some, np.where(slides, SLIDING, ELASTIC), sides, strict=True))
     )
     wanted = pieces.edge((pieces.solve(control),), some)[:, 0]
-    monkeypatch.setattr(regime_factor, "ROOM", room)
     q, M = pieces.problem(control, some)
     z = np.zeros(len(some))
     z[slides] = -np.linalg.solve(M[np.ix_(slides, slides)], q[slides])
