@@ -98,17 +98,20 @@ def eigenvalue_errors(
                 to = found[rule]
                 to.value[batch.row], to.bound[batch.row] = value, bound
                 # Sampled below.
-                sure = (bound <= SMALL * np.abs(value)) & ~near[batch.contacts].any(axis=1)
+                sure = (bound <= SMALL * np.abs(value)) & ~near[:, batch.contacts].any(axis=(0, 2))
                 to.error[batch.row] = np.where(sure, bound, np.inf)
         unsure = np.any([np.isinf(to.error[faces.row[loops]]) for to in found.values()], axis=0)
         for batch, given, drawn in batches(loops[unsure]):
-            own, sample = near[batch.contacts], np.arange(SAMPLES)[:, None, None]
+            (back, ahead), sample = near[:, batch.contacts], np.arange(SAMPLES)[:, None, None]
+            own = back | ahead
             place = np.clip(np.cumsum(own, axis=1) - 1, 0, COMBINED)
             sign = np.where(drawn[:, None] >> sample & 1, 1.0, -1.0)
-            # Every combination of the first contacts that may slide, others at random.
+            # Every combination of the first contacts that may slide, others at random; T is on the
+            # side where they may.
             slides = np.where(place < COMBINED, sample >> place & 1, sign[0] > 0.0)
             regimes = np.where(slides, Regime.SLIDING, Regime.ELASTIC)
             regimes = np.where(own, regimes, given.regime).astype(np.int8)
+            sign[1] = np.where(back == ahead, sign[1], np.where(ahead, 1.0, -1.0))
             values = given.eigenvalues(sign * given.errors[:, None], regimes)
             for rule, to in found.items():
                 change = np.abs(values[rule] - to.value[batch.row]).max(axis=0)
@@ -121,10 +124,10 @@ def eigenvalue_errors(
 
 
 def at_edge(state: ContactState, law: ContactLaw, errors: InputErrors) -> Flags:
-    """(C,) contacts that may stick or slide within the errors of their forces."""
+    """(2, C) contacts that within the errors of their forces stick, or slide with T < 0, T > 0."""
     larger = replace(state, normal_force=state.normal_force + errors.N)
-    strength = law.strength(state)
-    lacks = np.abs(np.abs(state.shear_force) - strength)
+    strength, T = law.strength(state), state.shear_force
+    lacks = np.abs(np.stack([-T, T]) - strength)
     within = lacks <= errors.T + law.strength(larger) - strength
     return np.asarray(within & (errors.N > 0.0) & np.isfinite(strength))
 
