@@ -323,6 +323,16 @@ def reference_branch_vectors(graph: GrainGraph) -> Floats:
     return graph.reference_branches
 
 
+def reduced_cell(cell: Floats) -> Floats:
+    """Shortest vectors (columns) of the lattice of a cell, by Lagrange's reduction (2, 2)."""
+    a, b = sorted(cell.T, key=lambda v: float(v @ v))
+    while True:
+        b = b - np.rint(a @ b / (a @ a)) * a
+        if b @ b >= a @ a:
+            return np.stack([a, b], axis=1)
+        a, b = b, a
+
+
 def branches_between(
     x: Floats, contacts: Integers, images: Integers | None, cell: Floats | None
 ) -> Floats:

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from loops.arrays import Integers
 from loops.errors import InputError
 from loops.faces import Faces
-from loops.graph import GrainGraph
+from loops.graph import GrainGraph, reduced_cell
 from loops.shown import Shown
 from loops.validation import integers
 
@@ -120,7 +120,8 @@ def match_contacts(
         own = before.contacts[c, 0] == before.contacts[c, 1]
         turned = np.where(own, np.sum(start * end, axis=1) < 0, turned)
         moved = end - np.where(turned, -1.0, 1.0)[:, None] * start
-        near = np.hypot(moved[:, 0], moved[:, 1]) < 0.5 * _shortest_lattice_vector(before, after)
+        cells = [reduced_cell(one.cell) for one in (before, after) if one.cell is not None]
+        near = np.hypot(*moved.T) < 0.5 * min(np.hypot(*cell[:, 0]) for cell in cells)
         c, late, turned = c[near], late[near], turned[near]
     forth, back = np.full(len(key), -1), np.full(len(late_key), -1)
     forth[c], back[late] = late, c
@@ -143,22 +144,6 @@ def _keys(contacts: Integers, rank: Integers, count: int) -> tuple[NDArray[np.bo
     """Whether grain i has the lower id, and one number for each pair of ids."""
     i, j = rank[contacts].T
     return i <= j, np.minimum(i, j) * count + np.maximum(i, j)
-
-
-def _shortest_lattice_vector(*graphs: GrainGraph) -> float:
-    """Length of the shortest period of any of the graphs, by Lagrange's reduction."""
-    shortest = np.inf
-    for graph in graphs:
-        if graph.cell is None:
-            continue
-        a, b = sorted(graph.cell.T, key=lambda v: float(v @ v))
-        while True:
-            b = b - np.rint(a @ b / (a @ a)) * a
-            if b @ b >= a @ a:
-                break
-            a, b = b, a
-        shortest = min(shortest, float(np.hypot(*a)))
-    return shortest
 
 
 class Fate(IntEnum):

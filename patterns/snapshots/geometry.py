@@ -12,6 +12,7 @@ from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
 from loops.compiled import given
 from loops.errors import check_choice
+from loops.graph import reduced_cell
 from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
 from patterns.snapshots.findings import Finding
@@ -393,7 +394,9 @@ def check_cell(cell: ArrayLike | None, radii: Floats) -> Floats | None:
 
 def nearest_images(gap: Floats, cell: Floats, periodic: Sequence[bool] = (True, True)) -> Integers:
     """(C, 2) array: the whole cells nearest to the vectors `gap` (C, 2)."""
-    nearest = np.rint(np.linalg.solve(cell, gap.T).T)
+    # In a tilted cell the shares of the sides do not tell which image is near.
+    sides = reduced_cell(cell) if all(periodic) else cell
+    nearest = np.rint(np.linalg.solve(sides, gap.T).T) @ np.rint(np.linalg.solve(cell, sides)).T
     if (most := np.abs(nearest).max(initial=0.0)) > MOST_CELLS:
         received, expected = f"centres {most:.3g} periodic cells apart", f"at most {MOST_CELLS:.3g}"
         remedy = "Check the cell and the positions."

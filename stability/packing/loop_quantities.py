@@ -22,7 +22,7 @@ from loops.errors import check_type
 from loops.fabric import force_chains
 from loops.faces import Faces
 from loops.geometry import boundary_vectors, polygon_area
-from loops.graph import GrainGraph, contact_state
+from loops.graph import GrainGraph, contact_state, reduced_cell
 from loops.in_place import inverse_at_contacts
 from loops.laws.frictional import Regime
 from loops.loop_batches import loop_batches
@@ -260,7 +260,7 @@ def indicators(
 
         `coordination`: closed contacts of a grain. `mobilisation`, `largest_mobilisation`: `|T|`
         over the strength of a contact, mean and largest. `vibrality`: trace of the block of
-        `K^-1` of a grain's centre, times the mean stiffness of `K` (Tong and Xu 2014);
+        `K^-1` of a grain's centre, times a typical stiffness of contacts (Tong and Xu 2014);
         `spin_vibrality`: the same of its spin, as displacement of a rim of mean radius.
         `soft_modes`: share of a grain in the 20 softest modes of the symmetric part of `K`, over
         that of a grain in all modes (Widmer-Cooper et al. 2008). `slip_criticality`,
@@ -346,10 +346,12 @@ def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
     graph, inner = system.graph, len(system.contacts)
     Z = inverse_at_contacts(system, available_cores())
     motion, spin = (np.full(graph.grain_count, np.nan) for _ in range(2))
+    # The same in every frame: root mean square of the two stiffnesses of a contact.
+    unit = float(np.linalg.norm(system.stiffness[:, :2, :2], axis=(1, 2)).mean()) / np.sqrt(2.0)
     for side, pair in enumerate(system.graph.contacts[system.contacts].T):
         x = 2 * side
-        motion[pair] = system.unit * (Z[:inner, x, x] + Z[:inner, x + 1, x + 1])
-        spin[pair] = system.unit * Z[:inner, 4 + side, 4 + side]
+        motion[pair] = unit * (Z[:inner, x, x] + Z[:inner, x + 1, x + 1])
+        spin[pair] = unit * Z[:inner, 4 + side, 4 + side]
     spin[spin == 0.0] = np.nan
     # Relative motion of the contact from the freedoms x_i, y_i, x_j, y_j, w_i, w_j.
     G = np.zeros((4, 6))
@@ -404,7 +406,9 @@ def steric_order(graph: GrainGraph) -> Floats:
     x, count = graph.x, graph.grain_count
     home = np.arange(count)
     if graph.cell is not None:
-        shifts = np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) @ graph.cell.T
+        cell = reduced_cell(graph.cell)
+        x = x - np.floor(np.linalg.solve(cell, x.T).T) @ cell.T
+        shifts = np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) @ cell.T
         x = (x + shifts[:, None]).reshape(-1, 2)
         home = np.tile(home, len(shifts))
     corners = Delaunay(x).simplices

@@ -9,7 +9,15 @@ import pyarrow.parquet
 import pytest
 
 from loops import InputError, Regime, contact_forces, love_weber_stress
-from patterns import count_frames, read_frames, read_snapshot, sample_cell, sample_path
+from patterns import (
+    count_frames,
+    read_frames,
+    read_snapshot,
+    sample_cell,
+    sample_path,
+    snapshot_from_tables,
+)
+from tests.packings import jammed
 
 GRAINS = {
     "id": [10, 11, 12, 13, 99],
@@ -517,3 +525,13 @@ def test_an_id_beyond_64_bits_far_down_a_long_table_is_told(tmp_path):
     (tmp_path / "contacts_1.csv").write_text("id1,id2,fn,ft\n0,1,1.0,0.0\n")
     with pytest.raises(InputError, match=r"column 'id' .*, row 39993: .* below 2\*\*63"):
         read_snapshot(path)
+
+
+@pytest.mark.parametrize("tilt", [[[1, 12], [0, 1]], [[5, 3], [3, 2]], [[0, 1], [1, -7]]])
+def test_contacts_without_images_in_a_tilted_cell(tilt):
+    """The same lattice by other vectors: nearest images are those of short branches."""
+    graph = jammed(36, 5)
+    grains = dict(zip(("x", "y"), graph.x.T, strict=True)) | {"radius": graph.radii}
+    contacts = dict(zip(("id1", "id2"), graph.contacts.T, strict=True))
+    found = snapshot_from_tables(grains, contacts, cell=graph.cell @ tilt).graph
+    np.testing.assert_allclose(found.branches, graph.branches, rtol=0.0, atol=1e-13)

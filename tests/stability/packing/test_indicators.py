@@ -79,7 +79,9 @@ def test_vibralities_and_criticalities_of_loops():
     faces, system = find_faces(graph), packing_system(Scene(graph, LAW))
     found = indicators(Scene(graph, LAW), faces)
     inverse, matrix, T = dense(system)
-    diagonal = np.append(np.diag(inverse), 0.0) * system.unit
+    blocks = system.stiffness[:, :2, :2]
+    typical = np.mean(np.sqrt(np.sum(blocks**2, axis=(1, 2)) / 2.0))
+    diagonal = np.append(np.diag(inverse), 0.0) * typical
     motion = diagonal[system.freedom[:, 0]] + diagonal[system.freedom[:, 1]]
     spin = diagonal[system.freedom[:, 2]]
     slip, opening = np.full((2, graph.contact_count), np.inf)
@@ -132,6 +134,24 @@ def test_a_scale_changes_nothing():
     }
     for name, values in one.items():
         assert np.allclose(values, two[name], rtol=1e-6, atol=1e-9, equal_nan=True), name
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_the_frame_the_images_and_the_cell_change_nothing(turned):
+    graph, angle = packing(30, seed=3, sliding=0.2), 0.7 * turned
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    (i, j), away = graph.contacts.T, np.random.default_rng(1).integers(-2, 3, (30, 2))
+    # Grains of other images, and a tilted cell of the same lattice.
+    tilt = np.array([[1, 2], [0, 1]])
+    images = (graph.images - away[j] + away[i]) @ np.linalg.inv(tilt).T
+    other = GrainGraph(
+        x=(graph.x + away @ graph.cell.T) @ rotation.T, radii=graph.radii, contacts=graph.contacts,
+        images=np.rint(images).astype(int), cell=rotation @ graph.cell @ tilt,
+        normal_force=graph.normal_force, shear_force=graph.shear_force,
+    )  # fmt: skip
+    one, two = (indicators(Scene(state, LAW)) for state in (graph, other))
+    for name, values in one.items():
+        assert np.allclose(np.sort(two[name]), np.sort(values), rtol=1e-6, atol=1e-9), name
 
 
 def test_soft_modes_are_those_of_the_dense_matrix():
