@@ -412,12 +412,10 @@ def steric_order(graph: GrainGraph) -> Floats:
         x = (x + shifts[:, None]).reshape(-1, 2)
         home = np.tile(home, len(shifts))
     corners = Delaunay(x).simplices
-    corners = corners[(corners < count).any(axis=1)]
     total, triangles = np.zeros(count), np.zeros(count)
     for k in range(3):
-        i, j, m = np.roll(corners, -k, axis=1).T
-        mine = i < count
-        i, j, m = i[mine], j[mine], m[mine]
+        turned = np.roll(corners, -k, axis=1)
+        i, j, m = turned[turned[:, 0] < count].T
         a, b = x[j] - x[i], x[m] - x[i]
         between = np.sum(a * b, axis=1) / (np.hypot(*a.T) * np.hypot(*b.T))
         angle = np.arccos(np.clip(between, -1.0, 1.0))
@@ -431,12 +429,12 @@ def steric_order(graph: GrainGraph) -> Floats:
 
 def local_density(graph: GrainGraph, faces: Faces) -> Floats:
     """Return the area of each grain over its share of the loops beside it, evenly shared (G,)."""
-    area, found = np.zeros(graph.grain_count), np.zeros(graph.grain_count, dtype=bool)
+    area = np.zeros(graph.grain_count)
     for batch in loop_batches(graph, faces):
         share = polygon_area(batch.graph.x) / batch.grains.shape[1]
         np.add.at(area, batch.grains, share[:, None])
-        found[batch.grains] = True
-    return np.where(found, np.pi * graph.radii**2 / np.where(found, area, 1.0), np.nan)
+    area[area == 0.0] = np.nan
+    return np.asarray(np.pi * graph.radii**2 / area)
 
 
 def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
