@@ -3,17 +3,13 @@
 import json
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from loops import InputError, affine_tangent, traction_tangent
 from tests.benchmarks import options
 from tests.benchmarks.methods import (
     METHOD_GROUPS,
-    Family,
-    Row,
     Rows,
-    compared,
     direction_methods,
     irregular_rings,
 )
@@ -48,28 +44,6 @@ def test_oracle_of_freely_rolling_rings(order, closure):
     exact = as_array(tangent_50(scene, closure.__name__.removesuffix("_tangent")))
     found = closure(scene.graph, scene.law, spins="free").matrix
     np.testing.assert_allclose(found, exact, atol=1e-13)
-
-
-def test_errors_of_random_rings_stay_within_what_is_stated():
-    """Every operator within its bound; 1e-10 of its norm where the condition is good."""
-    rings = irregular_rings(200, 6, seed=3)
-    for closure in ("affine", "traction"):
-        name = {"affine": affine_tangent, "traction": traction_tangent}[closure]
-        tangent = name(rings.graph, rings.law, regime=rings.regime)
-        exact = np.array([rings.exact(k, closure) for k in range(12)])
-        size = np.linalg.norm(exact, axis=(1, 2))
-        error = np.linalg.norm(tangent.matrix[:12] - exact, axis=(1, 2)) / size
-        bound = tangent.condition[:12] * np.finfo(float).eps
-        assert (error <= 4 * bound).all()
-        assert (bound < 1e-10).mean() > 0.7 and error[bound < 1e-10].max() < 1e-10
-
-
-def test_smallest_and_full_model():
-    row = compared(Family("traction", "free", (4,)), 4)
-    assert (row["symmetry"], row["unknowns_auto"], row["unknowns_full"]) == ("D2 (order 4)", 7, 21)
-    assert row["solves_auto"] < row["solves_full"]
-    # Seven and 21 unknowns: some tens of roundings.
-    assert row["difference"] < 2e-14
 
 
 def test_sampled_directions_converge_and_the_cone_is_exact():
@@ -111,22 +85,6 @@ def test_a_run_tells_how_long_it_takes_and_each_part_that_is_finished(
     for more in (["--quick"], ["--quiet"]):
         assert run(*asked, "--force", *more) == 0
         assert capsys.readouterr().err == ""
-
-
-def test_a_quick_run_writes_everything(tmp_path):
-    out = tmp_path / "bench"
-    summary = run_bench(out, quick=True, only="directions,batches")
-    table = pq.read_table(out / "bench.parquet").to_pydict()
-    assert set(table) == set(Row.__dataclass_fields__)
-    assert (np.array(table["seconds_per_item"]) > 0.0).all()
-    names = {"bench.csv", "pareto.png", "batches.png", "summary.json"}
-    assert names <= {path.name for path in out.iterdir()}
-    written = json.loads((out / "summary.json").read_text())["groups"]
-    assert written.keys() == summary["groups"].keys()
-    assert [row["method"] for row in summary["groups"]["directions"]["defaults"]] == [
-        "closed: fraction",
-        "closed: smallest W2",
-    ]
 
 
 def test_the_command_refuses_unknown_groups(tmp_path, capsys):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from loops import LinearFrictional, Scene, macroscopic_tangent
-from patterns import diamond, random_loop, regular_polygon
+from patterns import random_loop, regular_polygon
 from stability import Stage, follow, programmes, restrict, spectrum, symmetric_spectrum
 
 SUBSPACES = ("full", "symmetric", "diagonal")
@@ -79,19 +79,3 @@ def test_losses_come_in_order_along_a_path(order, orientation, kappa, phi, closu
         assert (lost_work | ~lost_stability).all()
         first.append(int(np.argmax(lost_work)) if lost_work.any() else len(A))
     assert first == sorted(first)
-
-
-@settings(max_examples=3)
-@given(st.floats(30.0, 60.0), st.floats(0.1, 0.25), CLOSURES)
-def test_events_of_ks_come_before_those_of_k_where_there_is_shear(alpha0, kappa, closure):
-    """Without friction's limit: T grows, K is not symmetric, and the two losses part."""
-    stages = [
-        Stage(programmes.isotropic_strain(), "H11", 0.05),
-        Stage(programmes.oedometric(), "H11", 0.75),
-    ]
-    law = LinearFrictional(kn=1.0, kt=kappa)
-    path = follow(Scene(diamond(np.radians(alpha0)), law), stages, closure=closure)
-    first_Ks, first_K = (path.of_kind(kind)[:1] for kind in ("det_Ks_zero", "det_K_zero"))
-    assert first_Ks or not first_K
-    for of_Ks, of_K in zip(first_Ks, first_K, strict=False):
-        assert of_Ks.parameter < of_K.parameter

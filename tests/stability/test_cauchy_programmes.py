@@ -78,12 +78,6 @@ def test_cauchy_drained_diamond_against_its_closed_tangent():
     assert path.P[-1, 0] == pytest.approx(exact[1], abs=1e-10)
 
 
-def test_smallest_model_of_a_cauchy_path_is_the_full_one():
-    small, full = (loop_path("cauchy_drained", end=0.03, model=model) for model in ("auto", "full"))
-    assert small.model.symmetry != full.model.symmetry
-    assert small.P[-1] == pytest.approx(full.P[-1], abs=1e-11)
-
-
 @pytest.mark.slow
 def test_fluid_between_drained_and_undrained():
     """Its error falls with `1/K` towards constant area and with `K` towards `cauchy_drained`."""

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from loops import InputError, LinearFrictional, Scene, boundary_of, macroscopic_tangent
-from patterns import diamond, regular_polygon
+from loops import InputError, LinearFrictional, Scene, boundary_of
+from patterns import diamond
 from patterns.diamond import TABLE_1, TABLE_2, elastic_moduli, stress_of_isotropic_strain, tangent
 from stability import (
     Stage,
     destabilising_control,
     follow,
     plane_cone,
-    restrict,
     softening_control,
     strain_driven,
     symmetric_modes,
@@ -155,30 +154,6 @@ def test_path_inside_the_cone_softens_at_once(table):
     assert falls(strength, length)
     k = int(np.argmax(length > 1e-6))
     np.testing.assert_allclose(strength[k] / length[k], control.work, rtol=20 * length[k])
-
-
-def sheared_pentagon():
-    """Compressed pentagon, indefinite in the symmetric subspace under the traction closure."""
-    graph = regular_polygon(5, strain=0.25)
-    return graph, LinearFrictional(kn=1.0, kt=0.2)
-
-
-def test_control_in_three_dimensions_and_its_path():
-    graph, law = sheared_pentagon()
-    A = macroscopic_tangent(graph, law, "traction").matrix
-    K = restrict(A, "symmetric") + 0.0
-    control = softening_control(K)
-    assert control.free.shape == (1, 3)
-    programme = strain_driven(control, "symmetric")
-    # The response of the tangent: four equations for H'.
-    response = np.linalg.solve(programme.stress @ A + programme.strain, programme.rate)
-    basis = np.array([[1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5**0.5, 0.5**0.5, 0]])
-    np.testing.assert_allclose(basis @ response, control.direction, atol=1e-12)
-    stage = Stage(programme, "parameter", 0.01)
-    path = follow(Scene(graph, law), stage, closure="traction", subspace="symmetric")
-    strength = (path.P - path.P[0]) @ basis.T @ control.direction
-    length = (path.H - path.H[0]) @ basis.T @ control.direction
-    assert path.status == "finished" and falls(strength, length)
 
 
 @pytest.mark.parametrize(("m", "subspace"), [(2, "diagonal"), (3, "symmetric"), (4, "full")])

@@ -72,13 +72,6 @@ def test_bromwich_gap_of_a_jordan_block(coupling):
     np.testing.assert_allclose(bromwich_margin(K), coupling / 2.0, atol=1e-15)
 
 
-@given(arrays(np.float64, (3, 3), elements=ENTRIES))
-def test_symmetric_operators_have_no_gap_and_no_flutter(K):
-    Ks = symmetric_part(K)
-    assert abs(bromwich_margin(Ks)) <= 2e-14 * operator_norm(Ks)
-    assert not flutter_pairs(Ks).any()
-
-
 @given(arrays(np.float64, (2, 2), elements=ENTRIES))
 def test_flutter_in_the_plane_is_a_negative_discriminant(K):
     discriminant = 0.25 * (K[0, 0] - K[1, 1]) ** 2 + K[0, 1] * K[1, 0]

@@ -150,13 +150,6 @@ def test_a_law_is_listed_once_and_serves_both_kinds_of_loops(command, capsys):
     assert "--law: got 'bonded', expected linear or hertz" in capsys.readouterr().err
 
 
-def test_a_domain_of_a_snapshot_takes_its_law(capsys, tmp_path):
-    out = tmp_path / "out"
-    asked = ("domain", "--snapshot", SAMPLE, "--loop", 230, "--law", "linear", "--directions", 25)
-    assert run(*asked, "--out", out) == 0
-    assert (out / "summary.json").is_file()
-
-
 def test_sustain_takes_its_snapshot_by_place(capsys):
     assert run("sustain", "--help") == 0
     said = capsys.readouterr().out

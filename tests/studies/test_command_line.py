@@ -31,14 +31,6 @@ def said(tmp_path, monkeypatch, capsys):
     return say
 
 
-def test_results_go_beside_where_one_stands(said, tmp_path):
-    status, out, _ = said("snapshot", SAMPLE, "--no-figures")
-    assert status == 0 and out.endswith("results in grains_biaxial-snapshot\n")
-    assert (tmp_path / "grains_biaxial-snapshot" / "summary.json").is_file()
-    status, _, error = said("snapshot", SAMPLE, "--no-figures")
-    assert status == 2 and "--force" in error
-
-
 @pytest.mark.parametrize(
     ("path", "name"),
     [

@@ -39,18 +39,6 @@ def test_polygons_have_the_table_s_shapes(sample):
     assert frame.attrs["units"]
 
 
-def test_one_line_writes_a_file_and_it_comes_back(tmp_path):
-    geopandas = pytest.importorskip("geopandas")
-    snapshot = SAMPLES["between walls"]()
-    # Loops of a sample lie in no country's coordinates.
-    with pytest.warns(UserWarning, match="'crs' was not provided"):
-        gl.to_geodataframe(snapshot).to_file(tmp_path / "loops.gpkg")
-    again = geopandas.read_file(tmp_path / "loops.gpkg")
-    table = gl.loop_table(snapshot)
-    np.testing.assert_allclose(again.area, table["area"], rtol=1e-9)
-    assert (again["order"] == table["order"]).all()
-
-
 def test_a_table_of_one_s_own_is_taken_and_another_is_refused():
     pytest.importorskip("geopandas")
     snapshot = SAMPLES["between walls"]()

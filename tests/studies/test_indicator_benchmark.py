@@ -59,33 +59,6 @@ def test_packings_count_once_each():
     assert len(indicators.draw(four.reset_index()).axes) == 4
 
 
-def test_steps_of_one_packing_are_not_drawn_beside_others():
-    """LAMMPS' sample strains by 2 %: in the table, not in the figure."""
-    alone = rows(packings=1).assign(step=0.02, packing="other")
-    table = indicators.compare(pd.concat([rows(), alone]))
-    assert set(table.step) == {1e-4, 0.02}
-    for shown, steps in ((table, 1), (table[table.step == 0.02], 1), (table[table.step < 1e-3], 1)):
-        dots = [line for line in indicators.draw(shown).axes[0].lines if line.get_marker() == "o"]
-        assert len(dots) == steps
-    # A predictor that one packing has is drawn where others have several.
-    few = rows(packings=1)
-    replay = few[few.predictor == "packing"].assign(predictor="replay")
-    table = indicators.compare(pd.concat([rows(), replay]))
-    assert table.packings.min() == 1
-    (dots,) = [line for line in indicators.draw(table).axes[0].lines if line.get_marker() == "o"]
-    assert np.isfinite(dots.get_xdata()).sum() == 4
-
-
-def test_means_by_packing_are_kept(tmp_path, monkeypatch):
-    made = rows(packings=3)
-    monkeypatch.setattr(indicators, "scores", lambda folder, seed: made)
-    indicators.main(tmp_path / "out", tmp_path)
-    kept = pd.read_csv(tmp_path / "out" / "by_packing.csv", comment="#")
-    for (name, predictor), own in made.groupby(["packing", "predictor"]):
-        row = kept[(kept.packing == int(name)) & (kept.predictor == predictor)]
-        assert row.auc.item() == pytest.approx(own.auc.mean()) and row.intervals.item() == 4
-
-
 def test_a_folder_without_predictions_is_named(tmp_path):
     with pytest.raises(InputError, match=r"got no series with its packing, expected a result fold"):
         indicators.scores(tmp_path)

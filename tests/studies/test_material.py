@@ -184,16 +184,6 @@ def test_newtons_method_squares_its_residual_while_contacts_slide(specimen):
     assert march(material, [confining, end], 20).regimes[-1, 1] > 0.03
 
 
-def test_a_band_forms_through_the_weak_element_behind_the_peak(specimen):
-    from studies.examples.biaxial_specimen import band
-
-    assert specimen["why"] == "at 0.94 of the peak"
-    assert specimen["strain"][specimen["ratio"].argmax()] > 0.05
-    weak, share = band(specimen["specimen"])
-    # 1.36 and 10 of 24 elements; without a band 1 and all.
-    assert weak > 1.3 and share < 0.5
-
-
 @pytest.mark.slow
 def test_the_band_follows_the_mesh():
     """At .98 of the peak it takes .375 of 5 by 8 elements, and .144 of 10 by 16."""

@@ -44,16 +44,6 @@ def test_a_loop_cut_out_has_the_same_closures_and_no_packing(snapshot, found):
     assert np.array_equal(alone.path.P, found.path.P)
 
 
-def test_the_domain_is_that_of_the_loop_by_itself(snapshot, found):
-    own = gl.loop_domain(gl.loop(snapshot, NUMBER), "traction").rows
-    assert (own["kind"] == found.domain.rows["kind"]).mean() > 0.99
-    same = own["kind"] == found.domain.rows["kind"]
-    # Strains have no unit; the state differs by the rounding of the file's positions.
-    for name in ("E1", "E2"):
-        difference = (own[name] - found.domain.rows[name])[same].abs().max()
-        assert difference < 1e-5 * found.domain.reach
-
-
 @pytest.mark.slow
 def test_the_command_writes_the_page(tmp_path, found):
     out = tmp_path / "loop"

@@ -7,11 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from loops import InputError
-from patterns import read_snapshot
-from tests.tools.fuzz import trial
-from tests.tools.fuzz.samples import write_samples
-
 ROOT = Path(__file__).parents[2]
 
 
@@ -33,13 +28,3 @@ def test_a_few_of_each_format(tmp_path):
 @pytest.mark.slow
 def test_many_of_each_format(tmp_path):
     assert run(tmp_path / "out", 500)["bad"] == []
-
-
-def test_healthy_samples_are_read(tmp_path):
-    samples = write_samples(tmp_path)
-    trial.warm_up(samples)
-    counts = {one.name: read_snapshot(one.path, **one.options).graph for one in samples}
-    assert counts["csv"].contact_count == counts["h5"].contact_count == 819
-    dump = read_snapshot(next(one.path for one in samples if one.name == "lammps"))
-    with pytest.raises(InputError, match="kn"):
-        dump.mechanics()

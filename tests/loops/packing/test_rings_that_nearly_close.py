@@ -67,14 +67,6 @@ def test_the_slip_of_the_ring_is_felt(off):
     assert np.median(change) > 0.05 and (stated < 1e-14 / off**2).all()
 
 
-def test_equal_grains_and_shear_by_the_radii_close_exactly():
-    for radii, increment in ((0.0, "branch"), (1e-2, "radii")):
-        graph, law, regime = lattice(1e-2, radii=radii, increment=increment)
-        assert mismatch(graph, law, regime)[0] < UNKNOWN
-        count, _, stated = compared(graph, law, regime)
-        assert count["answered"] == 16 and count["beyond"] == 0 and (stated < 1e-9).all()
-
-
 def test_a_ring_that_may_close_by_rounding_is_not_judged():
     """Two sizes of grains in turn, no overlap: the arms are the radii but for rounding."""
     turn = 0.1 * (np.indices((4, 4)).sum(axis=0).ravel() % 2)

@@ -50,15 +50,6 @@ def test_loops_have_the_requested_properties(order, convex, polydispersity):
     assert np.abs(turns(loops).min(axis=-1)).min() > 0.019
 
 
-def test_loops_differ_from_each_other_and_from_the_circle():
-    for order, convex in ((5, True), (6, False), (40, True)):
-        loops = random_loop(order, seed=1, convex=convex, polydispersity=0.2, size=100)
-        assert np.ptp(turns(loops), axis=0).min() > 0.3 * 2 * np.pi / order
-        d = branch_vectors(loops)
-        # Orientations fill the circle.
-        assert np.abs(np.exp(1j * np.arctan2(d[:, 0, 1], d[:, 0, 0])).mean()) < 0.3
-
-
 def test_same_seed_same_loops():
     one, same, other = (random_loop(8, seed, polydispersity=0.2, strain=0.1) for seed in (5, 5, 6))
     for name in ("x", "radii", "normal_force", "shear_force"):

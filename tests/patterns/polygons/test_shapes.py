@@ -95,16 +95,6 @@ def test_the_full_form_is_lost_at_the_diamonds_threshold_for_every_order(order):
     assert np.abs(matrix @ [0, 1, -1, 0]).max() < 1e-14
 
 
-def test_the_square_on_its_side_is_lost_in_shear_alone():
-    strains = np.linspace(0.01, 0.9, 30)
-    diagonal = [smallest(4, e, "traction", "blocked", "diagonal", "edge") for e in strains]
-    assert min(diagonal) > 0.9
-    found = brentq(
-        lambda e: smallest(4, e, "traction", "blocked", "symmetric", "edge"), 1e-9, 0.4, xtol=1e-15
-    )
-    assert abs(found - diamond(KAPPA)) < 1e-9
-
-
 def test_regular_polygon_closed_forms():
     for order in (3, 4, 6, 11):
         loop = regular_polygon(order, strain=[0.0, 0.1], radius=2.0, kn=3.0, orientation="edge")

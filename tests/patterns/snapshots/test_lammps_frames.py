@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError
-from patterns import count_frames, read_frames, read_snapshot, synthetic_network
+from patterns import count_frames, read_snapshot, synthetic_network
 from tests.patterns.dump_writers import (
     Packing,
     assert_same,
@@ -97,18 +97,6 @@ def test_one_snapshot_is_parsed_alone(dumps, parsed, frame):
     assert len(parsed) == 2
 
 
-def test_picked_and_in_turn_are_the_same(dumps):
-    in_turn = list(read_frames(dumps[0], cell=CELL, **LAW))
-    assert len(in_turn) == COUNT
-    for number, snapshot in enumerate(in_turn):
-        assert_same(snapshot, PACKINGS[number], 1e-12)
-        for frame in (number, number - COUNT):
-            picked = read(dumps[0], frame)
-            assert picked.graph.x.tolist() == snapshot.graph.x.tolist()
-            assert picked.graph.normal_force.tolist() == snapshot.graph.normal_force.tolist()
-            assert (picked.step, picked.notes) == (snapshot.step, snapshot.notes)
-
-
 def test_numbers_out_of_range(dumps, parsed):
     for frame in (COUNT, -COUNT - 1):
         with pytest.raises(InputError, match=f"--frame.*{frame}.*(below 4|-4 or more)"):
@@ -195,9 +183,3 @@ def test_mercury_snapshots_without_contacts_are_not_counted(tmp_path, parsed):
     first = read(dumps[0], 0)
     assert first.step == 1 and len(parsed) == 2
     assert "1 earlier snapshots without contacts left out" in first.notes
-
-
-def test_snapshots_of_a_series_are_found_by_their_headers(dumps, parsed):
-    """The number of snapshots in a file, then one after the other, as `grainloops series` reads."""
-    steps = [read(dumps[0], number).step for number in range(count_frames(dumps[0]))]
-    assert steps == list(range(COUNT)) and len(parsed) == 2 * COUNT

@@ -6,13 +6,10 @@ import pytest
 from loops import InputError
 from patterns import count_frames, read_snapshot, sample_path, synthetic_network
 from tests.patterns.dump_writers import (
-    LAW,
     Packing,
     assert_same,
     edit,
     wall_numbers,
-    write_lammps,
-    write_liggghts,
     write_mercury,
 )
 from tests.patterns.dump_writers import snapshots_of as read
@@ -95,21 +92,6 @@ def test_contacts_at_more_times_than_grains(tmp_path):
     rows = path.read_text().splitlines()
     path.write_text("\n".join(rows[101:]) + "\n")
     assert [s.step for s in read(path, cell=own.graph.cell)] == [0.5, 1.0]
-
-
-def test_one_packing_through_every_format(tmp_path):
-    """The same loops and the same forces from all codes' files, and from plain tables."""
-    own = packing(200)
-    cell = own.graph.cell
-    (tmp_path / "l").mkdir()
-    paths = {
-        "lammps": write_lammps(tmp_path, own)[0],
-        "liggghts": write_liggghts(tmp_path / "l", own, ("pos", "id", "force", "delta"))[0],
-        "mercury": write_mercury(tmp_path, own)[0],
-    }
-    for name, path in paths.items():
-        given = cell if name == "mercury" else None
-        assert_same(read_snapshot(path, cell=given, format=name, **LAW), own, 1e-12)
 
 
 def put(rows, line, word, text):

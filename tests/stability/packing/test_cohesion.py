@@ -138,14 +138,3 @@ def test_a_grain_that_hangs_on_an_attraction_is_held():
     assert carrying_nothing(held, 1e-4).tolist() == [False, False]
     # At rest under its attraction alone.
     assert not carrying_nothing(replace(held, normal_force=np.zeros(1)), 1e-4).any()
-
-
-def test_a_bond_that_breaks_under_shear_lets_its_energy_go():
-    """A contact that opens with shear left: its energy is released, not slip, and all closes."""
-    graph, law = at_rest(0.3, bond=1e-4)
-    how = {"closure": "packing", "interval": 4e-5}
-    path = follow(Scene(graph, law), strained(EXTENSION), **how)
-    assert path.status == "finished" and path.of_kind("opening")
-    work, *spent = path.work[-1]
-    left = work - sum(spent) - (path.energy[-1] - path.energy[0])
-    assert abs(left) < 2e-12 * np.abs(path.work).max()

@@ -21,7 +21,7 @@ from loops import (
 )
 from stability import Stage, follow
 from tests.oracles.lattices import lattice
-from tests.packings import diamonds, strained, touching_lattice
+from tests.packings import strained, touching_lattice
 from tests.stability.packing.walled_packings import between
 
 followed = partial(follow, closure="packing")
@@ -32,7 +32,6 @@ INTERVALS = (2e-4, 1e-4, 5e-5)
 TRIANGLES = touching_lattice(
     TURN @ [[1, 0.5], [0, ROOT / 2]], [(1, 0), (0, 1), (-1, 1)], cells=(1, 1)
 )
-RHOMBI = touching_lattice(TURN @ [[1, 0.3], [0, np.sqrt(0.91)]], [(1, 0), (0, 1)], cells=(1, 1))
 
 
 def honeycomb_and_kagome():
@@ -91,24 +90,6 @@ def test_triangles_event_by_event(increment):
     assert error[0] < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("graph", "most"), [(RHOMBI, 4e-5), (KAGOME, 1e-12)], ids=["rhombi", "kagome"]
-)
-def test_stresses_of_lattices(graph, most):
-    """Two lattices strained to and fro, with free spins; of one each interval is exact."""
-    law = LinearFrictional(1.0, 0.5, 0.5)
-    stages = [strained(STRAIN), strained(-1.2 * STRAIN)]
-    whole = follow(Scene(graph, law), stages, closure="affine", spins="free")
-    error = []
-    for interval in INTERVALS:
-        path = followed(Scene(graph, law), stages, interval=interval)
-        assert path.status == "finished" and not in_order(path)[0] and not in_order(whole)[0]
-        error.append(np.abs(path.P[-1] - whole.P[-1]).max() / np.abs(whole.P[-1]).max())
-    if graph is RHOMBI:
-        np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.05)
-    assert max(error) < most
-
-
 def test_a_honeycomb_is_a_hexagon_under_traction():
     """Up to yield of both inclined contacts, four of the loop; the stress is half of its."""
     law, strain = LinearFrictional(1.0, 0.5, 0.1), np.diag([8e-3, -4e-3])
@@ -132,25 +113,6 @@ def test_a_honeycomb_is_a_hexagon_under_traction():
     np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
     np.testing.assert_allclose(np.divide(place[:-1], place[1:]), 2.0, rtol=0.1)
     assert error[0] < 2e-5 and place[0] < 2e-4
-
-
-def test_a_lattice_of_diamonds_follows_the_path_of_loops():
-    """Errors of stress and of the place of yield halve with the interval."""
-    law, strain = LinearFrictional(1.0, 0.5, 0.2), np.diag([8e-3, -6e-3])
-    whole = follow(Scene(diamonds(), law), strained(strain), closure="affine", spins="blocked")
-    yields = whole.of_kind("yield")[0].parameter
-    part = strained(0.9 * yields * strain)
-    wanted = follow(Scene(diamonds(), law), part, closure="affine", spins="blocked").P[-1]
-    error, place = [], []
-    for interval in INTERVALS[1:]:
-        path = followed(Scene(diamonds(), law), part, interval=interval)
-        error.append(np.abs(path.P[-1] - wanted).max() / np.abs(wanted).max())
-        events = followed(
-            Scene(diamonds(), law), strained(strain), interval=interval, instabilities=1
-        ).events
-        place.append(abs(events[0].parameter - yields))
-    np.testing.assert_allclose(np.divide(error[:-1], error[1:]), 2.0, rtol=0.1)
-    assert error[0] < 1e-5 and place[0] < 1e-4 and place[-1] < place[0]
 
 
 @pytest.mark.parametrize("mirror", [1, -1], ids=["as it is", "mirrored"])
@@ -177,24 +139,6 @@ def test_a_contact_that_closes_sticks_or_slides_at_once(mu, mirror):
         assert ratio * mirror == pytest.approx(min(mu, 0.1483), rel=1e-3)
         error.append(np.abs(path.P[-1] - whole.P[-1]).max() / whole.P[-1, 0])
     assert error[0] < 4e-6 and error[0] / error[1] == pytest.approx(2.0, rel=0.2)
-
-
-def test_a_hundred_cells_follow_the_path_of_one():
-    """A hundred contacts of a direction yield at once, more than one factorisation has room for."""
-    law = LinearFrictional(1.0, 0.5, 0.2)
-    vectors = TURN @ [[1, 0.5], [0, ROOT / 2]]
-    stages = [strained(STRAIN), strained(-1.5 * STRAIN)]
-    one, many = (
-        followed(
-            Scene(touching_lattice(vectors, [(1, 0), (0, 1), (-1, 1)], cells=(n, n)), law),
-            stages,
-            interval=8e-4,
-        )
-        for n in (1, 10)
-    )
-    assert one.status == many.status == "finished" and len(one.of_kind("yield")) == 3
-    assert len(many.of_kind("yield")) > 300
-    np.testing.assert_allclose(many.P, one.P, rtol=0, atol=1e-9 * np.abs(one.P).max())
 
 
 def between_walls(law, stage, interval):

@@ -17,7 +17,6 @@ from stability.packing.equations_of_motion import (
     lasting,
     masses_of,
     servo_of,
-    snap_through,
     steered,
     step_of,
 )
@@ -94,14 +93,6 @@ def snapped(steps, damping, drag):
     return own, 20 * dt * np.sum(powers), powers[-1] * steps * dt
 
 
-def test_works_of_a_replay_close_with_the_drag():
-    """Work of the cell minus stored energy and slip is the integral of `c m v^2`."""
-    own, taken, still = snapped(20_000, 0.0, 0.02)
-    assert still < 1e-3 * taken
-    # The power is looked at every 20 steps.
-    assert own == pytest.approx(taken, rel=0.01)
-
-
 def test_released_energy_is_that_of_a_slower_replay():
     (event,) = passed("dynamic").of_kind("instability")
     told = event.released
@@ -122,37 +113,6 @@ def test_dynamic_under_held_stress():
     wanted = 1.01 * STRAIN.ravel()[1:]
     np.testing.assert_allclose(path.H[-1, 1:], wanted, rtol=0, atol=1e-9)
     assert unaccounted(path) < 1e-9 and path.work[-1, 3] > 1e-7
-
-
-def test_a_target_within_a_snap_is_passed():
-    """The stress falls at once by 1 %: a stage with its target in between ends after the snap."""
-    low, high = passed("dynamic").P[-1, 0], passed("stop").P[-1, 0]
-    leap = replace(strained(STRAIN), quantity="P11", target=0.5 * (low + high))
-    stages = [strained(0.98 * STRAIN), leap]
-    path = followed(Scene(GRAPH, BRANCH), stages, interval=INTERVAL, past="dynamic")
-    assert path.status == "finished" and path.events[-1].kind == "instability"
-    assert path.P[-1, 0] < leap.target < path.P[-2, 0]
-    # The first stage went 0.98 of the strain in a parameter of 1; the servo lags by rounding.
-    wanted = (path.parameter[-1] - 0.02) * STRAIN
-    np.testing.assert_allclose(path.H[-1], wanted.ravel(), rtol=0, atol=1e-8)
-
-
-def test_the_load_of_the_start_is_kept(monkeypatch):
-    """Shear forces reduced by 1 % leave a load: the snap begins and ends with it."""
-    seen = []
-
-    def kept(state, load, *how):
-        end, work = snap_through(state, load, *how)
-        seen.extend(np.abs(one.resultants + load).max() for one in (state, end))
-        seen.append(np.abs(load).max())
-        return end, work
-
-    monkeypatch.setattr(past_module, "snap_through", kept)
-    shaken = GRAPH.replace(shear_force=0.99 * GRAPH.shear_force)
-    path = followed(Scene(shaken, BRANCH), strained(STRAIN), interval=INTERVAL, past="dynamic")
-    assert path.status == "finished" and len(seen) >= 3
-    before, after, load = seen[:3]
-    assert before < 0.02 * load and after < 0.02 * load
 
 
 @pytest.mark.parametrize("why", ["no rest", "jumped", "leapt"])

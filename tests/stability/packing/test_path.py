@@ -3,7 +3,7 @@
 import functools
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -164,20 +164,6 @@ def test_contacts_slide_from_the_start_within_a_millionth_of_the_limit(short, sl
         assert not told and rest[first].min() > 1e-6
 
 
-def test_sliding_contacts_end_on_the_friction_limit():
-    """Contacts whose last event is yield have `|T| = mu N` with the exact `N`, at every row."""
-    graph = packed(16, 2, BRANCH)
-    path = followed(Scene(graph, BRANCH), strained(H), rows=5, interval=INTERVALS[0])
-    seen = 0
-    for row, state in enumerate(path.states[1:], start=1):
-        last = {e.contacts[0]: e.kind for e in path.events if e.index < row}
-        slides = [c for c, kind in last.items() if kind == "yield" and state.closed[c]]
-        most = BRANCH.mu * state.normal_force[slides]
-        np.testing.assert_allclose(np.abs(state.shear_force[slides]), most, rtol=1e-14)
-        seen += len(slides)
-    assert seen > 10
-
-
 def test_a_path_starts_with_the_forces_of_the_geometry():
     """Stored normal forces are ignored; shear forces are cut to the cone, zero where open."""
     graph = packed(16, 2, LAW)
@@ -200,21 +186,6 @@ def test_a_path_starts_with_the_forces_of_the_geometry():
     np.testing.assert_array_equal(start.shear_force[:count], wanted)
 
 
-def test_mixed_control_holds_its_stress():
-    graph = packed(16, 2, BRANCH)
-    path = followed(
-        Scene(graph, BRANCH), Stage(drained_biaxial(2), "H22", 1e-3), rows=4, interval=2e-5
-    )
-    assert path.status == "finished" and len(path) == 5
-    np.testing.assert_allclose(path.H[:, 3], np.linspace(0, 1e-3, 5), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(path.P[:, 0], path.P[0, 0], rtol=1e-5)
-    assert np.abs(path.H[:, 1:3]).max() < 1e-15
-    assert (np.diff(path.H[:, 0]) < 0).all()
-    # The same strain prescribed leads to the same stress.
-    again = followed(Scene(graph, BRANCH), strained(path.H[-1]), interval=2e-5)
-    np.testing.assert_allclose(again.P[-1], path.P[-1], rtol=0, atol=2e-3 * path.P[0, 0])
-
-
 def test_a_second_stage_starts_from_its_own_state():
     """P11 and H22 are driven, H12 and H21 held, by the parameter since the stage began."""
     graph, law = packed(16, 2, BRANCH), BRANCH
@@ -235,19 +206,6 @@ def test_a_second_stage_starts_from_its_own_state():
     (change,) = path.of_kind("programme_change")
     assert (change.parameter, change.stage, change.index) == (path.parameter[4], 1, 4)
     assert change.programme == "mixed"
-
-
-def test_events_lie_between_their_rows():
-    """`index` is the row before; the last row of a stage is the first of the next."""
-    stages = [strained(H), strained(-H)]
-    path = followed(Scene(packed(16, 2, BRANCH), BRANCH), stages, rows=10, interval=INTERVALS[0])
-    told = [event for event in path.events if event.kind != "programme_change"]
-    assert len(told) > 10 and {event.stage for event in told} == {0, 1}
-    rounding = 1e-9
-    for event in told:
-        before, after = path.parameter[event.index : event.index + 2]
-        assert before - rounding <= event.parameter <= after + rounding
-        assert path.stage[event.index + 1] == event.stage
 
 
 def test_a_path_that_leaps_is_lost_with_the_state_before():
@@ -379,43 +337,6 @@ def test_rows_are_looks_at_a_path_and_no_steps_of_it(which, stress):
         np.testing.assert_allclose(driven, np.linspace(0, driven[-1], rows + 1), atol=1e-9)
 
 
-def with_a_row_of_rattlers(graph, count, gap=1e-4):
-    """Equal discs in the packing's largest void, side by side along axis 1, without forces."""
-    shifts = np.array(list(product((-1, 0, 1), repeat=2))) @ graph.cell.T
-    x = (graph.x + shifts[:, None]).reshape(-1, 2)
-    places = np.array(list(product(np.linspace(0, 1, 80, endpoint=False), repeat=2))) @ graph.cell.T
-    room = np.min(np.linalg.norm(places[:, None] - x, axis=2) - np.tile(graph.radii, 9), axis=1)
-    radius = 0.9 * room.max() / count
-    along = (2 * radius + gap) * (np.arange(count) - 0.5 * (count - 1))
-    row = places[room.argmax()] + np.column_stack([along, 0 * along])
-    return graph.replace(
-        x=np.vstack([graph.x, row]), x0=None, radii=np.append(graph.radii, [radius] * count)
-    )
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_rattlers_that_touch(count):
-    """They are no contacts, and they end where a slow replay puts them."""
-    graph, first = packed(16, 2, LAW), 16
-    loose = with_a_row_of_rattlers(graph, count)
-    paths = [followed(Scene(g, LAW), strained(H), interval=2e-5) for g in (graph, loose)]
-    alone, end = (path.states[-1] for path in paths)
-    other = replay(Scene(loose, LAW), H, duration=2e4, viscous=0.02).state
-    pairs = (end.contacts >= first).all(axis=1)
-    assert np.count_nonzero(pairs) == count - 1 and not end.closed[pairs].any()
-    # Without them moving each other, they would overlap by ten times this.
-    gap = np.linalg.norm(end.branches[pairs], axis=1) - 2 * loose.radii[-1]
-    assert 0 <= gap.min() and gap.max() < 1e-8
-    np.testing.assert_allclose(end.x[first:], other.x[first:], rtol=0, atol=1e-8)
-    # The others don't hear of it.
-    told = [[(e.kind, pytest.approx(e.parameter, rel=1e-6)) for e in p.events] for p in paths]
-    assert told[0] == told[1]
-    forces = (state.forces[: graph.contact_count] for state in (alone, end, other))
-    wanted, found, slowly = forces
-    assert np.linalg.norm(found - wanted) < 1e-9 * np.linalg.norm(wanted)
-    assert np.linalg.norm(found - slowly) < 1e-5 * np.linalg.norm(wanted)
-
-
 def test_a_cell_sheared_past_its_neighbours():
     """A shear of 0.4: the closed contacts at the end are all overlapping pairs and images."""
     shear, law = np.array([[0.0, 0.4], [0.0, 0.0]]), LinearFrictional(1.0, 0.5, np.inf, "branch")
@@ -457,24 +378,6 @@ def test_events_of_a_rejected_interval_are_dropped():
     # That of intervals of 2e-5; intervals of 2e-4 step over it.
     assert path.limit == pytest.approx(0.02291, rel=1e-3)
     assert max(event.parameter for event in path.events) <= path.parameter[-1]
-
-
-def test_a_state_out_of_balance_keeps_its_load():
-    """Shear forces are reduced: `imbalance` counts from the resultants of the start."""
-    graph = packed(24, 3, LAW)
-    rng = np.random.default_rng(0)
-    shaken = graph.replace(shear_force=graph.shear_force * rng.uniform(0.9, 1.0, 44))
-    path = followed(Scene(shaken, LAW), strained(0.1 * H))
-    assert path.status == "finished" and path.imbalance[-1] < 1e-5
-    found = path.states[-1].forces[: shaken.contact_count]
-    error = []
-    for balanced in (True, False):
-        end = replay(
-            Scene(shaken, LAW), 0.1 * H, duration=2e4, viscous=0.02, balanced=balanced
-        ).state
-        error.append(np.linalg.norm(end.forces[: len(found)] - found) / np.linalg.norm(found))
-    # Let go, the load of the start is found again in the forces.
-    assert error[0] < 3e-6 and error[1] > 1e-3
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.25])

@@ -167,36 +167,6 @@ def test_rows_that_change_next_are_solved_ahead():
     assert sorted(pieces.ready) == [7, 9, pairs + 5, pairs + 7, pairs + 9]
 
 
-def test_edges_are_kept_by_motion():
-    """Cached rates of the yield function are those of the motion, on either side."""
-    graph = jammed(36, 5, LAW)
-    pieces, some = pieces_of(graph), np.array([3, 5, 20, 30])
-    i, j = pieces.frame["grains"][some].T
-    for change in (None, *CHANGES, "anew"):
-        if change == "anew":
-            pieces.factorise()
-            pieces.set_regime(7, SLIDING, 1.0)
-        elif change:
-            pieces.set_regime(*change)
-        rates = pieces.solve(CONTROLS[0])
-        u = pieces.motion(rates).reshape(-1, 3)
-        frame = pieces.frame[some]
-        d, n, t = frame["d"], frame["n"], frame["t"]
-        r = u[j, :2] - u[i, :2] - d @ rates.h[:4].reshape(2, 2).T
-        un, across = np.sum(n * r, axis=1), np.sum(t * r, axis=1)
-        lever_i, lever_j = frame["lever"].T
-        ut = frame["turning"] * across - lever_i * u[i, 2] - lever_j * u[j, 2]
-        wanted = pieces.side[some] * LAW.kt * ut - LAW.mu * LAW.kn * un
-        size = np.abs(wanted).max()
-        np.testing.assert_allclose(
-            pieces.edge((rates,), some)[:, 0], wanted, rtol=0, atol=1e-12 * size
-        )
-        np.testing.assert_allclose(
-            [pieces.relative(rates, int(c)) for c in some], np.column_stack([un, ut]),
-            rtol=0, atol=1e-12 * np.abs(r).max(),
-        )  # fmt: skip
-
-
 def differences(graph, law, regime, size=1e-6):
     """Slopes of loads and stress under unit motions and strains, by central differences."""
     count = graph.grain_count

@@ -37,7 +37,6 @@ from stability.programmes import (
     drained_biaxial,
     isotropic_stress,
     simple_shear,
-    undrained,
 )
 from studies.reading import rows_by_number
 from tests.packings import LAW, jammed, packing
@@ -338,38 +337,6 @@ def test_a_servo_holds_what_the_path_holds():
         assert P[0, 0] == pytest.approx(path.P[0, 0], rel=1e-5)
         off.append(np.abs(np.array([H[0, 0], P[1, 1]]) / [path.H[-1, 0], path.P[-1, 3]] - 1).max())
     assert off[1] < 2e-4 and off[1] < off[0]
-
-
-def test_a_servo_holds_the_area_and_drives_both_stresses():
-    graph, quiet = jammed(16, 2), {"damping": 0.3, "viscous": 0.05, "duration": 2e4}
-    H, _ = driven(replay(Scene(graph, LAW), Stage(undrained(1), "H11", 2e-3), **quiet), graph)
-    assert np.linalg.det(np.eye(2) - H) == pytest.approx(1.0, abs=1e-11)
-    start = driven(replay(Scene(graph, LAW), STILL, duration=1.0), graph)[1]
-    P = driven(
-        replay(Scene(graph, LAW), Stage(isotropic_stress(1e-3), "parameter", 0.5), **quiet), graph
-    )
-    for k in (0, 1):
-        assert P[1][k, k] - start[k, k] == pytest.approx(5e-4, rel=2e-3)
-
-
-@pytest.mark.parametrize("gap", [0.0, 0.1, 1.5])
-def test_pairs_are_those_of_brute_force(gap):
-    graph = packing(12, seed=3)
-    x = graph.x + np.array([[5, -3]]) * (np.arange(12) % 3)[:, None] @ graph.cell.T
-    found, images = near_pairs(x, graph.cell, graph.radii, gap)
-    told = {(*p, *m) for p, m in zip(found.tolist(), images.tolist(), strict=True)}
-    assert len(told) == len(found)
-    wanted = set()
-    for i in range(12):
-        for j in range(i, 12):
-            for a in range(-20, 21):
-                for b in range(-20, 21):
-                    if i == j and (a, b) <= (0, 0):
-                        continue
-                    d = x[j] - x[i] + graph.cell @ [a, b]
-                    if np.hypot(*d) < graph.radii[i] + graph.radii[j] + gap:
-                        wanted.add((i, j, a, b))
-    assert told == wanted
 
 
 @pytest.mark.parametrize(

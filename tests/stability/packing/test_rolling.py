@@ -227,19 +227,6 @@ def test_paths_halve_their_error_close_their_energy_and_are_slow_replays(name, i
         assert slow < fast and slow < 2e-5
 
 
-def test_springs_without_stiffness_change_nothing():
-    """To the last bit: in a path, a replay and a packing that is held."""
-    graph, found = jammed(16, 2), []
-    for law in (LAW, RollingResistance(LAW, 0.0, 0.1)):
-        path = follow(Scene(graph, law), strained(H), closure="packing", interval=4e-5)
-        assert len(path.events) > 1
-        states = [path.states[-1], replay(Scene(graph, law), H, duration=1e3).state]
-        numbers = [path.work, path.P, *(part for s in states for part in (s.x, s.shear_force))]
-        still = hold(Scene(graph, law)).graph
-        found.append(np.concatenate([a.ravel() for a in (*numbers, still.x, still.shear_force)]))
-    np.testing.assert_array_equal(*found)
-
-
 @pytest.mark.parametrize(("k_r", "mu_r"), [(0.05, np.inf), (0.05, 0.02), (2.0, 0.1)])
 def test_a_held_packing_keeps_its_moments(k_r, mu_r):
     """Its resultants vanish with them, and it stays at rest; steps suit stiff springs."""

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from patterns import read_snapshot, sample_path
 from stability import follow
 from stability.complementarity import (
     STARTS,
-    Complementarity,
     basic_values,
     positive_definite,
     solve_complementarity,
@@ -144,23 +142,6 @@ def test_many_contacts_keep_all_digits():
             assert violation(Q, M, slip(Q, M, branch, s, angle), angle) < 1e-12
 
 
-def test_contacts_that_change_together_are_told_apart():
-    rng, found = np.random.default_rng(5), 0
-    for _ in range(60):
-        # Two mirrored halves of a packing: contacts come in equal pairs.
-        m = int(rng.integers(1, 4))
-        one, other = 0.5 * rng.standard_normal((2, m, m)) + np.eye(m) * [[[1.0]], [[0.0]]]
-        Q, M = np.tile(rng.standard_normal((m, 2)), (2, 1)), np.block([[one, other], [other, one]])
-        branches = [trace_branch(Q, M, 1.0, z > 0, most=500) for z in every_solution(Q, M, 1.0)]
-        found += len(branches)
-        assert all(branch.status == "closed" for branch in branches)
-        for branch in branches:
-            for angle in rng.uniform(0, TURN, 5):
-                for s in branch.at(angle):
-                    assert violation(Q, M, slip(Q, M, branch, s, angle), angle) < 1e-9
-    assert found >= 50
-
-
 def test_a_contact_without_resistance_to_slip_ends_the_branch_as_degenerate():
     Q, M = np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[0.0, 1.0], [-1.0, 0.0]])
     branch = trace_branch(Q, M, 0.8, np.zeros(2, dtype=bool))
@@ -190,27 +171,6 @@ def packings(seeds, share=0.4, most=12):
             graph, law = small(8, seed, share)
             if 1 <= len(at_yield(graph, law)) <= most:
                 yield graph, law
-
-
-def test_stress_directions_list_the_image_of_every_strain_solution():
-    # A solution along a strain direction answers the direction of its stress too.
-    held = 0
-    for graph, law in packings(range(8)):
-        strain = probe(Scene(graph, law), 24, yield_band=AT_YIELD).solutions
-        stress = strain.stress_rate[:, [0, 1], [0, 1]]
-        unit_stress = stress / np.linalg.norm(stress, axis=1, keepdims=True)
-        answered = probe(Scene(graph, law), unit_stress, control="stress", yield_band=AT_YIELD)
-        listed = answered.solutions
-        for k, H in enumerate(strain.strain_rate / np.linalg.norm(stress, axis=1)[:, None, None]):
-            own = listed.strain_rate[listed.direction == k]
-            off = np.abs(own - H).max(axis=(1, 2), initial=0.0) / np.abs(H).max()
-            if answered.status[k] != "not converged":
-                assert off.min(initial=np.inf) < 1e-6, (k, answered.status[k])
-                held += 1
-        # Negative second-order work along strain directions shows along those of stress.
-        if (strain.normalised < -1e-6).any() and (answered.status != "not converged").all():
-            assert listed.normalised.min() < strain.normalised.min() + 1e-6
-    assert held > 60
 
 
 def test_the_image_of_the_circle_proves_the_number_of_stress_solutions(monkeypatch):
@@ -320,16 +280,6 @@ def test_nothing_that_probes_say_of_many_small_packings_is_false(monkeypatch):
     assert min(totals[f"said {one}"] for one in ("unique", "one found", "several", "none")) > 50
 
 
-def test_the_dense_problem_of_the_brute_force_is_that_of_the_sparse_one():
-    for _, graph, law in islice(small_packings.packings(), 12):
-        dense = small_packings.dense_problem(graph, law, at_yield(graph, law))
-        rates = rates_of(graph, law)
-        if dense and rates.slips_left < 1e-9:
-            regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
-            for one, other in zip(regions.circle, dense[:2], strict=True):
-                assert np.abs(one - other).max() < 1e-11 * np.abs(other).max()
-
-
 def nearest_alone(graph, law, control):
     """Answers in three components, each from the nearest answered direction where it can be."""
     rates = rates_of(graph, law)
@@ -364,36 +314,6 @@ def test_in_three_components_the_nearest_answer_leads_to_the_solution(control):
                 assert np.abs(P - own.stress_rate.ravel()).max() < 1e-12 * size
             followed, several = followed + 1, several + (len(true) > 1)
     assert followed > 60
-
-
-def test_where_the_search_fails_in_three_components_the_nearest_answer_is_followed(monkeypatch):
-    """As if only the first direction could be solved from its starts."""
-    cases = [
-        case
-        for case in packings(range(20), share=0.25, most=9)
-        if positive_definite(rates_of(*case).whole.of_slip)
-    ]
-    true = [probe(Scene(*case), 8, subspace="symmetric", yield_band=AT_YIELD) for case in cases]
-    for module in ("complementarity", "packing.regime_regions"):
-        monkeypatch.setattr(f"stability.{module}.ENUMERATED", 0)
-    asked = []
-
-    def only_once(q, M, starts=STARTS, known=(), feasible=False, **given):
-        asked.append(q)
-        active = true_solution(q, M) if len(asked) == 1 or known else []
-        return Complementarity(np.array(active, dtype=bool).reshape(-1, len(q)), "")
-
-    true_solution = lambda q, M: [solve_from(q, M, np.zeros(len(q), bool))]  # noqa: E731
-    monkeypatch.setattr("stability.regimes.solve_complementarity", only_once)
-    followed = 0
-    for case, wanted in zip(cases, true, strict=True):
-        asked.clear()
-        found = probe(Scene(*case), 8, subspace="symmetric", yield_band=AT_YIELD)
-        assert found.determined.all()
-        size = np.abs(wanted.stress_rate).max()
-        assert np.abs(found.stress_rate - wanted.stress_rate).max() < 1e-12 * size
-        followed += len(asked) - 1
-    assert followed > 50
 
 
 REAL = ("yade-slow 07", "yade-slow 19", "yade-slow 32", "yade-periodic 06", "yade-medium 05")

@@ -38,7 +38,7 @@ from stability.packing.sustain import (
 )
 from stability.programmes import proportional_stress
 from tests.packings import LAW, diamonds, jammed
-from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
+from tests.stability.packing.walled_packings import between
 
 SQUARE = GrainGraph(
     x=[[0, 0], [1, 0], [0, 1], [1, 1]],
@@ -381,23 +381,6 @@ def test_a_square_of_discs_between_walls_fails_where_its_contacts_open():
     assert found.paths[0].mode.displacement.shape == (4, 2)
     with pytest.raises(InputError, match="box"):
         sustain(Scene(graph, LAW, between(planes)), [[0, 0, 1]], subspace="symmetric", largest=0.01)
-
-
-@pytest.mark.parametrize("which", [JAMMED[0], JAMMED[4]], ids=["smooth", "rough"])
-def test_a_slow_replay_between_walls_moves_under_the_load_of_the_large_motion(which):
-    graph, planes, force = jammed_in_box(*which)
-    scene = Scene(graph, which[2], between(planes, force))
-    largest = 0.25 * np.trace(start_state(graph, scene.boundary).stress)
-    how = {"largest": largest, "interval": INTERVAL, "spread": False}
-    (path,) = sustain(scene, [[-1, 1]], **how).paths
-    assert path.status.startswith("large") and path.balance_error < 1e-10
-    strain = []
-    for load in (0.98 * path.motions[-1].lost, 1.02 * path.first_large_load):
-        stage = Stage(proportional_stress(*path.direction), "parameter", load)
-        end = replay(scene, stage, duration=2e4).state
-        strain.append(np.linalg.norm(end.strain))
-    before = np.linalg.norm(path.H, axis=1)[path.parameter <= path.motions[-1].lost].max()
-    assert strain[0] < 1.05 * before and strain[1] > before + max(LARGE, 0.5 * before)
 
 
 @functools.cache

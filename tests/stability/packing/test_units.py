@@ -21,9 +21,7 @@ from loops import (
     find_faces,
 )
 from loops.contacts import start_state
-from loops.in_place import loops_in_place
-from patterns import random_loop
-from stability import Stage, follow, programmes, rates_at
+from stability import follow, rates_at
 from stability.packing import loop_changes, loop_rates, probe, sustain
 from stability.packing.loop_quantities import LoopRates
 from tests.packings import BRANCH, LAW, jammed, packing, strained
@@ -97,20 +95,6 @@ def scene(name):
 
 def same(found, other, unit=1.0, rtol=1e-9, atol=0.0):
     np.testing.assert_allclose(np.asarray(other) / unit, found, rtol=rtol, atol=atol)
-
-
-@pytest.mark.parametrize("method", ["whole", "blocks"])
-def test_operators_in_place(method):
-    graph = packing(30, seed=2, sliding=0.15)
-    faces = find_faces(graph)
-    one = loops_in_place(Scene(graph, LAW), faces, method=method)
-    other = loops_in_place(Scene(graph_in_units(graph), law_in_units(LAW)), faces, method=method)
-    for name in ("matrix", "alone"):
-        a, b = getattr(one, name), getattr(other, name)
-        same(a, b, FORCE / LENGTH, atol=1e-9 * np.nanmax(np.abs(a)))
-    same(one.error, other.error, rtol=1e-2)
-    same(one.alone_error, other.alone_error, FORCE / LENGTH, rtol=1e-2)
-    assert np.isfinite(one.error).any()
 
 
 @pytest.mark.parametrize("law", [LAW, BRANCH], ids=["radii", "branch"])
@@ -275,32 +259,6 @@ def test_loads_that_are_sustained(name):
         same(first.strain, second.strain, rtol=1e-3, atol=1e-8)
         same(first.kinetic, second.kinetic, FORCE * LENGTH, rtol=1e-3)
         same(first.displacement, second.displacement, LENGTH, rtol=1e-3, atol=1e-7)
-
-
-@pytest.mark.parametrize("spins", ["blocked", "free"])
-@pytest.mark.parametrize("closure", ["affine", "traction"])
-def test_paths_of_loops(closure, spins):
-    loop = random_loop(5, 3, strain=0.02, mu=0.3)
-    found = []
-    for force, length in ((1.0, 1.0), (FORCE, LENGTH)):
-        unit = force / length
-        graph = loop.replace(
-            x=length * loop.x,
-            x0=length * loop.x0,
-            radii=length * loop.radii,
-            normal_force=force * loop.normal_force,
-            shear_force=0.0 * loop.shear_force,
-        )
-        law = LinearFrictional(unit, 0.3 * unit, 0.3)
-        if spins == "free":
-            law = RollingResistance(law, unit * length**2 * 0.01 * np.ones(5))
-        stage = Stage(programmes.undrained(), "H11", 0.03)
-        found.append(follow(Scene(graph, law), stage, closure=closure, spins=spins, rows=12))
-    one, other = found
-    assert one.status == other.status
-    assert [e.kind for e in one.events] == [e.kind for e in other.events]
-    same(one.H, other.H, rtol=1e-7, atol=1e-9)
-    same(one.P, other.P, FORCE / LENGTH, rtol=1e-6, atol=1e-8)
 
 
 def test_walls_resist_along_and_across():

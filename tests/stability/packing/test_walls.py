@@ -17,8 +17,6 @@ from loops import (
 )
 from loops.contacts import start_state
 from stability import Programme, Stage, follow, programmes, rates_at
-from stability.packing import probe
-from stability.packing.probe import probe_to
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import (
     JAMMED,
@@ -161,40 +159,6 @@ def test_the_first_increment_is_that_of_the_rate_problem(which):
     change = (path.P[-1] - path.P[0])[[0, 3]] / 1e-8
     # Ground springs of 1e-4 kn hold grains of two contacts.
     np.testing.assert_allclose(change, rates.stress_rate[[0, 1], [0, 1]], rtol=2e-3)
-
-
-def test_probes_are_followed_between_walls():
-    which = SMOOTH_ONES[1]
-    graph, planes, force = jammed_in_box(*which)
-    area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
-    rates = probe(Scene(graph, which[2], between(planes, volume=area)), 4, yield_band=1 - 1e-6)
-    found = probe_to(rates, Scene(graph, which[2], between(planes, force)), 1e-7)
-    assert (found.status == "finished").all()
-    np.testing.assert_allclose(
-        found.stress_rate[:, [0, 1], [0, 1]], rates.stress_rate[:, [0, 1], [0, 1]],
-        rtol=2e-3, atol=1e-3,
-    )  # fmt: skip
-
-
-def test_a_packing_held_between_walls_that_stand_still_has_the_replays_forces():
-    which = SMOOTH_ONES[1]
-    graph, planes, force = jammed_in_box(*which)
-    pushed = replay(
-        Scene(graph, which[2], between(planes, force)), np.diag([1e-4, -1e-4]), inertial_number=1e-3
-    ).state
-    rows = pushed.closed & pushed.at_wall
-    kn, kt, mu = (np.full(np.count_nonzero(rows), k) for k in SMOOTH)
-    now = PlaneContacts(pushed.contacts[rows, 0], pushed.branches[rows], kn, kt, mu)
-    area = abs(float(np.linalg.det(pushed.cell)))
-    held = hold(Scene(pushed.graph(), which[2], between(now, volume=area)))
-    assert held.status == "at rest"
-    quiet = replay(
-        Scene(pushed.graph(), which[2], between(now)),
-        np.zeros((2, 2)),
-        duration=4000.0,
-        viscous=0.05,
-    ).state
-    np.testing.assert_allclose(np.diag(held.stress), np.diag(quiet.stress), rtol=1e-4)
 
 
 def test_a_column_between_walls_in_closed_form():

@@ -28,10 +28,6 @@ def drained(E, rate=1.0):
     return Stage(programmes.drained_biaxial(rate=rate), "H11", E)
 
 
-def kinds(path):
-    return [event.kind for event in path.events if not event.jump]
-
-
 def at_45(stages, law=LAW, closure="affine", **options):
     return follow(
         Scene(diamond(np.pi / 4), law, boundary_of(diamond(np.pi / 4), volume=SQUARE_BOX)),
@@ -39,27 +35,6 @@ def at_45(stages, law=LAW, closure="affine", **options):
         closure=closure,
         **options,
     )
-
-
-@pytest.mark.parametrize("closure", CLOSURES)
-def test_reversal_unloads_elastically_and_reloading_yields_again(closure):
-    path = at_45([isotropic(0.3), drained(0.45), drained(0.44, -1), drained(0.5)], closure=closure)
-    assert kinds(path)[-5:] == [
-        "yield",
-        "programme_change",
-        "unloading",
-        "programme_change",
-        "yield",
-    ]
-    unloading = path.of_kind("unloading")[0]
-    assert unloading.contacts == (0, 1, 2, 3)
-    assert path.H[unloading.index, 0] == pytest.approx(0.45, abs=1e-14)
-    after = path.stage == 2
-    assert (path.regime[after][1:] == Regime.ELASTIC).all()
-    # An elastic loop retraces its path: it yields where it unloaded, with the same forces.
-    again = path.of_kind("yield")[1].index
-    assert path.H[again] == pytest.approx(path.H[unloading.index], abs=1e-13)
-    assert path.P[again] == pytest.approx(path.P[unloading.index], abs=1e-13)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -97,13 +72,6 @@ def test_opposite_grains_touch_at_the_closed_form(alpha0, pairs, closure):
     assert path.H[touch[0].index, [0, 3]] == pytest.approx([expected, expected], abs=1e-14)
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
-def test_grains_that_touch_from_the_start_are_reported(closure):
-    path = follow(Scene(diamond(np.radians(60)), LAW), isotropic(0.1), closure=closure)
-    (event,) = path.of_kind("opposite_contact")
-    assert (event.contacts, event.parameter) == ((0, 2), pytest.approx(0, abs=1e-15))
-
-
 @pytest.mark.parametrize(
     "alpha0", [50.0, 60.0, *(pytest.param(a, marks=pytest.mark.slow) for a in (55.0, 65.0))]
 )
@@ -126,18 +94,6 @@ def test_singular_relaxation_is_met_or_passed_where_other_paths_branch_off(alpha
         assert full.A[event.index, 1, 1] == pytest.approx(0, abs=1e-4)
     else:
         np.testing.assert_allclose(full.x[-1], 0.5 * full.x[0], atol=1e-13)
-
-
-@pytest.mark.parametrize("closure", CLOSURES)
-def test_stop_where_opposite_grains_touch(closure):
-    path = follow(
-        Scene(diamond(np.radians(35)), LAW),
-        isotropic(0.3),
-        contact_on_touch="stop",
-        closure=closure,
-    )
-    assert path.status == "opposite_contact"
-    assert path.H[-1, 0] == pytest.approx(1 - 1 / (2 * np.sin(np.radians(35))), abs=1e-14)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -219,26 +175,6 @@ def sliding(closure):
     return at_45([isotropic(0.3), drained(0.45)], closure=closure)
 
 
-@pytest.mark.parametrize(
-    ("size", "closure"), [(1e-15, "traction"), (1e-12, "affine"), (1e-9, "traction")]
-)
-def test_perturbed_symmetry_yields_at_the_same_point(closure, size):
-    confined = diamond(np.pi / 4, E1=0.3, E2=0.3)
-    disturbed = confined.replace(shear_force=size * np.array([1.0, 0.0, -2.0, 0.3]))
-    path = follow(
-        Scene(disturbed, LAW, boundary_of(disturbed, volume=SQUARE_BOX)),
-        drained(0.45),
-        closure=closure,
-    )
-    assert path.status == "finished"
-    rows = [event.index for event in path.of_kind("yield")]
-    reached = {c for event in path.of_kind("yield") for c in event.contacts}
-    assert reached == {0, 1, 2, 3}
-    for row in rows:
-        assert path.H[row, [0, 3]] == pytest.approx(POINT_B, abs=20 * max(size, 1e-15))
-    assert path.P[-1] == pytest.approx(sliding(closure).P[-1], abs=100 * max(size, 1e-15))
-
-
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_contacts_at_yield_from_the_start(closure):
     reference = sliding(closure)
@@ -257,15 +193,6 @@ def test_contacts_at_yield_from_the_start(closure):
     assert (backward.regime == Regime.ELASTIC).all()
 
 
-def test_jump_of_the_determinant_is_reported():
-    path = at_45([isotropic(0.05), drained(0.2)])
-    jumps = [event for event in path.events if event.jump]
-    assert [event.kind for event in jumps] == ["det_Ks_zero", "det_K_zero"]
-    row = jumps[0].index
-    assert path.det_Ks[row] > 0 > path.det_Ks[row + 1]
-    assert path.H[row] == pytest.approx(path.H[row + 1], abs=0)
-
-
 def test_two_eigenvalues_that_vanish_together_are_not_missed():
     # Both shears of an isotropic ring soften at once: det Ks does not change its sign.
     for closure, expected in (("affine", 1.2 / 2.2), ("traction", 0.2 / 1.2)):
@@ -280,16 +207,6 @@ def test_two_eigenvalues_that_vanish_together_are_not_missed():
         assert event.count == 2
 
 
-def test_collapse_and_exhausted_steps_are_lost_not_silent():
-    flattened = at_45([isotropic(0.1), Stage(programmes.oedometric(), "H11", 1.5)])
-    assert flattened.status == "lost"
-    assert "collapses" in flattened.message
-    assert flattened.H[-1, 0] == pytest.approx(1.0, abs=1e-9)
-    short = at_45([isotropic(0.3)], max_steps=3)
-    assert short.status == "lost"
-    assert "number of steps" in short.message
-
-
 def test_a_programme_that_leads_away_from_its_target_ends_at_once():
     """The message names the rate where the other sense leads there."""
     for stage, helps in (
@@ -302,21 +219,6 @@ def test_a_programme_that_leads_away_from_its_target_ends_at_once():
         path = follow(Scene(diamond(np.pi / 4, E1=0.05, E2=0.05), LAW), stage, closure="affine")
         assert (path.status, len(path)) == ("lost", 1)
         assert "away from" in path.message and ("rate=-1" in path.message) == helps
-
-
-def test_contacts_that_part_under_shear_are_reported():
-    law = LinearFrictional(kn=1.0, kt=0.2)
-    pulled = Stage(programmes.oedometric(rate=-1), "H11", -0.3)
-    torn = at_45([isotropic(0.1), pulled], law, closure="traction")
-    assert torn.status == "lost"
-    assert "part while they carry a force" in torn.message
-    # The affine closure goes on; the springs' energy is lost with the contact.
-    path = at_45([isotropic(0.1), pulled], law, closure="affine")
-    row = path.of_kind("opening")[0].index
-    assert path.work[row + 1, 3] - path.work[row, 3] == pytest.approx(
-        path.tangential_energy[row], rel=1e-12
-    )
-    assert not path.P[-1].any()
 
 
 class Parabola(programmes.Programme):

@@ -81,20 +81,6 @@ def test_shear_by_radii_counts_the_turn_alone(closure):
     assert np.abs(path.energy_error).max() < 1e-12
 
 
-def test_unequal_stiffness_of_the_contacts():
-    kn, kt = np.array([1.0, 2.0, 1.5, 0.7]), np.array([0.2, 0.3, 0.1, 0.4])
-    law = LinearFrictional(kn=kn, kt=kt, mu=np.array([0.3, 0.2, np.inf, 0.1]))
-    path = follow(
-        Scene(diamond(0.7), law), Stage(programmes.oedometric(), "H11", 0.1), closure="affine"
-    )
-    assert path.normal_force[-1] == pytest.approx(kn * path.normal_force[-1, 0], abs=1e-14)
-    slid = {c for event in path.of_kind("yield") for c in event.contacts}
-    assert 2 not in slid
-    limit = np.where(np.isinf(law.mu), np.inf, law.mu * path.normal_force[-1])
-    assert (np.abs(path.shear_force[-1]) <= limit + 1e-16).all()
-    assert np.abs(path.energy_error).max() < 1e-12
-
-
 @pytest.mark.parametrize(
     ("order", "orientation", "end", "max_step"),
     [

@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state
 from loops.laws.frictional import TOUCHING_RTOL
-from patterns import random_loop, regular_polygon
+from patterns import regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.loop_path import RELEASE, LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
@@ -73,27 +73,6 @@ def test_grains_that_overlap_by_more_than_rounding_press_at_once(length, kn):
         end = SimpleNamespace(fired=[("opposite_contact", 0)], pairs=np.array([[0, 2]]))
         solver._take_on_contacts(end)
         assert solver.mode.regime.tolist() == [Regime.ELASTIC] * 4 + [regime]
-
-
-def test_a_path_takes_the_same_steps_in_other_units():
-    """A row at every step; a short stage, so that sizes of strain and of path differ from 1."""
-    loop, found = random_loop(5, 3, polydispersity=0.3), []
-    for length, kn in UNITS[:2]:
-        law = LinearFrictional(kn, 0.3 * kn, 0.2)
-        graph = GrainGraph(
-            x=length * loop.x, radii=1.01 * length * loop.radii, contacts=loop.contacts
-        )
-        graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
-        stage = Stage(programmes.proportional_strain(1.0, -0.8), "H11", 0.02)
-        found.append(follow(Scene(graph, law), stage, closure="traction", rows=0))
-    one, other = found
-    assert one.status == other.status and len(one) == len(other) > 8
-    assert [(e.kind, e.index) for e in one.events] == [(e.kind, e.index) for e in other.events]
-    assert len(one.of_kind("yield")) > 1
-    np.testing.assert_allclose(other.H, one.H, rtol=0, atol=1e-15)
-    # The limit is one on the steps of all segments together.
-    few = follow(Scene(graph, law), stage, closure="traction", rows=0, max_steps=len(one) // 2)
-    assert one.status == "finished" and few.status == "lost" and "number of steps" in few.message
 
 
 @pytest.mark.parametrize(("length", "kn"), UNITS)

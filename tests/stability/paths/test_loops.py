@@ -191,20 +191,6 @@ def _controlled_determinant(path, row, law, graph):
     return np.linalg.det(system)
 
 
-def test_long_ring_agrees_with_the_continuum_of_its_symmetry():
-    # Every contact of a regular ring carries the same force under isotropic strain.
-    order = 200
-    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.4)
-    path = follow(
-        Scene(regular_polygon(order), law), [isotropic(0.1), drained(0.14)], closure="traction"
-    )
-    assert path.status == "finished"
-    confined = path.of_kind("programme_change")[0].index
-    assert path.normal_force[confined] == pytest.approx(np.full(order, 0.1), abs=1e-13)
-    assert np.abs(path.energy_error).max() < 1e-11
-    assert path.imbalance.max() < 1e-13
-
-
 @pytest.mark.parametrize("spins", SPINS)
 def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
     """Objectivity: a rotation path leaves N; with spins that follow it leaves T too."""
@@ -225,13 +211,3 @@ def test_rigid_turn_of_a_periodic_or_free_loop_changes_nothing(spins):
         assert path.shear_force[-1] == pytest.approx(-0.3 * 0.9 * 0.5, abs=1e-12)
     else:
         assert path.shear_force[-1] == pytest.approx(0.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("model", ["auto", "full"])
-def test_relaxed_grains_stay_around_their_centroid(model):
-    """The traction closure leaves a translation open: none is made up."""
-    law = LinearFrictional(kn=1.0, kt=0.2, mu=np.tan(np.radians(8.0)))
-    loop = regular_polygon(5)
-    path = follow(Scene(loop, law), [isotropic(0.1), drained(0.2)], closure="traction", model=model)
-    assert len(path.of_kind("yield")) > 0
-    assert np.abs(path.x.mean(axis=1) - loop.x.mean(axis=0)).max() < 1e-12

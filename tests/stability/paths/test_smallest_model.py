@@ -8,7 +8,6 @@ from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
 from stability.paths.regimes import keeps_control
 from stability.regimes import INSIDE, STICKS, EdgeProblem, EdgeRates, agreeing
-from tests.oracles.symmetry import loop_symmetry
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")
@@ -96,14 +95,6 @@ def test_longer_polygons_to_rounding(order, orientation, closure, spins):
     assert largest_difference(small, full) < 1e-13
 
 
-def test_diamonds_to_rounding():
-    law = LinearFrictional(kn=1.0, kt=0.3, mu=np.tan(np.radians(6)))
-    small, full = both(diamond(np.radians(35)), law, closure="traction")
-    assert largest_difference(small, full) < 2e-14
-    assert (small.model.freedoms, full.model.freedoms) == ("2 of 8", "8 of 8")
-    assert (small.model.contact_orbits, full.model.contact_orbits) == ("1 of 4", "4 of 4")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_contacts_added_in_pairs_keep_the_symmetry(closure):
@@ -161,15 +152,6 @@ def test_laws_that_differ_at_overlaps_to_come_have_no_symmetry():
     np.testing.assert_allclose(small.P[-1], full.P[-1], rtol=0, atol=1e-13)
 
 
-def test_isotropic_loading_leaves_one_freedom():
-    stage = Stage(programmes.isotropic_strain(), "H11", 0.1)
-    path = follow(Scene(regular_polygon(9), LAW), stage, closure="traction", spins="free")
-    assert path.model.symmetry == "D9 (order 18)"
-    assert (path.model.freedoms, path.model.spins) == ("1 of 18", "0 of 9")
-    assert path.model.contact_orbits == "1 of 9"
-    assert path.model.unknowns == "4 of 36"
-
-
 def test_a_stage_keeps_the_symmetry_that_is_its_own():
     """Many relaxed modes of a ring go singular together; under isotropic strain none is left."""
     loop = regular_polygon(40)
@@ -178,13 +160,6 @@ def test_a_stage_keeps_the_symmetry_that_is_its_own():
     assert path.model.symmetry.startswith("D2")
     (threshold,) = path.of_kind("det_Ks_zero")
     assert threshold.parameter == pytest.approx(0.8 / 1.8, abs=2e-13)
-
-
-def test_spins_of_a_diamond_vanish_by_symmetry():
-    path = follow(
-        Scene(diamond(np.radians(40)), LAW), stages(0.02, 0.03), closure="traction", spins="free"
-    )
-    assert path.model.spins == "0 of 4"
 
 
 @pytest.mark.parametrize("subspace", ["symmetric", "full"])
@@ -234,24 +209,6 @@ def test_a_turn_by_a_third_keeps_strain_control_but_not_stress_control_without_s
     assert keeps_control(programmes.isotropic_stress(), third).tolist() == [False]
 
 
-def test_simple_shear_of_a_square_keeps_the_half_turn():
-    shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0, 0], "simple shear")
-    programme = [Stage(programmes.isotropic_strain(), "H11", 0.05), Stage(shear, "H12", 0.1)]
-    small, full = both(regular_polygon(4), programme=programme, closure="traction")
-    assert small.model.symmetry == "C2 (order 2)"
-    assert largest_difference(small, full) < 1e-14
-
-
-def test_elastic_states_skip_the_branch_search():
-    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.5)
-    loop = regular_polygon(4, strain=0.05)
-    loop = loop.replace(x0=loop.x, radii=np.full(4, 0.5))
-    small, full = both(loop, law, Stage(programmes.isotropic_strain(), "H11", 0.05))
-    assert small.model.branch_search.startswith("skipped in 1 of 1")
-    assert full.model.branch_search.startswith("skipped in 0 of 1 rate problems; 81 of 81")
-    assert largest_difference(small, full) < 2e-14
-
-
 def test_one_solve_where_no_contact_has_a_choice():
     loop = regular_polygon(6, strain=0.05)
     found = rates_at(Scene(loop, LAW), programmes.drained_biaxial(), closure="affine")
@@ -269,23 +226,6 @@ def test_contacts_inside_their_cone_stick_whatever_the_rates():
     found = agreeing(EdgeProblem(np.tile(INSIDE, (2, 1)), lambda regimes: Trial()))
     assert (found.status, found.tried, found.combinations) == ("unique", 9, 9.0)
     assert found.taken.regimes.tolist() == [STICKS] * 2
-
-
-def test_orbits_share_their_regime_at_yield():
-    law = LinearFrictional(kn=1.0, kt=0.5, mu=0.1)
-    small, full = both(diamond(np.radians(40)), law)
-    # 4 contacts with 4 regimes at the first touch, with 2 at yield.
-    assert "6 of 272 combinations" in small.model.branch_search
-    assert largest_difference(small, full) < 2e-14
-    (event,) = small.of_kind("yield")
-    assert event.contacts == (0, 1, 2, 3)
-    assert (
-        np.sign(small.shear_force[-1]).tolist()
-        == (
-            np.sign(small.shear_force[-1, 0])
-            * loop_symmetry(diamond(np.radians(40))).contact_parity
-        ).tolist()
-    )
 
 
 def test_an_unknown_model_is_refused():

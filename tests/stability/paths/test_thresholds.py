@@ -31,20 +31,6 @@ def elastic_state(graph, law=LAW, closure="traction"):
     return StateRates(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
 
 
-@pytest.mark.parametrize(("order", "events"), [(12, 12), (13, 1)])
-def test_many_pairs_of_grains_that_touch_at_once_are_one_event(order, events):
-    # Next but one neighbours are all as far apart.
-    touch = 1.0 - 0.5 / np.cos(np.pi / order)
-    path = follow(
-        Scene(regular_polygon(order), LAW), isotropic(touch + 1e-3), rows=1, closure="affine"
-    )
-    found = path.of_kind("opposite_contact")
-    assert len(found) == events
-    assert sum(len(event.contacts) for event in found) == 2 * order
-    assert found[0].H[0] == pytest.approx(touch, abs=1e-12)
-    assert (events == 1) == (found[0].count == 13)
-
-
 @pytest.mark.parametrize("order", [60, 61])
 def test_long_loops_are_not_searched_for_branching(order):
     number = elastic_state(regular_polygon(order, strain=0.05)).balance_determinant
@@ -110,15 +96,6 @@ def test_stages_of_any_length_end_at_their_target(end, closure):
     assert (path.status, len(path.events)) == ("finished", 0)
     assert path.H[-1, [0, 3]] == pytest.approx([end, end], rel=1e-13, abs=0)
     assert path.normal_force[-1] == pytest.approx(np.full(5, end), rel=1e-13, abs=0)
-
-
-@pytest.mark.parametrize(("beyond", "rows"), [(5e-16, 0), (5e-15, 1)])
-def test_a_target_within_rounding_is_reached_at_once(beyond, rows):
-    path = follow(
-        Scene(regular_polygon(4), LAW), [isotropic(0.1), isotropic(0.1 + beyond)], closure="affine"
-    )
-    assert path.status == "finished"
-    assert ((path.stage == 1).sum() > 0) == (rows > 0)
 
 
 @pytest.mark.parametrize(("shear", "torn"), [(5e-10, False), (2e-9, True)])

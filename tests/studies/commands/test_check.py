@@ -20,13 +20,6 @@ def spoilt(tmp_path):
     return deck.write(tmp_path)
 
 
-def test_healthy(capsys):
-    assert run("check", sample_path()) == 0
-    shown = capsys.readouterr().out
-    assert "verdict: ok" in shown and "doubt " not in shown
-    assert "N is 1 times kn times the overlap" in shown
-
-
 def test_findings_are_printed_and_written(capsys, spoilt, tmp_path):
     out = tmp_path / "out"
     assert run("check", spoilt, "--out", out, "--csv") == 0

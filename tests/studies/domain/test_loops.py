@@ -203,23 +203,6 @@ def test_even_loops_keep_det_K_on_straight_programmes_of_stress():
     assert not limits.found["det_K_zero"].any()
 
 
-def test_the_balance_of_fields_that_break_the_symmetry_is_passed():
-    """Of ten grains it is singular at 33 degrees, where K of the symmetric fields is regular."""
-    fan, limits, *_ = fan_of(10, "traction", "strain", (33.0,))
-    assert limits.found["branching"][0]
-    assert not limits.found["det_Ks_zero"][0] and not limits.found["det_K_zero"][0]
-    # In the whole model, whose equations are those of all fields, as well.
-    graph, law = fan.loop.graph, fan.loop.law
-    path = path_of(graph, law, "strain", fan.programme[0], 0.6, closure="traction", model="full")
-    place = next(event for event in path.events if event.kind == "branching")
-    (H,), (P,), (x,), _ = limits.states["branching"]
-    row = np.abs(path.H[:, 0] - H[0]).argmin()
-    np.testing.assert_allclose([H, P], [place.H, place.P], rtol=0, atol=1e-12)
-    # Between two rows, along a straight line.
-    np.testing.assert_allclose(x, path.x[row], rtol=0, atol=0.03)
-    assert np.linalg.eigvalsh(symmetric_part(restrict(path.A[row], "diagonal")))[0] > 0.005
-
-
 def test_measures_are_the_smallest_eigenvalues():
     rng = np.random.default_rng(3)
     for A in rng.normal(size=(40, 4, 4)):
@@ -238,27 +221,6 @@ def affine_fan(overlap, mu, angles, T=0.0, **units):
         normal_force=law.normal_force(contact_state(loop)), shear_force=np.zeros(6) + T
     )
     return Fan(Scene(loop, law), "affine", "blocked", "strain", np.radians(angles), 0.3)
-
-
-def test_a_contact_at_its_strength_slides_at_once_where_the_rates_ask_for_it():
-    """Rates of the affine motion `-d0 H'`: it slides where |T| grows faster than its strength."""
-    mu, overlap = 0.2, 0.05
-    angles = np.arange(-160.0, 180.0, 40.0)
-    fan = affine_fan(overlap, mu, angles)
-    d = fan.loop.graph.reference_branches[1]
-    H = np.stack([np.cos(fan.programme), np.sin(fan.programme)], axis=1)
-    n = d / np.linalg.norm(d)
-    t = np.array([-n[1], n[0]])
-    normal, shear = (H * d) @ n, KAPPA * (H * d) @ t
-    for side in (1.0, -1.0):
-        slides = side * shear > mu * normal
-        assert 0 < slides.sum() < len(slides)
-        for share, at_once in ((1.0 - 1e-12, slides), (1.0 - 1e-6, np.zeros_like(slides))):
-            T = np.zeros(6)
-            T[1] = side * mu * overlap * share
-            limits = limits_of(affine_fan(overlap, mu, angles, T))
-            begun = limits.found["yield"] & (limits.states["yield"].H == 0.0).all(axis=1)
-            np.testing.assert_array_equal(begun, at_once)
 
 
 @pytest.mark.parametrize("overlap", [0.0, 1e-13, 1e-3])

@@ -14,7 +14,6 @@ from studies.domain import (
     PAPER_CASES,
     DomainParameters,
     domain_table,
-    run_domain,
 )
 from tests.command import refusal
 from tests.oracles.diamond_domain import first_losses, programme_fan, sticking_det_Ks
@@ -198,11 +197,6 @@ def test_fan_holds_the_isotropic_programme_and_only_compression():
     assert np.all(np.diff(programme) > 0.0)
     assert np.all(line.start < 0.0)
     assert line.sense.tolist() == [1.0] * 25 + [0.0] + [-1.0] * 25
-
-
-def test_without_friction_angle_nothing_slides(tmp_path):
-    summary = run_domain(DomainParameters(phi_deg=90.0, directions=11), tmp_path / "out")
-    assert list(summary["cases"][0]["contacts"]) == ["sticking"]
 
 
 @pytest.mark.parametrize(

@@ -212,24 +212,6 @@ def test_a_path_whose_intervals_run_out_keeps_its_rows_and_the_last_state(
     np.testing.assert_allclose(path["driven"], [0.0, 2.5e-5, 4e-5], rtol=1e-4)
 
 
-@pytest.mark.parametrize("axis", [1, 2])
-def test_simple_shear_drives_its_own_strain_and_stress(small, tmp_path, capsys, axis):
-    """By path and replay; the command prints the shear stress too."""
-    ways = ("--programme", "simple-shear", "--axis", axis, "--to", -1e-3, "--rows", 2)
-    how = ("--interval", 5e-5, "--by", "both", "--no-figures")
-    assert run("evolve", small[0], *ways, *how, "--out", tmp_path / "out") == 0
-    driven = f"H{axis}{3 - axis}"
-    for name in ("path", "replay"):
-        table = pd.read_parquet(tmp_path / f"out/{name}.parquet")
-        np.testing.assert_allclose(table["driven"], [0.0, -5e-4, -1e-3], atol=1e-9)
-        others = table.filter(like="H").drop(columns=driven)
-        np.testing.assert_allclose(table[driven], table["driven"], atol=1e-7)
-        np.testing.assert_allclose(others, 0.0, atol=1e-7)
-        assert table["P12"].iloc[-1] < table["P12"].iloc[0]
-    said = capsys.readouterr().out
-    assert f"at {driven} = -0.001" in said and said.count(f"P{driven[1:]} = -") == 2
-
-
 def test_both_ways_from_one_snapshot_have_their_numbers(small, tmp_path):
     """Those of either way alone, and how far their forces are apart."""
     how = {"to": 1e-3, "rows": 4, "interval": 2e-5, "figures": False, "damping": 0.5}
@@ -400,22 +382,6 @@ def test_companions_stand_beside_the_path_as_given(small, tmp_path, kind):
     before = planned.fingerprint
     (target if kind == "folder" else links).joinpath("cell_1.json").unlink()
     assert plan_series([given], None, reading())[0].fingerprint != before
-
-
-def test_a_forecast_by_both_ways(tmp_path):
-    """Path and replay predict the DEM's next volume; errors are those of the table."""
-    summary = run_evolve(
-        SLOW, tmp_path / "out", cells=CELLS, shear_increment="radii", axis=2, to=2.1e-5, rows=2,
-        by="both", inertial_number=2e-6, figures=False,
-    )  # fmt: skip
-    table = pd.read_parquet(tmp_path / "out/forecast.parquet")
-    dem = pd.read_parquet(tmp_path / "out/dem.parquet")
-    np.testing.assert_array_equal(table["stress_dem"], dem["P22"])
-    assert summary["replay"]["source"] == "as given"
-    for way in ("events", "replay"):
-        told = summary["forecast"][way]
-        assert abs(table[f"stress_{way}"][0] - dem["P22"][0]) == pytest.approx(told["error"])
-        assert table[f"volume_{way}"][0] == pytest.approx(table["volume_dem"][0], rel=0.05)
 
 
 def test_drops_and_reach_of_a_forecast():

@@ -1,9 +1,6 @@
 """Contacts added where opposite grains meet: thresholds, drained stage, what is written."""
 
-import json
-
 import numpy as np
-import pyarrow.parquet
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -16,7 +13,6 @@ from studies.paths.diamond import (
     energy_imbalance,
     verification,
 )
-from studies.paths.figures import run_diamond
 from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import followed
 
@@ -79,16 +75,6 @@ def test_definite_intervals_are_those_of_the_eigenvalues(table, with_contacts):
         clear = all(abs(strain - end) > 1e-9 for pair in intervals for end in pair)
         if np.isfinite(strain) and clear:
             assert (lowest > 0.0) == any(a < strain < b for a, b in intervals)
-
-
-def test_isotropic_events_with_contacts():
-    kinds = {t: [kind for kind, _ in added(table=t).listed[:4]] for t in (1, 2)}
-    assert kinds[1] == ["det_Ks_zero", "det_K_zero", "opposite_contact", "programme_change"]
-    # The contact comes before I and takes it away.
-    assert kinds[2][:2] == ["opposite_contact", "programme_change"]
-    path = added(alpha0_deg=35.0, kappa=0.24, confine=0.6)
-    assert "I" in path.marks
-    assert path.states.E1[path.marks["I"]] == pytest.approx(1.24 / 2.24, rel=1e-13)
 
 
 def test_added_contacts_start_unloaded():
@@ -197,18 +183,3 @@ def test_yield_with_contacts_stands_on_coulombs_cone():
 
 
 # Files
-
-
-def test_table_and_notes(tmp_path, undrawn):
-    run_diamond(DiamondOptions(table=1, contact_on_touch="add"), tmp_path / "out")
-    table = pyarrow.parquet.read_table(tmp_path / "out" / "added_contact.parquet").to_pandas()
-    assert set(table["opposite"]) == {"ignored", "added"}
-    ignored, with_contacts = (table[table["opposite"] == name] for name in ("ignored", "added"))
-    assert not ignored[["chord_1", "chord_2"]].to_numpy().any()
-    assert with_contacts[["chord_1", "chord_2"]].to_numpy().max() > 0.05
-    assert ignored["lambda_1"].iloc[-1] < 0.0 < with_contacts["lambda_1"].iloc[-1]
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert any("branches cross" in note for note in summary["notes"])
-    assert summary["added_contact"]["definite_added"][1] == pytest.approx(
-        [1.0 - np.sqrt(0.5), 1.2 / 2.2], rel=1e-14
-    )

@@ -132,12 +132,6 @@ def test_work_of_isotropic_strain_in_closed_form():
 # Events
 
 
-def test_events_of_the_drained_stage():
-    assert kinds(followed(table=1)) == ["yield"]
-    assert kinds(followed(table=2)) == ["opposite_contact", "yield"]
-    assert kinds(followed(phi_deg=90.0)) == []
-
-
 def test_second_pair_of_opposite_grains_meets_where_its_diagonal_is_two_radii():
     path = followed(table=2)
     rows = [row for kind, row in path.listed if kind == "opposite_contact"]

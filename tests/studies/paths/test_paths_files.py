@@ -136,15 +136,6 @@ def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
     np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)
 
 
-def test_a_path_without_named_states_is_written(tmp_path, unsaved):
-    run_diamond(DiamondOptions(table=2, contact_on_touch="stop"), tmp_path / "out")
-    names = {file.stem for file in (tmp_path / "out").iterdir()}
-    assert names == {
-        "summary", "path", "polar", "path_dependence", "axial_stress", "determinant",
-        "eigenvalues", "split", "cone",
-    }  # fmt: skip
-
-
 def test_opposite_grains_overlap_from_the_event_on():
     """The band begins where they touch, and ends where the note says that they separate."""
     for table, parted in ((1, None), (2, 0.295383)):

@@ -9,17 +9,6 @@ from patterns import random_loop, regular_polygon, sample_path
 from tests.command import run
 
 
-def test_json(capsys, tmp_path, undrawn):
-    code = run("polygon", "--order", "5", "--kappa", "0.25", "--closure", "traction", "--confine",
-        "0.05", "--end", "0.08", "--json", "--out", str(tmp_path / "out"),
-    )  # fmt: skip
-    assert code == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["critical_strain"]["diagonal"] == pytest.approx(0.2, abs=1e-12)
-    assert {"events", "peak", "critical_strain", "status", "message"} <= set(summary)
-    assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
-
-
 def test_compare(capsys, tmp_path, undrawn):
     folder = tmp_path / "out"
     arguments = ("--compare", "3,5", "--confine", "0.05", "--end", "0.06", "--out", str(folder))

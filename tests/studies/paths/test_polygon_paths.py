@@ -155,14 +155,6 @@ def test_unstable_fractions_are_those_of_the_operators(written):
     assert (table["unstable_fraction_full"][table["E1"] < 0.16] == 0.0).all()
 
 
-@pytest.mark.parametrize("order", [5, 6])
-def test_free_spins_roll_from_the_first_load(order):
-    parameters = PolygonOptions(order, spins="free", closure="traction", confine=0.0, end=0.01)
-    assert thresholds(parameters) == {"diagonal": 0.0, "symmetric": 0.0, "full": 0.0}
-    summary = polygon_summary(follow_polygon(parameters, ("diagonal",)))
-    assert "unstable from the first load on in the subspace diagonal" in summary["notes"]
-
-
 def test_the_square_on_its_side_is_lost_in_shear_alone():
     found = thresholds(PolygonOptions(4, orientation="edge", closure="traction"))
     assert found["diagonal"] is None
@@ -178,18 +170,6 @@ def test_peak_of_the_drained_diamond_is_point_B():
     assert peak["E2"] == pytest.approx(float(exact.E2), abs=1e-13)
     # Over the rhombus, half of the paper's box.
     assert peak["s1"] == pytest.approx(2 * float(exact.s1), abs=1e-13)
-
-
-def test_no_peak_where_the_stress_falls_from_A_on():
-    """Table 1 is confined beyond its threshold."""
-    found = follow_polygon(PolygonOptions(4, confine=0.3, end=0.5), ("diagonal",))
-    assert found.peak is None
-    (event,) = found.path.of_kind("yield")
-    assert found.path.H[event.index, 0] == pytest.approx(0.40973434897033423289, abs=2e-15)
-    assert found.path.H[event.index, 3] == pytest.approx(0.164934999828385506, abs=2e-15)
-    assert found.path.P[event.index, 0] == pytest.approx(2 * 0.25400990008305293503, abs=2e-15)
-    notes = polygon_summary(found)["notes"]
-    assert "no peak: s1 falls from A on" in notes
 
 
 def test_peak_between_rows_of_an_undrained_path():

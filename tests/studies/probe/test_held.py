@@ -12,7 +12,6 @@ from loops import GrainGraph, InputError, Scene
 from patterns import Snapshot, read_snapshot, sample_path
 from patterns.snapshots.findings import crossings
 from stability.packing.hold import unbalanced_force
-from studies.evolve import run_evolve
 from studies.probe import run_probe
 from studies.questions import Holding
 from studies.snapshot.in_packing import held_snapshot
@@ -83,16 +82,6 @@ def test_the_held_snapshot_has_its_walls_its_regimes_and_its_ids():
         == before.graph.contact_count + changes["gained"] - (changes["lost"])
     )
     assert len(after.faces.loops) > 100
-
-
-def test_a_path_begins_at_rest(tmp_path):
-    slow = sample_path("slow")
-    summary = run_evolve(
-        [slow / "grains_10.parquet"], tmp_path / "path", to=1e-6, rows=1, hold=True, figures=False,
-        cells=slow / "cells.csv", shear_increment="radii",
-    )  # fmt: skip
-    assert summary["held"]["status"] == "at rest"
-    assert summary["status"] == "finished"
 
 
 @pytest.mark.parametrize("change", [{}, {"walls": None}])

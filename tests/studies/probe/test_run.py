@@ -200,18 +200,6 @@ def test_a_note_says_that_not_every_direction_was_searched(monkeypatch, tmp_path
     assert f"{at_yield} contacts at yield" in note and "one of 4 directions" in note
 
 
-def test_directions_are_followed_between_walls(tmp_path):
-    how = {"directions": 4, "figures": False, "hold": True, "amplitude": 1e-6, "workers": 1}
-    run_probe(plain(tmp_path / "a"), tmp_path / "walls", **how)
-    rates = run_probe(plain(tmp_path / "b"), tmp_path / "rates", **how | AT_REST)
-    followed, told = (
-        pd.read_parquet(tmp_path / name / "probe.parquet") for name in ("walls", "rates")
-    )
-    assert (followed["status"] == "finished").all() and len(rates["notes"]) > 0
-    for name in ("P11", "P22"):
-        np.testing.assert_allclose(followed[name], told[name], rtol=0.02, atol=20.0)
-
-
 def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
     tmp_path, monkeypatch, capsys
 ):
@@ -245,9 +233,6 @@ def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
         "3 of 3 directions ended before 1e-05: shares are of the others; the first is direction "
     )
     assert (last["message"] == "1 intervals were not enough").all()
-
-
-AT_REST = {"amplitude": None, "workers": None, "yield_band": 0.9999}
 
 
 @pytest.mark.parametrize(

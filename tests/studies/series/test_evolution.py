@@ -255,21 +255,6 @@ def without(graph, lost):
     )
 
 
-def test_only_survivors_have_a_row(packing):
-    lost = np.arange(0, packing.graph.contact_count, 15)
-    after = state(without(packing.graph, lost))
-    fates = track_loops(packing, after)
-    table = loop_increments(packing, after, fates)
-    survived = np.flatnonzero(fates.before == Fate.SURVIVED)
-    assert 0 < len(survived) < len(packing.faces.loops)
-    assert table["loop_before"].tolist() == survived.tolist()
-    # Nothing moved: no strain, no work, no direction.
-    for name in ("H11", "dP22", "W2", "w2", "hill_cosine", "affine_W2"):
-        assert not table[name].any(), name
-    area = packing.faces.area[packing.faces.loops[survived]]
-    np.testing.assert_allclose(table["area"], area, rtol=1e-12)
-
-
 def test_without_forces_there_is_strain_and_nothing_else(packing):
     graph = packing.graph
     bare = state(graph, law=None)

@@ -13,12 +13,10 @@ from scipy.stats import norm
 from loops import Fate
 from patterns import sample_path
 from stability import RTOL
-from studies.reading import plan_series, read_planar, reading, with_fingerprints
+from studies.reading import read_planar
 from studies.series.evolution import track_loops
-from studies.series.figures import maps_of
 from studies.series.run import run_series
-from studies.series.skill import ENDS, pooled, survival, survival_rows, verdict_codes
-from studies.series.tasks import Series
+from studies.series.skill import survival, survival_rows, verdict_codes
 from studies.snapshot.summary import JUDGE_TITLES
 from tests.studies.series.test_run import write_series
 
@@ -76,43 +74,6 @@ def test_verdicts_are_those_of_the_earlier_snapshot(ran):
     assert set(earlier.traction_free_verdict) == {"stable", "unstable", "undetermined"}
 
 
-def test_survival_counts_every_loop_once(ran):
-    out, summary, _ = ran
-    table = pd.read_parquet(out / "survival.parquet")
-    evolution = pd.read_parquet(out / "evolution.parquet").set_index("snapshot")
-    for (judge, number), rows in table.groupby(["judge", "snapshot_after"]):
-        whole, by_order = rows[rows.order == 0], rows[rows.order > 0]
-        for name in (*ENDS, "loops"):
-            assert whole[name].sum() == by_order[name].sum()
-        for name in ENDS:
-            assert whole[name].sum() == evolution[name][number]
-        frame = pd.read_parquet(out / "fates.parquet")
-        own = frame[(frame.snapshot_after == number) & (frame.loop_before >= 0)]
-        assert whole.loops.tolist() == [
-            n for v in ("stable", "unstable", "undetermined")
-            if (n := int((own[f"{judge}_verdict"] == v).sum()))
-        ]  # fmt: skip
-    # Row by row against the loops themselves.
-    loops = pd.read_parquet(out / "fates.parquet")
-    for row in table[table.judge == "traction_free"].itertuples():
-        own = loops[(loops.snapshot_after == row.snapshot_after) & (loops.loop_before >= 0)]
-        own = own[own.traction_free_verdict == row.verdict]
-        pooled_order = own.order_before.clip(upper=8)
-        own = own[(pooled_order == row.order) | (row.order == 0)]
-        assert [getattr(row, name) for name in ENDS] == [(own.fate == n).sum() for n in ENDS]
-    found = summary["survival"]["traction_free"]["unstable"]
-    rows = table[(table.judge == "traction_free") & (table.verdict == "unstable")]
-    rows = rows[rows.order == 0]
-    assert found["share"] == rows.survived.sum() / rows.loops.sum()
-    assert found["over_intervals"]["mean"] == pytest.approx(rows.share.mean(), rel=1e-14)
-    assert found["over_intervals"]["std"] == pytest.approx(rows.share.std(ddof=0), rel=1e-12)
-    assert pooled(table, "affine", "unheard of", 0) is None
-    # Loops of eight grains and more are one group.
-    assert table.order.max() == 8
-    orders = pd.read_parquet(out / "fates.parquet").order_before
-    assert (orders > 8).any()
-
-
 @pytest.mark.parametrize(("survived", "loops"), [(0, 4), (7, 7), (5, 9), (980, 1000)])
 def test_the_interval_is_wilsons(survived, loops):
     """At its ends the observed share is 1.96 standard deviations of the end's own share away."""
@@ -124,31 +85,6 @@ def test_the_interval_is_wilsons(survived, loops):
         score = (share - end) ** 2 * loops
         # Rounding of an end of order one; an end that is the share itself has no variance left.
         assert score == pytest.approx(norm.ppf(0.975) ** 2 * end * (1 - end), abs=1e-13 * loops)
-
-
-def test_the_page_has_a_map_of_every_snapshot_with_the_fates(ran, monkeypatch):
-    out, _, tracked = ran
-    planned = plan_series(sorted((out.parent / "run").glob("grains*")), None, reading())
-    planned = with_fingerprints(planned)
-    counts = [len(fates.before) for fates in tracked]
-    counts.append(len(tracked[-1].after))
-    maps = maps_of(Series(planned, out), counts, 2)
-    assert [one.number for one in maps] == [0, 1, 2, 3]
-    assert [one.first for one in maps] == [False, False, True, False]
-    assert [len(one) for one in maps] == counts
-    names = np.array([fate.name.lower() for fate in Fate])
-    for one, fates in zip(maps, tracked, strict=False):
-        assert one.columns["fate"].tolist() == names[fates.before].tolist()
-        lived = one.columns["fate"] == "survived"
-        assert np.isfinite(one.columns["w2"]).tolist() == lived.tolist()
-    assert "fate" not in maps[-1].columns
-    # Where not all fit, some are shown, the chosen one among them, and the page says so.
-    monkeypatch.setattr("studies.series.figures.MOST_LOOPS", 2 * max(counts))
-    some = maps_of(Series(planned, out), counts, 2)
-    assert [one.number for one in some] == [0, 2, 3]
-    assert some[0].about.startswith("3 of 4 snapshots are shown")
-    monkeypatch.setattr("studies.series.figures.MOST_LOOPS", min(counts) - 1)
-    assert maps_of(Series(planned, out), counts, 2) == []
 
 
 def test_without_forces_there_are_fates_and_no_verdicts(tmp_path):

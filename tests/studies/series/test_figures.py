@@ -6,7 +6,6 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
 
 from loops import Fate, LinearFrictional, Regime, exchange_counts, polygon_area
 from loops.tracking import ExchangeCounts
@@ -21,15 +20,12 @@ from studies.series.evolution import (
 )
 from studies.series.figures import (
     MOST_SCENES,
-    AnimationFrame,
     MappedInterval,
-    animate_series,
     exchange_heatmap,
     fates_over_strain,
     largest_strain,
     orders_over_strain,
     picked_snapshots,
-    series_figures,
     stress_strain,
     work_map,
     work_signs,
@@ -117,13 +113,6 @@ def series():
     return Series()
 
 
-def draw(folder, series):
-    exchange = pd.DataFrame(series.exchange._asdict())
-    tables = {"evolution": series.evolution, "exchange": exchange}
-    drawn = series_figures(tables, series.joined, series.mapped)
-    return [one.name for one in Results(folder, SOURCE).save_figures(drawn)]
-
-
 def test_orders_and_stress_lines(series):
     left, right = orders_over_strain(series.evolution).axes
     for ax, kind in ((left, "share"), (right, "area_share")):
@@ -209,28 +198,6 @@ def test_work_histogram_counts_every_known_loop_once(series):
         assert 0 < np.count_nonzero(actual) < len(actual)
         assert f"{predicted[actual].mean():.0%} of $w_2 < 0$" in ax.get_title()
         assert f"{(~predicted[~actual]).mean():.0%} of $w_2 > 0$" in ax.get_title()
-
-
-@pytest.mark.parametrize("stability", [False, True])
-def test_animation(tmp_path, series, stability):
-    frames = (
-        AnimationFrame(
-            one, f"snapshot {k}", plain_table(one)["traction_lambda_min"] if stability else None
-        )
-        for k, one in enumerate(series.states)
-    )
-    written = animate_series(tmp_path, frames, SOURCE)
-    assert set(tmp_path.iterdir()) == set(written)
-    assert tmp_path / "animation.gif" in written
-    with Image.open(tmp_path / "animation.gif") as gif:
-        assert gif.n_frames == len(series.states)
-        assert max(gif.size) < 1200
-        pictures = []
-        for k in range(gif.n_frames):
-            gif.seek(k)
-            pictures.append(np.asarray(gif.convert("RGB")).astype(int))
-    for one, other in pairwise(pictures):
-        assert np.abs(one - other).max() > 100
 
 
 def test_long_series_show_few_frames():

@@ -1,10 +1,8 @@
 """How a sample was loaded between two snapshots: words, tables over time, what cannot be."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from grainloops import replay
@@ -12,21 +10,19 @@ from loops import InputError, Scene
 from patterns import Snapshot
 from stability import Stage, follow
 from stability.programmes import nominal
-from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
-from studies.series.evolution import sample_strain, track_loops
+from studies.series.evolution import track_loops
 from studies.series.packing import (
     STRESS_ERROR,
     Following,
     StrainTable,
     in_parts,
-    interval_rate,
     loading_between,
     packing_predictions,
     read_strains,
 )
 from tests.packings import LAW, jammed
-from tests.studies.series.test_packing import CELLS, PATHS, predict
+from tests.studies.series.test_packing import PATHS, predict
 
 H = np.array([[2e-3, 3e-4], [0.0, -1e-3]])
 QUIET = {"damping": 0.5, "duration": 2000.0, "mass": np.ones(16)}
@@ -198,22 +194,6 @@ def test_another_table_is_another_way():
     one, two = (table([0, 1], [np.eye(2), np.eye(2) - share * H]) for share in (1.0, 2.0))
     assert repr(one) == repr(table(one.time, one.F)) != repr(two)
     assert "way.csv" not in repr(Following(table=one))
-
-
-def test_the_replay_starts_with_the_motion_of_the_first_part():
-    """Velocities beyond the affine motion that the sample had at the earlier snapshot."""
-    before, later = (one.read() for one in plan_series(PATHS[:2], CELLS, reading()))
-    times = [float(time) for time in pd.read_csv(CELLS)["time"][:2]]
-    strain = sample_strain(before, later)[0]
-    loading = loading_between(before, later, strain, "2-first")
-    x = before.graph.x
-    own = 1e-7 * np.sin(np.arange(x.size)).reshape(x.shape)
-    moving = replace(before, velocity=own - x @ (loading.start / (times[1] - times[0])).T)
-    rate = interval_rate(moving, later, strain, times, Following(), loading)
-    np.testing.assert_allclose(rate.options["velocity"], own - own.mean(axis=0), rtol=0, atol=1e-16)
-    straight = interval_rate(moving, later, strain, times, Following())
-    share = rate.inertial_number / straight.inertial_number
-    assert share == pytest.approx(loading.size / np.linalg.norm(strain))
 
 
 def test_options_of_the_way_are_checked_and_kept(tmp_path):

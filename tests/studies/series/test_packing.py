@@ -33,8 +33,6 @@ from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.figures import (
     MappedInterval,
     nonaffinity_map,
-    skill_by_interval,
-    skill_by_predictor,
 )
 from studies.series.packing import (
     PREDICTED,
@@ -482,44 +480,6 @@ def test_samples_between_walls_and_without_forces(tmp_path):
         pd.read_csv(contacts)[["id1", "id2"]].to_csv(contacts, index=False)
     with pytest.raises(InputError, match=r"got no forces.*, expected forces and a law"):
         run(paths, tmp_path / "bare", in_packing=True)
-
-
-def test_a_sample_ends_at_its_walls():
-    """A sheared sample, unloaded and loaded on: some of its contacts soften at once."""
-    snapshot = read_snapshot(sample_path())
-    before = snapshot
-    found = []
-    for step in (-2e-6, 2e-6):
-        x = snapshot.graph.x @ np.diag([1 + step, 1 - step])
-        moved = replace(snapshot, graph=snapshot.graph.replace(x=x, x0=x))
-        after = moved
-        *told, notes = packing_predictions(before, after, track_loops(before, after))
-        found.append(told)
-        # It moves: the eigenvalues are there, their share is withheld.
-        assert WITHHELD in notes and np.isnan(told[0]["packing_lambda_min_held"]).all()
-        assert np.isfinite(told[0]["packing_lambda_min"]).all()
-    _, unloaded = found[0]
-    assert unloaded["packing_boundary"] == f"{len(snapshot.walls.grain)} wall contacts"
-    for columns, row in found:
-        assert row["packing_status"] == "nearest" and row["packing_residual"] < 1e-12
-        assert row["packing_disagreeing"] > 0 and row["packing_reached"] < 1.0
-        assert np.isfinite(columns["packing_W2"]).mean() > 0.9
-
-
-def test_where_nothing_moves_there_is_nothing_to_predict(tmp_path):
-    """The same snapshot twice: no work, no non-affinity, no change."""
-    for k in (1, 2):
-        for what in ("grains", "contacts"):
-            source = PATHS[0].with_name(f"{what}_10.parquet")
-            (tmp_path / f"{what}_{k}.parquet").write_bytes(source.read_bytes())
-    how = {"cells": None, "cell": rows_by_number(CELLS)[10]}
-    predict(tmp_path / "out", sorted(tmp_path.glob("grains_*")), **how)
-    table = pd.read_parquet(tmp_path / "out" / "skill.parquet")
-    assert (table[table.target == "W2_negative"].loops == 0).all()
-    assert table.auc.isna().all()
-    assert (table[table.target == "topology"].base == 0).all()
-    for draw in (skill_by_predictor, skill_by_interval):
-        assert len(draw(table).axes) == 4
 
 
 @pytest.mark.slow

@@ -8,10 +8,8 @@ import pytest
 
 from loops import InputError
 from studies.probe import run_probe
-from studies.series.evolution import PROBE
 from studies.series.figures import probes_over_strain
 from tests.studies.series.test_packing import CELLS, PATHS, predict
-from tests.studies.series.test_run import run, write_series
 
 
 def test_undetermined_directions_are_marked():
@@ -62,12 +60,3 @@ def test_each_snapshot_has_the_numbers_of_its_own_probe(tmp_path, unsaved):
         predict(out, PATHS[:2], in_packing=False, probe=13)
     with pytest.raises(InputError, match="--probe"):
         predict(out, PATHS[:2], in_packing=False)
-
-
-def test_without_probes_nothing_is_added(tmp_path):
-    paths = write_series(tmp_path, 2)
-    run(paths, tmp_path / "out")
-    assert not set(PROBE) & set(pd.read_parquet(tmp_path / "out" / "evolution.parquet"))
-    for wrong in (0, -1, 2.5):
-        with pytest.raises(InputError, match="probe: got"):
-            run(paths, tmp_path / "other", probe=wrong)

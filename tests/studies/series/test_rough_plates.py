@@ -1,16 +1,13 @@
 """A series of Yade between rough plates: what is read of them, and what the packing predicts."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from patterns import read_snapshot
-from stability.packing import PackingIncrements, loop_rates
-from studies.series.evolution import loop_increments, sample_strain, track_loops
-from studies.series.skill import score_skill
-from studies.snapshot.in_packing import fixed_point, sample_edge
+from studies.series.evolution import sample_strain
+from studies.snapshot.in_packing import fixed_point
 
 FOLDER = Path(__file__).parent / "rough"
 
@@ -37,20 +34,3 @@ def test_the_point_at_rest_is_that_of_the_plates(snapshots):
     H, source = sample_strain(before, after)
     assert source == "walls" and H[1, 1] > 0
     assert np.allclose(fixed_point(before, after, H), 0.0, atol=1e-9)
-
-
-def test_what_the_increment_predicts(snapshots):
-    """AUC for W2 < 0; 250 loops or fewer an interval."""
-    aucs = []
-    for before, after in pairwise(snapshots):
-        H, _ = sample_strain(before, after)
-        edge = sample_edge(before, 0.7, fixed_point(before, after, H))
-        found = PackingIncrements(edge).response(H)
-        assert found.residual < 1e-12 and "wall contacts" in found.system.boundary
-        fates = track_loops(before, after)
-        table = loop_increments(before, after, fates)
-        value = np.full(len(fates.before), np.nan)
-        value[table["loop_before"]] = table["w2"]
-        score = -loop_rates(found, before.faces).normalised_work
-        aucs.append(score_skill(score, value, signed=True)["auc"])
-    assert min(aucs) > 0.8, aucs

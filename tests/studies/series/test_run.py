@@ -19,14 +19,11 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet
 import pytest
-from scipy import linalg
-from threadpoolctl import ThreadpoolController
 
 import studies
 from loops import InputError
-from loops.arrays import one_blas_thread
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.output import folder_lock, result_folder, write_summary
+from studies.output import folder_lock
 from studies.reading import PlannedSnapshot, number_of, reading, with_fingerprints
 from studies.series import workers
 from studies.series.run import run_series
@@ -197,26 +194,6 @@ def test_processes_give_the_same_bytes(paths, result, tmp_path):
     assert contents(tmp_path / "out") == contents(result)
 
 
-def test_blas_threads_change_no_digit():
-    """With the threads left alone this singular-value decomposition depends on them."""
-    matrix = np.random.default_rng(0).normal(size=(150, 150))
-    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
-    digests, before = [], [library.num_threads for library in libraries]
-    assert len(libraries) == 2
-    try:
-        for threads in (1, 2, 4):
-            for library in libraries:
-                library.set_num_threads(threads)
-            with one_blas_thread():
-                one = np.linalg.svd(matrix)[0].tobytes() + linalg.svd(matrix)[0].tobytes()
-                digests.append(one)
-            assert [library.num_threads for library in libraries] == [threads] * 2
-    finally:
-        for library, number in zip(libraries, before, strict=True):
-            library.set_num_threads(number)
-    assert digests[0] == digests[1] == digests[2]
-
-
 def test_one_snapshot_is_a_series_too(paths, tmp_path):
     summary = run(paths[:1], tmp_path / "out", csv=True)
     assert (summary["snapshots"], summary["intervals"]) == (1, 0)
@@ -377,14 +354,6 @@ def test_another_series_is_refused(tmp_path, paths):
     assert contents(out) == before
     run(paths[1:2], out, force=True)
     assert set(times(out)) == {"part-00000.parquet"}
-
-
-def test_a_first_try_with_a_wrong_option_binds_nobody(tmp_path, paths):
-    with pytest.raises(InputError, match="cell"):
-        run(paths[:1], tmp_path / "out", cell=(1e-3, 0, 0, 1e-3))
-    run(paths[:1], tmp_path / "out")
-    run(paths[:1], tmp_path / "plain")
-    assert contents(tmp_path / "out") == contents(tmp_path / "plain")
 
 
 def test_a_run_that_could_not_begin_leaves_nothing(tmp_path):
@@ -644,33 +613,8 @@ def test_the_number_of_a_snapshot(tmp_path):
     assert number_of(tmp_path / "dump.atoms.40000") == 40000
 
 
-def test_a_folder_removed_while_gathering_is_one_line(paths, tmp_path, monkeypatch):
-    def write_tables(*given):
-        shutil.rmtree(tmp_path / "out")
-
-    monkeypatch.setattr("studies.study.Results.write_tables", write_tables)
-    with pytest.raises(InputError, match=r"--out .*: got no .*removed while the run went on"):
-        run(paths[:1], tmp_path / "out")
-
-
 def test_two_runs_of_one_series_at_once(paths, result):
     before = contents(result)
     with folder_lock(result), pytest.raises(InputError, match="another run writes to"):
         run(paths, result)
     assert contents(result) == before
-
-
-def test_force_leaves_nothing_of_another_series_or_command(paths, tmp_path):
-    out = tmp_path / "out"
-    with result_folder(out, force=False) as folder:
-        (folder / "map.png").touch()
-        write_summary(folder, {})
-    with pytest.raises(InputError, match="holds other files"):
-        run(paths[:2], out)
-    run(paths[:2], out, force=True)
-    assert not (out / "map.png").exists()
-    run(paths[2:3], out, force=True)
-    assert sorted(contents(out)) == [
-        *("evolution.parquet", "exchange.parquet", "loops/part-00000.parquet"),
-        *("series.json", "summary.json"),
-    ]

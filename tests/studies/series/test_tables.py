@@ -54,22 +54,6 @@ def test_an_interval_is_that_of_the_series(states, written, name):
         assert found.attrs["units"]
 
 
-def test_every_loop_has_a_fate_and_survivors_an_increment(states):
-    before, after = states[:2]
-    fates, changes = gl.fates(before, after), gl.increments(before, after)
-    assert fates["loop_before"].tolist()[: len(before.faces.loops)] == list(
-        range(len(before.faces.loops))
-    )
-    survived = fates.loc[fates["fate"] == "survived", "loop_before"]
-    assert changes["loop_before"].tolist() == survived.tolist()
-    # Strains of loops average to the sample's, from the cells: the loops cover it but for a few.
-    cells = [state.graph.cell for state in (before, after)]
-    sample = 1.0 - cells[1][1, 1] / cells[0][1, 1]
-    mean = np.average(changes["H22"], weights=changes["area"])
-    assert changes["area"].sum() > 0.95 * np.linalg.det(cells[0])
-    assert mean == pytest.approx(sample, rel=0.1)
-
-
 def test_a_series_is_one_table_with_the_strain_between(states):
     table = gl.series(PATHS, cells=CELLS, shear_increment="radii")
     again = gl.series(states)

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from patterns import read_snapshot, sample_cell, sample_path
-from studies.snapshot import figures, run_snapshot
+from studies.snapshot import figures
 from studies.snapshot.figures import (
     draw_rose,
     eigenvalue_distribution,
@@ -27,7 +26,6 @@ from studies.snapshot.table import GROUPS, group_rows, loop_columns
 from studies.study import Results
 
 PERIODIC = sample_path("grains_periodic.parquet")
-CELL = tuple(sample_cell().ravel().tolist())
 
 
 @pytest.fixture(scope="module")
@@ -142,19 +140,6 @@ def test_bars_of_orders(sample):
     assert bars(ax, 2)[1].sum() == pytest.approx(7 / len(table["loop"]), rel=1e-12)
 
 
-def test_stable_and_untrusted_loops_are_drawn_too(sample):
-    snapshot, table, _ = sample
-    stable = dict(table)
-    for closure in ("affine", "traction"):
-        values = np.abs(table[f"{closure}_lambda_min"])
-        stable[f"{closure}_lambda_min"] = np.where(table["order"] == 5, np.nan, values)
-    summary = snapshot_summary(snapshot, stable)
-    names = [name for name, _ in snapshot_figures(snapshot, stable, summary)]
-    assert "eigenvalues" in names and "directions" not in names
-    groups = group_rows(stable["order"])
-    eigenvalue_distribution(stable, groups).draw_without_rendering()
-
-
 def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     snapshot, *_ = sample
     bare = replace(snapshot, law=None, regime=None)
@@ -165,15 +150,3 @@ def test_without_forces_only_the_geometry_is_drawn(sample, tmp_path):
     assert [one.name for one in saved] == ["map", "orders", "fabric"]
     drawn = {path.name for path in tmp_path.iterdir()}
     assert drawn == {"map.png", "orders.png", "fabric.png"}
-
-
-def test_a_run_without_figures_but_for_paraview(tmp_path):
-    pytest.importorskip("vtkmodules")
-    summary = run_snapshot(PERIODIC, tmp_path / "out", cell=CELL, figures=False, paraview=True)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("chains.parquet", "loops.parquet", "orders.parquet", "summary.json"),
-        *("loops.vtp", "contacts.vtp"),
-    }
-    orders = pd.read_parquet(tmp_path / "out" / "orders.parquet")
-    assert orders["loops"].sum() == summary["loops"]
-    assert orders["area"].sum() == pytest.approx(summary["area_sum"], rel=1e-12)

@@ -17,7 +17,7 @@ from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import restrict, symmetric_part
 from stability.packing import loops_at_yield
-from studies.output import definitions, described, words
+from studies.output import described
 from studies.snapshot import figures
 from studies.snapshot.in_packing import add_in_packing, held_snapshot, place_columns
 from studies.snapshot.summary import snapshot_summary
@@ -111,38 +111,6 @@ def test_summary_of_loops_in_place(results, place):
     assert orders.loc[5, "packing_unstable_loops"] == pytest.approx(
         (table["packing_lambda_min_held"] < 0)[table["order"] == 5].mean()
     )
-
-
-def test_figure_report_and_words(results, tmp_path, capsys):
-    assert (results / "in_packing.png").exists()
-    page = (results / "report.html").read_text()
-    assert '"colour_by":["order","packing_lambda_min","surroundings_lambda_min"' in page
-    cell = ",".join(map(repr, CELL))
-    asked = ("--cell", cell, "--in-packing", "blocks", "--yield-band", "1", "--figures", "none")
-    asked = (*asked, "--out", tmp_path / "r")
-    assert run("snapshot", SLOW, *asked) == 0
-    said = capsys.readouterr().out
-    assert "in its packing: grains rotate freely" in said
-    assert "boundary of the sample: periodic cell" in said
-    assert "neither case is the loop inside its packing" not in said
-    assert "stated errors of the operators: median" in said and "exact" not in said
-    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
-    assert summary["in_packing"]["method"] == "blocks"
-    assert summary["provenance"]["configuration"]["in_packing"] == "blocks"
-
-
-def test_without_it_a_snapshot_is_what_it_was(tmp_path):
-    asked = ("--out", tmp_path / "r", "--no-figures")
-    assert run("snapshot", sample_path(), *asked) == 0
-    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
-    assert not set(definitions("snapshot_in_packing")) & set(summary)
-    assert summary["definitions"] == definitions("snapshot", "snapshot_forces")
-    said = summary["definitions"]["unstable_loops"]
-    assumed, caption = definitions("assumptions"), words("captions")["snapshot"]["eigenvalues"][1]
-    for case in ("spins_blocked", "spins_free"):
-        assert assumed[case] in said and assumed[case] in caption
-    assert "in_packing" not in summary["provenance"]["configuration"]
-    assert list(summary["unstable_loops"]) == ["affine", "traction", "traction_free"]
 
 
 def test_columns_of_the_state_at_rest(results, place):
@@ -326,12 +294,6 @@ def judged(snapshot, asked="whole"):
     table = loop_columns(snapshot)
     method, notes = add_in_packing(snapshot, table, asked)
     return notes, table, snapshot_summary(snapshot, table, method)
-
-
-def test_every_key_is_defined():
-    _, _, summary = judged(snapshot_of(packing(30, seed=2)))
-    own = set(definitions("snapshot_in_packing"))
-    assert own < set(summary) and own < set(summary["definitions"])
 
 
 def square(**more):

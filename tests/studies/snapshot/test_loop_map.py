@@ -1,18 +1,12 @@
 """The map: pixels against polygons, and both ways to draw it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from matplotlib.collections import PolyCollection
 from matplotlib.path import Path as Outline
 
 from loops import GrainGraph, find_faces, loop_batches
 from patterns import synthetic_network
-from studies.snapshot import figures as module
 from studies.snapshot.paint import paint_loops
-from studies.snapshot.table import loop_columns
-from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
 @pytest.mark.parametrize("periodic", [pytest.param(False, marks=pytest.mark.slow), True])
@@ -69,34 +63,3 @@ def test_a_centre_on_a_side_belongs_to_the_loop_right_of_it_or_above(pixels):
         (1.5, 1.5): more * more,
     }.items():
         assert counts[row[centre[left, bottom]]] == count
-
-
-@pytest.mark.parametrize("limit", [0, 10**6])
-@pytest.mark.parametrize("mechanical", [True, False])
-def test_map(monkeypatch, tmp_path, limit, mechanical):
-    monkeypatch.setattr(module, "PAINT_LIMIT", limit)
-    snapshot = synthetic_snapshot(200, periodic=True)
-    if not mechanical:
-        snapshot = replace(snapshot, law=None, regime=None)
-    faces = find_faces(snapshot.graph)
-    figure = module.loop_map(snapshot, loop_columns(snapshot), module.loop_drawer(snapshot))
-    panels = [ax for ax in figure.axes if ax.get_xlabel()]
-    assert len(panels) == (2 if mechanical else 1)
-    for ax in panels:
-        polygons = [c for c in ax.collections if isinstance(c, PolyCollection)]
-        drawn = len(polygons[0].get_paths()) if polygons else 0
-        assert (len(ax.images) == 1) == (limit == 0)
-        assert limit == 0 or drawn == len(faces.loops)
-    figure.savefig(tmp_path / "map.png")
-
-
-def test_without_loops_the_map_is_empty(tmp_path):
-    snapshot = synthetic_snapshot(30)
-    graph = snapshot.graph
-    few = replace(
-        snapshot,
-        graph=GrainGraph(graph.x, graph.radii, graph.contacts[:1]),
-        law=snapshot.law.take(np.array([0])),
-        regime=snapshot.regime[:1],
-    )
-    module.loop_map(few, loop_columns(few), module.loop_drawer(few)).savefig(tmp_path / "map.png")
