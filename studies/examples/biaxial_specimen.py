@@ -11,15 +11,14 @@ And a loop by itself is not the packing: no grain rolls, no contact forms.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import skfem
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from scipy.sparse.linalg import spsolve
 
 from loops import InputError, LinearFrictional
 from loops.arrays import Floats
@@ -27,7 +26,7 @@ from patterns import regular_polygon
 from stability import Stage
 from stability.material import LoopMaterial, march, oriented
 from studies.examples import run_example, save
-from studies.style import BLUE, GREY, SEQUENTIAL, new_panels, styled
+from studies.style import BLUE, SEQUENTIAL, new_panels, styled
 
 WIDTH, HEIGHT = 1.0, 1.6
 # Confining pressure, over kn.
@@ -38,9 +37,10 @@ WEAK, WEAK_SIZE = (0.3, 0.9), 0.2
 SHORTEST = 1.0 / 16.0
 # Residual over the first one of a step at which it is solved, and one that is rounding, over kn.
 NEWTON_SOLVED, NEWTON_ROUNDING = 1e-9, 1e-13
-STIFFNESS = "ijkl...,kl...,ij..."
 # Newton steps of a step, at most.
 MOST_NEWTON = 12
+STIFFNESS = "...ijkl,kl...,ij..."
+END, STEP = 0.068, 1e-3
 
 
 def law(phi: float) -> LinearFrictional:
@@ -62,89 +62,70 @@ class Specimen:
         self.load = load.assemble(skfem.FacetBasis(mesh, element, facets=upright, intorder=2))
         # Elements with their centre in the weak square, or the nearest one.
         away = np.abs(mesh.p[:, mesh.t].mean(axis=1) - np.array(WEAK)[:, None]).max(axis=0)
-        self.weak = np.flatnonzero(away < max(0.5 * WEAK_SIZE, (1.0 + 1e-9) * away.min()))
-        points = np.arange(basis.dx.size).reshape(basis.dx.shape)
-        self.rows = [np.delete(points, self.weak, axis=0).ravel(), points[self.weak].ravel()]
+        self.weak = away < max(0.5 * WEAK_SIZE, (1.0 + 1e-9) * away.min())
         loops = oriented(regular_polygon(6), orientations)
-        self.materials = [LoopMaterial(loops, None, law(phi)) for phi in (30.0, 28.0)]
-        pairs = zip(self.materials, self.rows, strict=True)
-        self.states = [material.start(len(rows)) for material, rows in pairs]
+        angles = (30.0, ~self.weak), (28.0, self.weak)
+        self.parts = [(LoopMaterial(loops, None, law(phi)), part) for phi, part in angles]
+        self.states = [material.start(basis.dx[part].size) for material, part in self.parts]
+        confining = Stage("isotropic_stress", "P11", CONFINING)
+        self.rest = march(self.parts[0][0], confining, 10).H[-1, 0]
         self.u = basis.zeros()
-        below, above = (mesh.p[1] == end for end in (0.0, HEIGHT))
-        self.above = basis.nodal_dofs[1, above]
-        fixed = [*self.above, *basis.nodal_dofs[1, below], basis.nodal_dofs[0, below][0]]
-        self.free = np.setdiff1d(np.arange(len(self.u)), fixed)
+        self.u[basis.nodal_dofs] = -self.rest * mesh.p
+        self.above = basis.nodal_dofs[1, mesh.p[1] == HEIGHT]
+        below = basis.nodal_dofs[:, mesh.p[1] == 0.0]
+        self.free = basis.complement_dofs(np.array([*self.above, *below[1], below[0, 0]]))
 
     def respond(self, u: Floats) -> tuple[Any, Floats, list[Any]]:
         """Return tangent matrix, internal forces and new states at the displacements `u`."""
-        grad = np.asarray(self.basis.interpolate(u).grad)
-        F = np.eye(2)[:, :, None, None] + grad
-        flat = np.moveaxis(F.reshape(2, 2, -1), -1, 0)
-        P, A = np.empty((len(flat), 2, 2)), np.empty((len(flat), 2, 2, 2, 2))
-        states = []
-        for material, rows, state in zip(self.materials, self.rows, self.states, strict=True):
-            response = material.update(flat[rows], state).to_tension_positive()
-            P[rows], A[rows] = response.stress, response.tangent
+        grad = np.moveaxis(np.asarray(self.basis.interpolate(u).grad), (0, 1), (2, 3))
+        P, A, states = np.empty(grad.shape), np.empty((*grad.shape, 2, 2)), list[Any]()
+        for (material, part), state in zip(self.parts, self.states, strict=True):
+            F = (np.eye(2) + grad[part]).reshape(-1, 2, 2)
+            response = material.update(F, state).to_tension_positive()
+            P[part] = response.stress.reshape(P[part].shape)
+            A[part] = response.tangent.reshape(A[part].shape)
             states.append(response.state)
-        P = np.moveaxis(P, 0, -1).reshape(F.shape)
-        A = np.moveaxis(A, 0, -1).reshape(2, 2, 2, 2, *F.shape[2:])
-        inner = skfem.LinearForm(lambda v, w: np.einsum("ij...,ij...", P, v.grad))
+        inner = skfem.LinearForm(lambda v, w: np.einsum("...ij,ij...", P, v.grad))
         stiff = skfem.BilinearForm(lambda d, v, w: np.einsum(STIFFNESS, A, d.grad, v.grad))
         return stiff.assemble(self.basis), inner.assemble(self.basis), states
 
-    def compress(self, top: float) -> list[float]:
-        """Move the upper plate to the displacement `-top`; return the residuals of Newton."""
+    def compress(self, strain: float) -> tuple[float, list[float]]:
+        """Compress to an axial strain; return the stress ratio and the residuals of Newton."""
         u, free, residuals = self.u.copy(), self.free, list[float]()
         step = np.zeros_like(u)
-        step[self.above] = -top - u[self.above]
+        step[self.above] = -(self.rest + strain) * HEIGHT - u[self.above]
         for _ in range(MOST_NEWTON):
             K, inner, states = self.respond(u)
             right = (self.load - inner)[free] - K[free] @ step
             residuals.append(float(np.linalg.norm(right)))
-            done = residuals[-1] <= max(NEWTON_SOLVED * residuals[0], NEWTON_ROUNDING)
-            if done and len(residuals) > 1:
-                self.u, self.states, self.push = u, states, -float(inner[self.above].sum())
-                return residuals
-            step[free] = spsolve(K[free][:, free].tocsc(), right)
+            if residuals[-1] <= max(NEWTON_SOLVED * residuals[0], NEWTON_ROUNDING):
+                self.u, self.states = u, states
+                return -float(inner[self.above].sum()) / WIDTH / CONFINING, residuals
+            step = skfem.solve(*skfem.condense(K, self.load - inner, x=step, I=free))
             u, step = u + step, np.zeros_like(u)
         raise ArithmeticError(f"no equilibrium after {MOST_NEWTON} steps")
 
     def shear_strain(self) -> Floats:
         """Return the largest shear strain of each element, the mean over its points."""
         H = -np.asarray(self.basis.interpolate(self.u).grad)
-        shear = np.hypot(0.5 * (H[0, 0] - H[1, 1]), 0.5 * (H[0, 1] + H[1, 0]))
-        return np.asarray(2.0 * shear.mean(axis=-1))
+        return np.hypot(H[0, 0] - H[1, 1], H[0, 1] + H[1, 0]).mean(axis=-1)
 
 
-def compute(end: float = 0.068, steps: int = 68, until: float = 0.0, **mesh: int) -> dict[str, Any]:
-    """Compress a specimen to an axial strain; return its curve, residuals and last state.
+def compressed(specimen: Specimen, step: float, end: float) -> Iterator[tuple[Any, ...]]:
+    """Compress by steps of axial strain; yield strain, stress ratio and residuals of each.
 
-    It ends early where the stress ratio is below the share `until` of its largest.
+    A step without an equilibrium is halved; the shortest one ends the compression.
     """
-    specimen = Specimen(**mesh)
-    confining = Stage("isotropic_stress", "P11", CONFINING)
-    rest = march(specimen.materials[0], confining, 10).H[-1, 0]
-    specimen.u[specimen.basis.nodal_dofs] = -rest * specimen.basis.mesh.p
-    strain, ratio, residuals, why = list[float](), list[float](), list[list[float]](), "finished"
-    width, target = end / steps, 0.0
-    while not strain or strain[-1] < (1.0 - 1e-12) * end:
+    reached, target, shortest = 0.0, 0.0, SHORTEST * step
+    while step >= shortest and reached < (1.0 - 1e-12) * end:
         try:
-            residuals.append(specimen.compress((rest + target) * HEIGHT))
-            strain.append(target)
-        except (ArithmeticError, InputError) as error:
-            width *= 0.5
-            if width < SHORTEST * end / steps:
-                why = f"at strain {target:.4f}: {error}"
-                break
-            target = strain[-1] + width
-            continue
-        target = min(target + width, end)
-        ratio.append(specimen.push / WIDTH / CONFINING)
-        if ratio[-1] < until * max(ratio):
-            why = f"at {until:g} of the peak"
-            break
-    return {"specimen": specimen, "strain": np.array(strain), "ratio": np.array(ratio),
-            "residuals": residuals, "why": why}  # fmt: skip
+            ratio, residuals = specimen.compress(target)
+        except (ArithmeticError, InputError):
+            step *= 0.5
+        else:
+            reached = target
+            yield reached, ratio, residuals
+        target = min(reached + step, end)
 
 
 def band(specimen: Specimen) -> tuple[float, float]:
@@ -154,49 +135,39 @@ def band(specimen: Specimen) -> tuple[float, float]:
     """
     shear = specimen.shear_strain()
     excess = shear - np.quantile(shear, 0.1)
-    share = float(np.mean(excess > 0.5 * excess.max()))
-    return float(shear[specimen.weak].mean() / np.median(shear)), share
+    weak = shear[specimen.weak].mean() / np.median(shear)
+    return float(weak), float(np.mean(excess > 0.5 * excess.max()))
 
 
 @styled()
-def draw(found: dict[str, Any]) -> Figure:
+def draw(table: pd.DataFrame, residuals: Sequence[list[float]], specimen: Specimen) -> Figure:
     """Draw the stress ratio, the residuals of three steps, and the band."""
-    figure, ((one, two, three),) = new_panels(1, 3, 2.9)
-    one.plot(100.0 * found["strain"], found["ratio"], color=BLUE)
-    one.set(xlabel="axial strain (%)", ylabel="stress ratio (–)")
-    for k in (1, len(found["residuals"]) // 2, len(found["residuals"]) - 1):
-        residuals = np.array(found["residuals"][k])
-        two.semilogy(residuals / residuals[0], "o-", label=f"step {k}", markersize=3)
-    two.axhline(NEWTON_SOLVED, color=GREY, linewidth=0.6)
-    two.set(xlabel="step of Newton's method", ylabel="residual over the first (–)")
-    two.legend()
-    specimen = found["specimen"]
-    mesh, dofs = specimen.basis.mesh, specimen.basis.nodal_dofs
-    corners = (mesh.p + specimen.u[dofs])[:, mesh.t].T
-    shear = 100.0 * specimen.shear_strain()
-    shown = three.add_collection(PolyCollection(corners, array=shear, cmap=SEQUENTIAL))
-    three.autoscale()
-    three.set(aspect="equal", xlabel="$x_1$ (width)", ylabel="$x_2$ (width)")
-    figure.colorbar(shown, ax=three, label="largest shear strain (%)")
+    figure, ((curve, newton, mesh),) = new_panels(1, 3, 2.9)
+    curve.plot(100.0 * table["strain"], table["stress_ratio"], color=BLUE)
+    curve.set(xlabel="axial strain (%)", ylabel="stress ratio (–)")
+    for k in (1, len(residuals) // 2, len(residuals) - 1):
+        share = np.array(residuals[k]) / residuals[k][0]
+        newton.semilogy(share, "o-", label=f"step {k}", markersize=3)
+    newton.set(xlabel="step of Newton's method", ylabel="residual over the first (–)")
+    newton.legend()
+    flat, dofs = specimen.basis.mesh, specimen.basis.nodal_dofs
+    bent = skfem.MeshQuad(flat.p + specimen.u[dofs], flat.t)
+    bent.plot(100.0 * specimen.shear_strain(), ax=mesh, cmap=SEQUENTIAL)
+    figure.colorbar(mesh.collections[0], ax=mesh, label="largest shear strain (%)")
+    mesh.set(aspect="equal", xlabel="$x_1$ (width)", ylabel="$x_2$ (width)")
     return figure
 
 
 def main(out: Path) -> dict[str, Any]:
-    """Compress the specimen, write its curve and its figure, return what it tells."""
-    found = compute()
-    shear, strain, ratio = found["specimen"].shear_strain(), found["strain"], found["ratio"]
-    steps = [len(residuals) - 1 for residuals in found["residuals"]]
+    """Compress the specimen, write its curve and its figure, return its peak and its band."""
+    specimen = Specimen()
+    strain, ratio, residuals = zip(*compressed(specimen, STEP, END), strict=True)
+    steps = [len(each) - 1 for each in residuals]
     table = pd.DataFrame({"strain": strain, "stress_ratio": ratio, "newton_steps": steps})
-    numbers = {
-        "status": found["why"],
-        "end_strain": float(strain[-1]),
-        "peak_ratio": float(ratio.max()),
-        "peak_strain": float(strain[ratio.argmax()]),
-        "weak_over_median_and_share_of_band": band(found["specimen"]),
-        "shear_strain_median": float(np.median(shear)),
-        "shear_strain_largest": float(shear.max()),
-    }
-    return save(out, "biaxial_specimen", draw(found), numbers, table)
+    peak = int(np.argmax(ratio))
+    numbers = {"end_strain": strain[-1], "peak_ratio": ratio[peak], "peak_strain": strain[peak]}
+    numbers |= {"weak_over_median_and_share_of_band": band(specimen)}
+    return save(out, "biaxial_specimen", draw(table, residuals, specimen), numbers, table)
 
 
 if __name__ == "__main__":

@@ -157,19 +157,33 @@ def test_arguments_that_are_refused(tmp_path, arguments, words, capsys):
     assert words in capsys.readouterr().err and not out.exists()
 
 
+def compressed_until(share, specimen, step):
+    """Compress a specimen until its stress ratio is below a share of its peak."""
+    from studies.examples.biaxial_specimen import compressed
+
+    steps = []
+    for strain, ratio, residuals in compressed(specimen, step, 0.066):
+        steps.append((strain, ratio, residuals))
+        if ratio < share * max(value for _, value, _ in steps):
+            strain, ratio, residuals = zip(*steps, strict=True)
+            return specimen, np.array(strain), np.array(ratio), residuals
+    pytest.fail(f"ends at {strain} with {ratio}")
+
+
 @pytest.fixture(scope="module")
 def specimen():
     """Path of a small specimen beyond its peak, and its last state."""
     pytest.importorskip("skfem")
-    from studies.examples.biaxial_specimen import compute
+    from studies.examples.biaxial_specimen import Specimen
 
-    return compute(end=0.066, steps=66, until=0.94, columns=4, rows=6, orientations=12)
+    return compressed_until(0.94, Specimen(columns=4, rows=6, orientations=12), 1e-3)
 
 
 def test_newtons_method_squares_its_residual_while_contacts_slide(specimen):
-    sliding = (specimen["strain"] > 0.0245) & (specimen["strain"] < 0.045)
+    _, strain, _, residuals_of_steps = specimen
+    sliding = (strain > 0.0245) & (strain < 0.045)
     constants = []
-    for residuals in np.array(specimen["residuals"], dtype=object)[sliding]:
+    for residuals in np.array(residuals_of_steps, dtype=object)[sliding]:
         # Where the last residual but one is small, regimes have settled; rounding is some 1e-16.
         last = [r for r in residuals if r > 1e-15]
         if len(last) > 2 and last[-2] < 1e-6:
@@ -188,24 +202,26 @@ def test_newtons_method_squares_its_residual_while_contacts_slide(specimen):
 def test_the_band_follows_the_mesh():
     """At .98 of the peak it takes .375 of 5 by 8 elements, and .144 of 10 by 16."""
     pytest.importorskip("skfem")
-    from studies.examples.biaxial_specimen import band, compute
+    from studies.examples.biaxial_specimen import Specimen, band
 
     shares, peaks = [], []
-    for k, steps in ((1, 66), (2, 132)):
-        found = compute(0.066, steps, 0.98, columns=5 * k, rows=8 * k, orientations=12)
-        assert found["why"] == "at 0.98 of the peak" and len(found["specimen"].weak) == k * k
-        shares.append(band(found["specimen"])[1])
-        peaks.append(found["ratio"].max())
+    for k in (1, 2):
+        specimen = Specimen(columns=5 * k, rows=8 * k, orientations=12)
+        _, _, ratio, _ = compressed_until(0.98, specimen, 1e-3 / k)
+        assert specimen.weak.sum() == k * k
+        shares.append(band(specimen)[1])
+        peaks.append(ratio.max())
     assert shares[1] < 0.5 * shares[0] and peaks[1] < peaks[0] - 0.03
 
 
 def test_a_specimen_converges_in_second_order_and_follows_the_material():
     pytest.importorskip("skfem")
-    from studies.examples.biaxial_specimen import CONFINING, compute, law
+    from studies.examples.biaxial_specimen import CONFINING, Specimen, compressed, law
 
-    found = compute(end=0.01, steps=5, columns=3, rows=4, orientations=12)
-    assert found["why"] == "finished"
-    for residuals in found["residuals"][1:]:
+    steps = compressed(Specimen(columns=3, rows=4, orientations=12), 0.002, 0.01)
+    strain, ratio, residuals_of_steps = zip(*steps, strict=True)
+    assert strain[-1] == 0.01
+    for residuals in residuals_of_steps[1:]:
         # Two steps: each squares the residual over the tangent.
         assert len(residuals) == 3
         assert residuals[1] < 0.1 * residuals[0] ** 2 and residuals[2] < 10.0 * residuals[1] ** 2
@@ -214,4 +230,4 @@ def test_a_specimen_converges_in_second_order_and_follows_the_material():
     confining = Stage("isotropic_stress", "P11", CONFINING)
     start = march(material, confining, 10).H[-1, 0]
     path = march(material, [confining, Stage("drained_biaxial", "H11", start + 0.01)], 5)
-    assert np.allclose(found["ratio"], path.P[path.stage == 1, 0] / CONFINING, rtol=1e-10)
+    assert np.allclose(ratio, path.P[path.stage == 1, 0] / CONFINING, rtol=1e-10)
