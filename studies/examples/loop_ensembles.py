@@ -142,7 +142,7 @@ def draw(table: pd.DataFrame) -> Figure:
     away = table["rank_high"] - table["rank"]
     ax.errorbar(table.order, table["rank"], away, fmt="o", color=VERMILION)
     ax.axhline(0.5, color=BLACK, linewidth=0.5)
-    ax.set(xlabel="order $n$ (–)", ylabel="mean rank (–), 95 % interval", ylim=(0.0, 1.0))
+    ax.set(xlabel="order $n$ (–)", ylabel="mean rank (–)", ylim=(0.0, 1.0), xticks=table.order)
     return figure
 
 
