@@ -4,9 +4,8 @@ Freedoms are 3 a grain: `u`, and the spin times a length. Levers are over that l
 records `loops.contacts.PAIR`; regimes are those of `loops.Regime`: 0 open, 1 stuck,
 2 sliding. All kernels that a kernel calls stand in this file.
 
-A change of regimes is a small system in columns `K^-1 p`. Motions `V` (5, 3G) are those under unit
-strains and the load, `U` (m, 3G) under unit forces on rows of pairs; rates under both are numbered
-0 to 4 and from 5 on.
+A change of regimes is a small system in columns `K^-1 p`. The first five motions are those under
+unit strains and the load, the others those under unit forces on rows of pairs.
 """
 
 from __future__ import annotations
@@ -323,56 +322,15 @@ def _velocity_gradient(strain: Floats, h: Floats, time: float) -> tuple[float, f
 
 
 @kernel
-def _under(pair: Any, V: Floats, U: Floats, c: int) -> tuple[float, float]:
-    """`n . d'` and the shear rate of a pair under motion `c`: of `V`, from 5 on of `U`."""
-    return relative(pair, V[c] if c < 5 else U[c - 5], UNIT_STRAINS[min(c, 4)])
-
-
-@kernel
-def mutual_rates(
-    pairs: NDArray[Any],
-    chosen: Integers,
-    V: Floats,
-    U: Floats,
-    base: Floats,
-    mutual: Floats,
+def pair_rates(
+    pairs: NDArray[Any], chosen: Integers, motions: Floats, known: Floats, count: Integers
 ) -> None:
-    """Rates of the last chosen pair under all motions, and of all chosen under the last column."""
-    m = len(chosen)
-    last = m - 1
-    for c in range(5):
-        un, ut = _under(pairs[chosen[last]], V, U, c)
-        base[0, last, c], base[1, last, c] = un, ut
-    for k in range(m):
-        un, ut = _under(pairs[chosen[last]], V, U, 5 + k)
-        mutual[0, last, k], mutual[1, last, k] = un, ut
-        un, ut = _under(pairs[chosen[k]], V, U, 5 + last)
-        mutual[0, k, last], mutual[1, k, last] = un, ut
+    """Complete `n . d'` and shear rates `known` (2, P, k) of the chosen pairs under the motions.
 
-
-@kernel
-def yield_rates(
-    pairs: NDArray[Any],
-    side: Floats,
-    chosen: Integers,
-    V: Floats,
-    U: Floats,
-    columns: int,
-    known: Floats,
-    motion_count: Integers,
-    slip_sign: Floats,
-) -> None:
-    """Rates of the yield function of stuck pairs, minus the slip, under `V` and the first columns.
-
-    `known` (P, 5 + columns) keeps that under each motion, for the first `motion_count` of them
-    and a pair that slides on the side `slip_sign`.
+    Of each pair those under the first `count` (P,) of them are known.
     """
     for p in chosen:
-        pair = pairs[p]
-        if slip_sign[p] != side[p]:
-            slip_sign[p], motion_count[p] = side[p], 0
-        for c in range(motion_count[p], 5 + columns):
-            un, ut = _under(pair, V, U, c)
-            shear = pair["kt"] * ut + pair["coupling"] * un
-            known[p, c] = side[p] * shear - pair["mu"] * pair["kn"] * un
-        motion_count[p] = 5 + columns
+        for c in range(count[p], len(motions)):
+            strain = UNIT_STRAINS[min(c, 4)]
+            known[0, p, c], known[1, p, c] = relative(pairs[p], motions[c], strain)
+        count[p] = max(count[p], len(motions))

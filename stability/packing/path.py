@@ -248,7 +248,7 @@ class PackingPathSolver:
         reach = REACH * size * 2.0 * start.state.mean_radius
         regimes = start.regime, start.side
         packing = RegimeFactor(start.state, *regimes, reach=reach, memory=start.memory)
-        speed = float(np.linalg.norm(packing.solve(start.control()).h[:4]))
+        speed = float(np.linalg.norm(packing.solve(start.control())[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"
         point, duration = replace(start, slowest=min(start.slowest, speed)), size / speed
@@ -471,7 +471,7 @@ def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Path
     stuck = candidates[regime[candidates] == ELASTIC]
     packing.side[stuck] = np.sign(T[stuck])
     rates, m = packing.solve(control), len(candidates)
-    strain, stress = rates.h[:4], packing.stress(rates)
+    strain, stress = rates[:4], packing.stress(rates)
     # Over the sizes of both.
     size = float(np.linalg.norm(stress) * np.linalg.norm(strain))
     w2 = float(stress @ strain) / size if size > 0 else np.nan

@@ -37,18 +37,11 @@ ELASTIC = int(Regime.ELASTIC)
 SLIDING = int(Regime.SLIDING)
 
 
-class Combination(NamedTuple):
-    """A motion `V h + U w`: strain rate and load `h` (5,), coefficients `w` of the columns."""
-
-    h: Floats
-    w: Floats
-
-
 class Memory(NamedTuple):
     """The order of elimination and the columns' memory, which the next factor takes over."""
 
     order: Order | None
-    U: Floats
+    motions: Floats
 
 
 class Small(NamedTuple):
@@ -88,31 +81,31 @@ class RegimeFactor:
         memory: Memory | None = None,
     ) -> None:
         freedoms = 3 * len(state.x)
-        self.order, self.U = memory or Memory(None, np.empty((ROOM, freedoms)))
+        # Under unit strains and the load, then of the columns.
+        self.order, self.motions = memory or Memory(None, np.empty((5 + ROOM, freedoms)))
         self.frame, self.reach = state.records(reach), reach
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
         self.count, self.length = len(state.x), state.mean_radius
         self.walls = self.count - state.count
         self.volume = abs(float(np.linalg.det(state.cell)))
-        self.load, self.V = np.zeros(freedoms), np.zeros((5, freedoms))
+        self.load = np.zeros(freedoms)
         # Walls stand still.
         self.ground_spring = np.where(np.arange(self.count) < state.count, 0.0, np.inf)
         self.time_to_event = np.full(len(self.frame), np.inf)
-        # Cached yield-function rates of contacts: value per motion, number of motions, slip sign.
-        self.yield_rates = np.empty((len(self.frame), 5 + ROOM))
+        # `n . d'` and shear rates of pairs under so many of the motions.
+        self.pair_rates = np.empty((2, len(self.frame), 5 + ROOM))
         self.motion_count = np.zeros(len(self.frame), dtype=np.int64)
-        self.slip_sign = np.zeros(len(self.frame))
         self.factorise()
 
     @property
     def memory(self) -> Memory:
         """Order of elimination and room for columns, which the next factor takes over."""
-        return Memory(self.order, self.U)
+        return Memory(self.order, self.motions)
 
-    def rounding(self, rates: Combination) -> float:
+    def rounding(self, rates: Floats) -> float:
         """Return the rate of the yield function below which it is rounding."""
-        size = float(np.abs(rates.h[:4]).max())
+        size = float(np.abs(rates[:4]).max())
         return RATE_RTOL * (size * self.stiffest * 2.0 * self.length)
 
     def tangent(self, c: int, regime: int, side: float) -> tuple[float, float, float]:
@@ -141,31 +134,27 @@ class RegimeFactor:
         self.order = self.factors.order
         if not self.factors.regular:
             raise ArithmeticError("it is singular in these regimes")
-        self.V[:4] = self._relative(self.factors.motions(self.factors.strained[0].T))
+        self.motions[:4] = self._relative(self.factors.motions(self.factors.strained[0].T))
         self.set_load(self.load)
 
     def _drop_columns(self) -> None:
         """Forget the columns, and rates and stresses under them."""
         self.motion_count[:] = 0
         self.small: Small | None = None
-        self.rows = np.empty(ROOM, dtype=np.int64)
         self.at: dict[int, int] = {}
         self.ready: dict[int, Floats] = {}
-        # Rates of the pairs of the rows: under unit strains and the load, and under the columns.
-        self.base = np.empty((2, ROOM, 5))
-        self.mutual = np.empty((2, ROOM, ROOM))
-        self.coefficients = np.zeros((2, ROOM))
-        # Stress rates under unit strains and the load, and under the columns.
-        self.base_stress, self.column_stress = self._stress(self.V), np.empty((4, ROOM))
-        self.base_stress[:, :4] += self.factors.affine / self.volume
+        self.coefficients, self.unit_stress = np.zeros((2, ROOM)), np.empty((4, 5 + ROOM))
+        # Stress rates under each of the motions, and its strain or force.
+        self.unit_stress[:, :5] = self._stress(self.motions[:5])
+        self.unit_stress[:, :4] += self.factors.affine / self.volume
 
     def set_load(self, load: Floats) -> None:
         """Replace the load, in the reference regimes."""
         self.load = load
         # On grains with contacts; in a cell without the resultant of all.
         held = self._relative(np.where(np.repeat(self.touched, 3), load, 0.0)[None])
-        self.V[4] = self._relative(self.factors.motions(held.T))[0] if held.any() else 0.0
-        # Stress and yield-function rates under the load before are kept with the columns.
+        self.motions[4] = self._relative(self.factors.motions(held.T))[0] if held.any() else 0.0
+        # Rates under the load before are kept with the columns.
         self._drop_columns()
 
     def _stress(self, motions: Floats) -> Floats:
@@ -189,8 +178,6 @@ class RegimeFactor:
 
     def column(self, row: int) -> int:
         """Return the number of the column of a row, which is solved for if it is new."""
-        from stability.compiled.packing_rates import mutual_rates
-
         if row not in self.at:
             k = len(self.at)
             if k == ROOM:
@@ -205,15 +192,11 @@ class RegimeFactor:
                         sheared = self.regime[c] == ELASTIC or c >= self.pair_count
                         rows += (pairs + c,) if sheared else (c, pairs + c)
                 self._solve_ahead(rows)
-            self.rows[k] = row
-            self.at[row] = k
-            self.U[k] = self.ready.pop(row)
-            chosen = self.rows[: k + 1] % len(self.frame)
-            mutual_rates(self.frame, chosen, self.V, self.U, self.base, self.mutual)
-            # With its own force.
-            pair = self.frame[chosen[k]]
-            own = np.outer(pair["t"] if row >= len(self.frame) else pair["n"], pair["d"])
-            self.column_stress[:, k] = self._stress(self.U[k]) + own.ravel() / self.volume
+            self.at[row], self.small = k, None
+            self.motions[5 + k] = self.ready.pop(row)
+            pair = self.frame[row % len(self.frame)]
+            own = np.outer(pair["t"] if row >= len(self.frame) else pair["n"], pair["d"]).ravel()
+            self.unit_stress[:, 5 + k] = self._stress(self.motions[5 + k]) + own / self.volume
         return self.at[row]
 
     def _solve_ahead(self, rows: list[int]) -> None:
@@ -242,29 +225,29 @@ class RegimeFactor:
         """Make a stuck contact slide on its side, or a sliding one stick."""
         self.set_regime(c, SLIDING if self.regime[c] == ELASTIC else ELASTIC, self.side[c])
 
-    def solve(self, control: MixedControl) -> Combination:
-        """Return rates under a control."""
-        small, h = self._small(), np.ones(5)
+    def solve(self, control: MixedControl) -> Floats:
+        """Return rates `x` under a control: strain rate (4,), 1 for the load, and of the columns.
+
+        The motion is that of the `motions` times `x`.
+        """
+        small, x = self._small(), np.zeros(5 + len(self.at))
         if small.sign == 0.0:
             raise ArithmeticError("it is singular in these regimes")
-        stress = self._unit_stress(small)
-        h[:4] = control.strains(stress[:, :4], stress[:, 4])
-        # Nothing of the columns that came since.
-        w = np.zeros(len(self.at))
-        w[: len(small.Y)] = -small.Y @ h
-        return Combination(h, w)
+        stress, x[4] = self._stress_of_strain(small), 1.0
+        x[:4] = control.strains(stress[:, :4], stress[:, 4])
+        x[5:] = -small.Y @ x[:5]
+        return x
 
-    def driven(self, control: MixedControl, units: list[int]) -> list[Combination]:
-        """Return rates under a unit force on the row of each column, at a control that stands."""
-        small, m = self._small(), len(self._small().Y)
-        h, x = np.zeros((5, len(units))), np.zeros((len(self.at), len(units)))
-        x[:m] = -small.solved(self._changes(self.mutual[:, :, units], m))
-        x[units, np.arange(len(units))] += 1.0
+    def driven(self, control: MixedControl, column: int) -> Floats:
+        """Return rates under a unit force on the row of a column, at a control that stands."""
+        small, x = self._small(), np.zeros(5 + len(self.at))
+        x[5:] = -small.solved(self._changes(slice(5 + column, 6 + column)))[:, 0]
+        x[5 + column] += 1.0
         if control.stress.any():
-            still, columns = control._replace(rate=np.zeros((4, 1))), self.column_stress
-            h[:4] = still.strains(self._unit_stress(small)[:, :4], columns[:, : len(x)] @ x)
-            x[:m] -= small.Y @ h
-        return [Combination(*one) for one in zip(h.T, x.T, strict=True)]
+            still = control._replace(rate=np.zeros(4))
+            x[:4] = still.strains(self._stress_of_strain(small)[:, :4], self.stress(x))
+            x[5:] -= small.Y @ x[:5]
+        return x
 
     def _small(self) -> Small:
         """Return the system in the columns, eliminated once for the present regimes."""
@@ -272,75 +255,84 @@ class RegimeFactor:
 
         if self.small is None:
             m = len(self.at)
-            a, order = self._changes(self.mutual[:, :, :m], m), np.arange(m)
+            a, order = self._changes(slice(5, 5 + m)), np.arange(m)
             sign = eliminate(a, order)
             small = Small(a, order, sign, np.zeros((m, 5)))
             if sign != 0.0:
-                small = small._replace(Y=small.solved(self._changes(self.base, m)))
+                small = small._replace(Y=small.solved(self._changes(slice(5))))
             self.small = small
         return self.small
 
-    def _changes(self, rates: Floats, m: int) -> Floats:
-        """Return changes of the forces on the first rows by rates (2, m, r) of their pairs."""
-        p, q = self.coefficients[:, :m, None]
-        return np.asarray(p * rates[0, :m] + q * rates[1, :m])
+    def _changes(self, motions: slice) -> Floats:
+        """Return changes of the forces on the rows by the rates of their pairs under motions."""
+        pairs = np.array(list(self.at), dtype=np.int64) % len(self.frame)
+        un, ut = self._known(pairs, 5 + len(pairs))[:, pairs, motions]
+        p, q = self.coefficients[:, : len(pairs), None]
+        return np.asarray(p * un + q * ut)
+
+    def _known(self, pairs: Integers, motions: int) -> Floats:
+        """Return `pair_rates`, for these pairs known under so many motions."""
+        from stability.compiled.packing_rates import pair_rates
+
+        pair_rates(self.frame, pairs, self.motions[:motions], self.pair_rates, self.motion_count)
+        return self.pair_rates
 
     def sign(self, control: MixedControl) -> float:
         """Return the sign of the determinant under a control, over that of the reference."""
         small = self._small()
         if not control.stress.any() or small.sign == 0.0:
             return small.sign
-        stress = self._unit_stress(small)[:, :4]
+        stress = self._stress_of_strain(small)[:, :4]
         return float(small.sign * np.sign(np.linalg.det(control.matrix(stress))))
 
-    def _unit_stress(self, small: Small) -> Floats:
+    def _stress_of_strain(self, small: Small) -> Floats:
         """Return stress rates (4, 5) of unit strains and the load in the present regimes."""
-        return np.asarray(self.base_stress - self.column_stress[:, : len(small.Y)] @ small.Y)
+        columns = self.unit_stress[:, 5 : 5 + len(small.Y)]
+        return np.asarray(self.unit_stress[:, :5] - columns @ small.Y)
 
-    def stress(self, rates: Combination) -> Floats:
+    def stress(self, rates: Floats) -> Floats:
         """Return the stress rate (4,) in the present regimes."""
-        columns = self.column_stress[:, : len(rates.w)]
-        return np.asarray(self.base_stress @ rates.h + columns @ rates.w)
+        return np.asarray(self.unit_stress[:, : len(rates)] @ rates)
 
-    def relative(self, rates: Combination, c: int) -> tuple[float, float]:
+    def relative(self, rates: Floats, c: int) -> tuple[float, float]:
         """Return `n . d'` and the shear rate of a pair."""
-        from stability.compiled.packing_rates import relative
+        un, ut = self._known(np.array([c]), len(rates))[:, c, : len(rates)] @ rates
+        return float(un), float(ut)
 
-        un, ut = relative(self.frame[c], self.motion(rates), rates.h)
-        return un, ut
-
-    def edge(self, rates: Sequence[Combination], c: Integers) -> Floats:
+    def edge(self, rates: Sequence[Floats], c: Integers) -> Floats:
         """Return `w - z` (k, r) of pairs: rate of the yield function if stuck, minus slip rate."""
-        from stability.compiled.packing_rates import yield_rates
+        x = np.array(rates)
+        return self._yield(c, self._known(c, x.shape[1])[:, c, : x.shape[1]] @ x.T)
 
-        h, w = (np.array(parts) for parts in zip(*rates, strict=True))
-        m = w.shape[1]
-        cached = self.yield_rates, self.motion_count, self.slip_sign
-        yield_rates(self.frame, self.side, c, self.V, self.U, m, *cached)
-        return np.asarray(self.yield_rates[c, :5] @ h.T + self.yield_rates[c, 5 : 5 + m] @ w.T)
+    def _yield(self, c: Integers, rates: Floats) -> Floats:
+        """Return rates of the yield function (k, r) of stuck pairs from rates (2, k, r)."""
+        pairs, (un, ut) = self.frame[c], rates
+        kn, kt, mu, coupling = (pairs[k][:, None] for k in ("kn", "kt", "mu", "coupling"))
+        return np.asarray(self.side[c][:, None] * (kt * ut + coupling * un) - mu * kn * un)
 
     def problem(self, control: MixedControl, contacts: Integers) -> tuple[Floats, Floats]:
         """Return `q` and `M` of contacts at yield on their sides; slips are times stiffness."""
-        from stability.compiled.packing_rates import yield_rates
+        from stability.compiled.packing_rates import pair_rates
 
         sliding, m = contacts[self.regime[contacts] == SLIDING], len(contacts)
         self.set_regimes(sliding, ELASTIC)
         rows = (len(self.frame) + contacts).tolist()
         units = self._relative(self.factors.motions_of_rows(self.frame, rows))
-        pairs, side = self.frame[contacts], self.side[contacts]
-        rates, none = np.empty((m, 5 + m)), (np.zeros(m, dtype=np.int64), np.zeros(m))
-        yield_rates(pairs, side, np.arange(m), self.V, units, m, rates, *none)
+        pairs, side, rates = self.frame[contacts], self.side[contacts], np.empty((2, m, 5 + m))
+        motions = np.vstack([self.motions[:5], units])
+        pair_rates(pairs, np.arange(m), motions, rates, np.zeros(m, dtype=np.int64))
+        leaving, stress = self._yield(contacts, rates), self.unit_stress[:, :5]
         own = np.einsum("ki,kj->ijk", pairs["t"], pairs["d"]).reshape(4, m) / self.volume
         # A force -s on the shear row is one unit of slip.
-        of_slip = np.eye(m) - side * rates[:, 5:], -side * (self._stress(units) + own)
-        parts = rates[:, :4], of_slip[0], self.base_stress[:, :4], of_slip[1]
-        found = Edge(*parts, rates[:, 4], self.base_stress[:, 4]).problem(control)
+        of_slip = np.eye(m) - side * leaving[:, 5:], -side * (self._stress(units) + own)
+        parts = leaving[:, :4], of_slip[0], stress[:, :4], of_slip[1]
+        found = Edge(*parts, leaving[:, 4], stress[:, 4]).problem(control)
         self.set_regimes(sliding, SLIDING)
         return found
 
-    def motion(self, rates: Combination) -> Floats:
+    def motion(self, rates: Floats) -> Floats:
         """Return the motion (3G,) of all freedoms."""
-        return np.asarray(rates.h @ self.V + rates.w @ self.U[: len(rates.w)])
+        return np.asarray(rates @ self.motions[: len(rates)])
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
         """Return pairs that slide or stand on the friction limit, but for held ones."""
@@ -390,7 +382,7 @@ def pivot(
     column = packing.column(len(packing.frame) + c)
     raised, base = 0.0, packing.solve(control)
     for _ in range(PIVOT_STEPS):
-        (unit,) = packing.driven(control, [column])
+        unit = packing.driven(control, column)
         # A force -s on the shear row is one unit of slip, or of the distance from the cone.
         push = -packing.side[c]
         value, along = packing.edge((base, unit), every).T
@@ -444,7 +436,7 @@ def seek(
 
 
 def disagreeing(
-    packing: RegimeFactor, rates: Combination, critical: Integers, rounding: float
+    packing: RegimeFactor, rates: Floats, critical: Integers, rounding: float
 ) -> Integers:
     """Pairs at yield whose regime disagrees with their rates, the worst first."""
     sticks = np.where(packing.regime[critical] == ELASTIC, 1.0, -1.0)

@@ -21,7 +21,6 @@ from stability.packing.regime_factor import (
     RATE_RTOL,
     ROOM,
     SLIDING,
-    Combination,
     RegimeFactor,
     disagreeing,
     pivot,
@@ -102,7 +101,7 @@ class StrainIncrement:
         while self.time < self.duration and self.left_to_strain > 0:
             if isinstance(rates, Event):
                 return rates
-            h, v = rates.h, packing.motion(rates)
+            h, v = rates[:5], packing.motion(rates)
             strain_speed = float(np.linalg.norm(h[:4]))
             if not strain_speed <= MAX_SPEED_RATIO * point.slowest:
                 return self._event("control_limit")
@@ -131,7 +130,8 @@ class StrainIncrement:
                 self.reached = reached and self.time < self.duration
                 return None
             self._advance(h, v, step)
-            rates = self._change(c, kind, rates) or self._settled()
+            lost = self._change(c, kind, rates)
+            rates = self._settled() if lost is None else lost
         return rates if isinstance(rates, Event) else None
 
     def _held_back(self, v: Floats, step: float, strain_speed: float) -> bool:
@@ -169,7 +169,7 @@ class StrainIncrement:
         self.u += step * v
         self.time += step
 
-    def _change(self, c: int, kind: EventKind, rates: Combination) -> Event | None:
+    def _change(self, c: int, kind: EventKind, rates: Floats) -> Event | None:
         """Change the regime of a contact at its event; end its rattling. The loss, if it is one."""
         self.event_count[c] += 1
         packing = self.packing
@@ -301,7 +301,7 @@ class StrainIncrement:
         for row in rows:
             packing.set_regime(row, ELASTIC)
 
-    def _pivot(self, c: int, rates: Combination) -> Event | None:
+    def _pivot(self, c: int, rates: Floats) -> Event | None:
         """Find the regime of a contact at yield; hold the grains of a mode that nothing stops."""
         packing, facts, before = self.packing, dict[str, Any](), len(self.events)
         for spring in GROUND_SPRINGS:
@@ -332,7 +332,7 @@ class StrainIncrement:
                 return lost
         return None
 
-    def _settled(self) -> Combination | Event:
+    def _settled(self) -> Floats | Event:
         """Rates with which every sliding contact agrees, after the pivots that this takes.
 
         Or the loss that a pivot meets; the limit of a control of stress where no contact is left.
