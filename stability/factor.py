@@ -15,7 +15,7 @@ from scipy import sparse
 from loops.arrays import Floats
 from loops.assembly import RELATIVE
 from loops.errors import InputError
-from loops.system import REGULARISATION, System, stiffness_matrix
+from loops.system import REGULARISATION, System, relative_motion, stiffness_matrix
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Factors, Order
@@ -33,6 +33,8 @@ MECHANISM = 1e-7
 SOFT = 1e8
 # So many mechanisms are told apart at most.
 MOST = 64
+# H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
+UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
 # Motion of a contact from that of its first grain, then of its second: `x, y, w` each.
 BY_GRAIN = RELATIVE[:, [0, 1, 4, 2, 3, 5]]
 
@@ -65,8 +67,23 @@ class Factor:
         self.moves = np.flatnonzero(system.freedom >= 0)
         self.factors = self._factorised(self.stiffness)
         self.order = self.factors.order
-        # Loads (size, 4) under unit strain rates 11, 12, 21, 22 of grains that don't move.
+        # Of unit strain rates 11, 12, 21, 22 of grains that don't move, (size, 4).
         self.loads = self.factors.strained[0][:, self.moves].T
+
+    @cached_property
+    def motion(self) -> Floats:
+        """(size, 4) motions under unit strain rates."""
+        return self.solve(self.loads)
+
+    @cached_property
+    def relative(self) -> Floats:
+        """(E, 4, 4) relative motions of the contacts under unit strain rates."""
+        return relative_motion(self.system, self.motion, UNIT_STRAINS)
+
+    @cached_property
+    def tangent(self) -> Floats:
+        """(4, 4) `A` of `P' = A H'`."""
+        return self.factors.affine / self.system.volume + self.stress(self.motion)
 
     def stress(self, motion: Floats) -> Floats:
         """Return the stress rates (4, k) of motions (size, k) at a strain rate of zero."""

@@ -150,8 +150,8 @@ def loop_slips(
     """`Q`, `M`, `A`, `Z` of a loop's strain `h` (3,): `w = Q h + M z`, `P = A h + Z z`."""
     system, yielding = rates.yielding.system, rates.yielding
     loads, area = loop_loads(system, group.grains[k], group.vectors[k]), group.area[k]
-    under = rates.elastic.factor.solve(loads)
-    operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ rates.slips / area
+    under = rates.elastic.solve(loads)
+    operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ rates.whole.motion / area
     push = -(in_freedoms(system, yielding.rows, yielding.gauge) @ under) @ operator
     basis, M = subspace_basis("symmetric"), rates.whole.of_slip + push @ strain
     return push @ basis.T, M, basis @ operator @ basis.T, basis @ operator @ strain

@@ -322,7 +322,7 @@ def probe_edge(
         normalised=normalised,
         elastic_strain=elastic[:, 0],
         elastic_stress=elastic[:, 1],
-        elastic_tangent=pieces.rates.elastic.stress,
+        elastic_tangent=pieces.rates.elastic.tangent,
         piece=piece,
         tangents=np.array(pieces.tangents).reshape(-1, *[len(pieces.basis)] * 2),
         arcs=np.array(pieces.arcs).reshape(-1, 2),

@@ -325,8 +325,8 @@ class RegimeFactor:
         own = np.einsum("ki,kj->ijk", pairs["t"], pairs["d"]).reshape(4, m) / self.volume
         # A force -s on the shear row is one unit of slip.
         of_slip = np.eye(m) - side * leaving[:, 5:], -side * (self._stress(units) + own)
-        parts = leaving[:, :4], of_slip[0], stress[:, :4], of_slip[1]
-        found = Edge(*parts, leaving[:, 4], stress[:, 4]).problem(control)
+        parts = leaving[:, :4], of_slip[0], stress[:, :4], of_slip[1], units.T
+        found = Edge(*parts, 0.0, leaving[:, 4], stress[:, 4]).problem(control)
         self.set_regimes(sliding, SLIDING)
         return found
 

@@ -206,8 +206,8 @@ class RegimeRegions:
         # The region of these regimes, entered for the first time or known.
         region = self.number.setdefault(solved.active.tobytes(), len(self.number))
         if region == len(self.tangents):
-            tangent = self.basis @ solved.answer.stress @ self.basis.T
-            relative = solved.answer.relative
+            tangent = self.basis @ solved.factor.tangent @ self.basis.T
+            relative = solved.factor.relative
             lines = complementary_rates(self.rates.yielding, solved.active, relative) @ self.basis.T
             if self.driven == "stress":
                 lines = lines @ np.linalg.inv(tangent)
@@ -265,9 +265,8 @@ class RegimeRegions:
 
     def elastic(self, direction: Floats) -> Floats:
         """Return `H'` and `P'` (2, 2, 2) with all contacts at yield sticking."""
-        answer = self.rates.elastic
-        H = self.control(direction).strains(answer.stress)
-        return np.stack([H, answer.stress @ H]).reshape(2, 2, 2)
+        rates = self.rates.rates_of(self.control(direction), self.rates.none)
+        return np.reshape(rates, (2, 2, 2))
 
     def tangent_along(self, direction: Floats) -> tuple[Floats, Floats]:
         """Return the tangent and the strain along a direction."""

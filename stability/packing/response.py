@@ -46,19 +46,17 @@ from stability.complementarity import (
     raise_load,
     solve_from,
 )
+from stability.factor import Factor
 from stability.packing.yielding import (
     ROUNDED,
     YIELD_BAND,
     Edge,
-    LinearAnswer,
     MixedControl,
     YieldResponse,
     complementary_rates,
     component_control,
     condensed,
     forces_with_slip,
-    linear_answer,
-    slip_motion,
     stiffness_of,
     yield_response,
 )
@@ -202,14 +200,14 @@ class PackingResponse(Shown):
 
 
 class Solved(NamedTuple):
-    """A response, the candidates that slide in it and the linear answer that it belongs to.
+    """A response, the candidates that slide in it and the factor with these sliding.
 
     `solutions` (k, m) are the candidates that slide in each solution found.
     """
 
     response: PackingResponse
     active: Flags
-    answer: LinearAnswer
+    factor: Factor
     solutions: Flags
 
 
@@ -220,7 +218,7 @@ class PackingRates:
         self.yielding = yielding
         self.none = np.zeros(len(yielding.rows), dtype=bool)
         self.every = np.arange(len(yielding.rows))
-        self.elastic = linear_answer(yielding, self.none)
+        self.elastic = Factor(yielding.system)
         self.last = (self.none, self.elastic)
         # The last matrix under which no control is infeasible.
         self._feasible: Floats = np.empty((0, 0))
@@ -230,25 +228,15 @@ class PackingRates:
         """Whether one matrix of all candidates is solved."""
         return len(self.every) <= CONDENSED
 
-    @cached_property
-    def _slips(self) -> tuple[Floats, float]:
-        motion, left = slip_motion(self.yielding, self.elastic, self.every)
-        return motion, float(left.max(initial=0.0))
-
-    @property
-    def slips(self) -> Floats:
-        """Motions (size, m) under a unit of slip of each candidate."""
-        return self._slips[0]
-
     @property
     def slips_left(self) -> float:
-        """Largest share of such a load that no motion balances; zero where it is not asked."""
-        return self._slips[1] if self.small else 0.0
+        """Largest share of a slip's load that no motion balances; zero where it is not asked."""
+        return self.whole.left if self.small else 0.0
 
     @cached_property
     def whole(self) -> Edge:
         """All candidates at yield, with all sticking."""
-        return condensed(self.yielding, self.none, self.elastic, self.every, self.slips)
+        return condensed(self.yielding, self.none, self.elastic, self.every)
 
     def response(
         self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = STARTS
@@ -258,18 +246,17 @@ class PackingRates:
 
     def given(self, control: MixedControl, active: Flags) -> PackingResponse:
         """Answer one control with these candidates sliding, whether that agrees or not."""
-        answer = self._answer(active)
         told = of_sets(Complementarity(active[None], GIVEN))
-        return self._response(answer, active, told, control)
+        return self._response(self._factor(active), active, told, control)
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
         return self.whole.problem(control)
 
-    def rounding(self, answer: LinearAnswer, H: Floats) -> float:
+    def rounding(self, factor: Factor, H: Floats) -> float:
         """Return what rates of candidates err by: rounding of the largest motion of all."""
         affine = self.yielding.system.branches @ H.reshape(2, 2).T
-        largest = np.abs(answer.motion @ H).max(initial=0.0) + np.abs(affine).max(initial=0.0)
+        largest = np.abs(factor.motion @ H).max(initial=0.0) + np.abs(affine).max(initial=0.0)
         return float(ROUNDED * np.abs(self.yielding.gauge).max(initial=0.0) * largest)
 
     def solved(
@@ -290,7 +277,7 @@ class PackingRates:
         q, M = self.problem(control)
         starts = starts if len(q) <= STARTED else min(starts, 1)
         feasible = np.array_equal(M, self._feasible)
-        low = self.rounding(self.elastic, control.strains(self.elastic.stress))
+        low = self.rounding(self.elastic, control.strains(self.elastic.tangent))
         problem = SlipProblem(q, M, free, feasible, low)
         found = agreeing(problem, starts=starts, known=known, complete=complete)
         missed = found.status == "none found" or found.proof == HELD_STUCK
@@ -301,52 +288,51 @@ class PackingRates:
             active = found.taken.rates
         elif starts:
             active = nearest_regimes(q, M)
-        return self._solved(self._answer(active), active, found, control)
+        return self._solved(self._factor(active), active, found, control)
 
     def rates_of(self, control: MixedControl, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
-        answer = self._answer(active)
-        H = control.strains(answer.stress)
-        return H, answer.stress @ H
+        tangent = self._factor(active).tangent
+        H = control.strains(tangent)
+        return H, tangent @ H
 
     def _by_parts(self, control: MixedControl, free: Flags, proof: str) -> Solved:
-        active, answer, done = regimes_by_parts(self.yielding, control, free)
+        active, factor, done = regimes_by_parts(self.yielding, control, free)
         found = of_sets(Complementarity(active[None][: int(done)], proof if done else ""))
-        return self._solved(answer, active, found, control)
+        return self._solved(factor, active, found, control)
 
     def _solved(
-        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: MixedControl
+        self, factor: Factor, active: Flags, found: Found[Flags], control: MixedControl
     ) -> Solved:
         sets = np.array([one.rates for one in found.solutions], dtype=bool)
-        response = self._response(answer, active, found, control)
-        return Solved(response, active, answer, sets.reshape(len(sets), len(self.every)))
+        response = self._response(factor, active, found, control)
+        return Solved(response, active, factor, sets.reshape(len(sets), len(self.every)))
 
-    def _answer(self, active: Flags) -> LinearAnswer:
-        """Answer with these candidates sliding."""
+    def _factor(self, active: Flags) -> Factor:
+        """Return the factor with these candidates sliding."""
         if not active.any():
             return self.elastic
         if not np.array_equal(active, self.last[0]):
-            self.last = (active, linear_answer(self.yielding, active, self.elastic))
+            blocks = stiffness_of(self.yielding, active)
+            self.last = (active, Factor(self.yielding.system, blocks, self.elastic.order))
         return self.last[1]
 
     def _response(
-        self, answer: LinearAnswer, active: Flags, found: Found[Flags], control: MixedControl
+        self, factor: Factor, active: Flags, found: Found[Flags], control: MixedControl
     ) -> PackingResponse:
-        yielding = self.yielding
-        system = yielding.system
-        H = control.strains(answer.stress).reshape(2, 2)
-        relative = answer.relative @ H.ravel()
-        forces = -np.einsum("eij,ej->ei", stiffness_of(yielding, active), relative)
+        yielding, h = self.yielding, control.strains(factor.tangent)
+        system, H, motion = yielding.system, h.reshape(2, 2), factor.motion @ h
+        relative = relative_motion(system, motion, H)
         wrong = complementary_rates(yielding, active, relative)
-        unsure = self.rounding(answer, H.ravel())
+        slip, unsure = np.where(active, wrong, -wrong), self.rounding(factor, h)
         disagreeing = wrong < -SIGN * np.abs(wrong).max(initial=0.0) - unsure
         if found.proof == HELD_STUCK:
             disagreeing &= ~yielding.of_two
-        lawful = stiffness_of(yielding, active ^ disagreeing)
-        pushes = np.einsum("eij,ej->ei", lawful, relative)
-        left = balancing_forces(system, -pushes)
+        lawful = np.where(active ^ disagreeing, slip, 0.0)
+        pushes = forces_with_slip(yielding, relative, lawful)
+        left = balancing_forces(system, pushes)
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
-        size = float(np.linalg.norm(self.elastic.factor.loads @ H.ravel()))
+        size = float(np.linalg.norm(self.elastic.loads @ h))
         # Where grains move affinely, as in a lattice, loads and residual are rounding.
         size = max(size, IDLE * float(np.linalg.norm(affine)))
         size = size if size > 0 else 1.0
@@ -357,21 +343,22 @@ class PackingRates:
         apart = np.abs(left) / np.where(own > 0, own, 1.0)
         # With all contacts sticking: otherwise q and M are those of the regularised packing.
         told = found.proof == GIVEN
-        left_over = (answer if told else self.elastic).unbalanced
-        moves = float(np.linalg.norm(left_over @ H.ravel())) / size
+        of_all = factor if told else self.elastic
+        left_over = of_all.loads @ h - of_all.matrix @ (of_all.motion @ h)
+        moves = float(np.linalg.norm(left_over)) / size
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
         at_yield = system.kept[yielding.rows]
         stuck = int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two))
         return response_of(
             yielding,
-            (H, answer.motion @ H.ravel(), relative, forces),
+            (H, motion, np.where(active, slip, 0.0)),
             active,
             status=_status(found, proof, float(apart.max(initial=residual))),
             proof=proof,
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
-            stress_rate=(answer.stress @ H.ravel()).reshape(2, 2),
+            stress_rate=(factor.tangent @ h).reshape(2, 2),
             settled=yielding.settled + stuck,
             solutions=len(found.solutions),
             families=found.families,
@@ -382,16 +369,18 @@ class PackingRates:
 
 def response_of(
     yielding: YieldResponse,
-    moved: tuple[Floats, Floats, Floats, Floats],
+    moved: tuple[Floats, Floats, Floats],
     active: Flags,
     **told: Any,
 ) -> PackingResponse:
     """Return a response with what a search told of it.
 
-    `moved` are the strain (2, 2), the motion (size,) of the freedoms, and relative motions and
-    forces (E, 4) of the contacts; `active` (m,) the candidates that slide.
+    `moved` are the strain (2, 2), the motion (size,) of the freedoms, and the slips (m,) of the
+    candidates; `active` (m,) those that slide.
     """
-    (H, motion, relative, forces), system = moved, yielding.system
+    (H, motion, slip), system = moved, yielding.system
+    relative = relative_motion(system, motion, H)
+    forces = forces_with_slip(yielding, relative, slip)
     graph, n = system.graph, len(system.contacts)
     v = np.append(motion, 0.0)[system.freedom]
     branch_rate, force_rate = -graph.branches @ H.T, np.zeros((graph.contact_count, 2))
@@ -416,8 +405,8 @@ def response_of(
 
 def regimes_by_parts(
     yielding: YieldResponse, control: MixedControl, free: Flags
-) -> tuple[Flags, LinearAnswer, bool]:
-    """Find regimes of too many candidates to condense; and the answer, and whether they agree.
+) -> tuple[Flags, Factor, bool]:
+    """Find regimes of too many candidates to condense; their factor, and whether they agree.
 
     Candidates that are not `free` stick whatever their rates are.
 
@@ -428,8 +417,8 @@ def regimes_by_parts(
     active = free.copy()
     best, least = active, len(active) + 1
     for _ in range(ROUNDS):
-        answer = linear_answer(yielding, active)
-        relative = answer.relative @ control.strains(answer.stress)
+        factor = Factor(yielding.system, stiffness_of(yielding, active))
+        relative = factor.relative @ control.strains(factor.tangent)
         values = complementary_rates(yielding, active, relative)
         wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
         count = int(np.count_nonzero(wrong))
@@ -437,7 +426,7 @@ def regimes_by_parts(
         if count < least:
             best, least = active, count
         if count == 0:
-            return active, answer, True
+            return active, factor, True
         active = active.copy()
         # Candidates within a few contacts of the wrong ones.
         reached = np.zeros(int(contacts.max()) + 1, dtype=bool)
@@ -448,11 +437,10 @@ def regimes_by_parts(
         if improves or len(chosen) > PART:
             active[wrong] ^= True
             continue
-        slips = slip_motion(yielding, answer, chosen)[0]
-        q, M = condensed(yielding, active, answer, chosen, slips).problem(control)
+        q, M = condensed(yielding, active, factor, chosen).problem(control)
         flips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
         active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
-    return best, linear_answer(yielding, best), False
+    return best, Factor(yielding.system, stiffness_of(yielding, best)), False
 
 
 def packing_rates(
@@ -512,26 +500,26 @@ class PackingIncrements:
         raised = raise_load(self.yielding.distance, q, M)
         slip = raised.slip
         yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
-        stress_of_slip = self.rates.whole.stress_of_slip @ slip
-        h = control.strains(elastic.stress, stress_of_slip)
-        H = h.reshape(2, 2)
-        motion = elastic.motion @ h + self.rates.slips @ slip
+        yielding, elastic, whole = self.yielding, self.rates.elastic, self.rates.whole
+        stress_of_slip, system = whole.stress_of_slip @ slip, yielding.system
+        h = control.strains(elastic.tangent, stress_of_slip)
+        H, motion = h.reshape(2, 2), elastic.motion @ h + whole.motion @ slip
         relative = relative_motion(system, motion, H)
         forces = forces_with_slip(yielding, relative, slip)
-        size = float(np.linalg.norm(elastic.factor.loads @ h)) or 1.0
+        size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
         residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
         status: ResponseStatus = "nearest" if raised.held.any() else "one found"
         if status == "one found" and positive_definite(M):
             status = "unique"
         return response_of(
             yielding,
-            (H, motion, relative, forces),
+            (H, motion, slip),
             slip > 0,
             status=status if residual <= TRUSTED else "not converged",
             proof="positive definite" if status == "unique" else "",
             residual=residual,
             disagreeing=int(np.count_nonzero(raised.held)),
-            stress_rate=(elastic.stress @ h + stress_of_slip).reshape(2, 2),
+            stress_rate=(elastic.tangent @ h + stress_of_slip).reshape(2, 2),
             settled=yielding.settled,
             solutions=int(status != "nearest"),
             reached=raised.first,

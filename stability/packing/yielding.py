@@ -19,7 +19,6 @@ from loops.scene import Scene
 from loops.system import (
     System,
     in_freedoms,
-    relative_motion,
     system_of,
 )
 from stability.factor import Factor
@@ -28,8 +27,6 @@ from stability.spectra import subspace_basis
 
 # Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
 YIELD_BAND = 0.99
-# H' = e_i (x) e_j for the four components in the order 11, 12, 21, 22.
-UNIT_STRAINS: Floats = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)
 
 
 # Entries of `M`, one less what the packing gives way, below this are rounding (rows: 9e-16).
@@ -57,13 +54,16 @@ class Edge(NamedTuple):
     """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
 
     Of them all under unit strains (m, 4) and unit slips (m, k); the stress rates (4, 4), (4, k) of
-    these; both (m,), (4,) of a load that is there besides.
+    these, and the motions under unit slips, in columns; `left` is the largest share of their loads
+    that no motion balances. Then rates (m,) and stress rates (4,) of a load that is there besides.
     """
 
     of_strain: Floats
     of_slip: Floats
     stress: Floats
     stress_of_slip: Floats
+    motion: Floats
+    left: float = 0.0
     of_load: Floats | float = 0.0
     stress_of_load: Floats = NOTHING
 
@@ -128,21 +128,6 @@ class YieldResponse:
     distance: Floats
     of_two: Flags
     settled: int
-
-
-@dataclass(frozen=True, eq=False)
-class LinearAnswer:
-    """Response of the packing to unit `H'` with given regimes, `(..., 4)` in 11, 12, 21, 22."""
-
-    factor: Factor
-    motion: Floats
-    relative: Floats
-    stress: Floats
-
-    @property
-    def unbalanced(self) -> Floats:
-        """(size, 4) loads that no motion balances."""
-        return np.asarray(self.factor.loads - self.factor.matrix @ self.motion)
 
 
 @one_blas_thread()
@@ -215,51 +200,27 @@ def stiffness_of(yielding: YieldResponse, active: Flags) -> Floats:
     return blocks
 
 
-def linear_answer(
-    yielding: YieldResponse, active: Flags, before: LinearAnswer | None = None
-) -> LinearAnswer:
-    """Solve for the four unit strains with the active candidates sliding.
-
-    The order of elimination may be that of an answer `before`.
-    """
-    system, blocks = yielding.system, stiffness_of(yielding, active)
-    factor = Factor(system, blocks, before.factor.order if before else None)
-    motion = factor.solve(factor.loads)
-    relative = relative_motion(system, motion, UNIT_STRAINS)
-    stress = factor.factors.affine / system.volume + factor.stress(motion)
-    return LinearAnswer(factor, motion, relative, stress)
-
-
-def slip_motion(
-    yielding: YieldResponse, answer: LinearAnswer, chosen: Integers
-) -> tuple[Floats, Floats]:
-    """Return the motion per unit of slip `z` of each chosen candidate (size, k).
-
-    Also (k,) the share of each load that no motion balances, above rounding with a mechanism.
-    """
-    loads = -in_freedoms(yielding.system, yielding.rows[chosen], yielding.push[chosen]).T.toarray()
-    motion = answer.factor.solve(loads)
-    left = np.linalg.norm(loads - answer.factor.matrix @ motion, axis=0)
-    return motion, left / np.linalg.norm(loads, axis=0)
-
-
-def condensed(
-    yielding: YieldResponse, active: Flags, answer: LinearAnswer, chosen: Integers, motion: Floats
-) -> Edge:
-    """Return the chosen candidates at yield, by their motions (size, k) under unit slips.
+def condensed(yielding: YieldResponse, active: Flags, factor: Factor, chosen: Integers) -> Edge:
+    """Return the chosen candidates at yield, with a factor in which the active ones slide.
 
     The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either reduces
     `s T'`. What is given of each is the other one.
     """
-    system, rows = yielding.system, yielding.rows[chosen]
+    system, rows, push = yielding.system, yielding.rows[chosen], yielding.push[chosen]
+    loads = -in_freedoms(system, rows, push).T.toarray()
+    motion, sizes = factor.solve(loads), np.linalg.norm(loads, axis=0)
+    left = np.linalg.norm(loads - factor.matrix @ motion, axis=0) / sizes
     side = np.where(active[chosen], -1.0, 1.0)[:, None]
-    matrix = np.eye(len(chosen)) + side * (
-        in_freedoms(system, rows, yielding.gauge[chosen]) @ motion
+    leaving = in_freedoms(system, rows, yielding.gauge[chosen]) @ motion
+    own = np.einsum("ki,kj->ijk", push[:, :2], system.branches[rows]).reshape(4, -1)
+    return Edge(
+        complementary_rates(yielding, active, factor.relative)[chosen],
+        np.eye(len(chosen)) + side * leaving,
+        factor.tangent,
+        factor.stress(motion) - own / system.volume,
+        motion,
+        float(left.max(initial=0.0)),
     )
-    own = np.einsum("ki,kj->ijk", yielding.push[chosen, :2], system.branches[rows]).reshape(4, -1)
-    of_strain = complementary_rates(yielding, active, answer.relative)[chosen]
-    stress = answer.factor.stress(motion) - own / system.volume
-    return Edge(of_strain, matrix, answer.stress, stress)
 
 
 def complementary_rates(yielding: YieldResponse, active: Flags, relative: Floats) -> Floats:

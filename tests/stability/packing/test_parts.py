@@ -1,6 +1,6 @@
 """Parts of the packing's rate problem by themselves, against closed forms."""
 
-from dataclasses import replace
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +9,11 @@ import pytest
 from loops import GrainGraph, InputError, Scene, contact_state
 from loops.laws.of_pairs import as_known, require_movable
 from stability.complementarity import principal_transform, scaled_definite
+from stability.factor import Factor
 from stability.packing import regime_regions
 from stability.packing.regime_regions import RegimeRegions, cones
 from stability.packing.response import PackingRates
-from stability.packing.yielding import condensed, linear_answer, slip_motion, yield_response
+from stability.packing.yielding import condensed, stiffness_of, yield_response
 from stability.solution_branch import trace_branch
 from tests.packings import LAW, packing
 
@@ -41,12 +42,9 @@ def test_the_share_of_a_slip_that_no_motion_balances():
     yielding = yield_response(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
     rates = PackingRates(yielding)
     for kept in (0.0, 0.5):
-        factor = SimpleNamespace(
-            matrix=rates.elastic.factor.matrix,
-            solve=lambda loads, kept=kept, **_: kept * rates.elastic.factor.solve(loads),
-        )
-        answer = replace(rates.elastic, factor=factor)
-        share = slip_motion(yielding, answer, rates.every)[1]
+        factor = copy(rates.elastic)
+        factor.solve = lambda loads, kept=kept: kept * rates.elastic.solve(loads)
+        share = condensed(yielding, rates.none, factor, rates.every).left
         np.testing.assert_allclose(share, 1.0 - kept, rtol=1e-6)
 
 
@@ -58,9 +56,8 @@ def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
     M, stress = rates.whole.of_slip, rates.whole.stress_of_slip
     active = np.arange(len(M)) % 3 == 1
     assert 0 < active.sum() < len(M)
-    answer = linear_answer(yielding, active)
-    motion = slip_motion(yielding, answer, rates.every)[0]
-    condensed_about = condensed(yielding, active, answer, rates.every, motion)
+    factor = Factor(yielding.system, stiffness_of(yielding, active))
+    condensed_about = condensed(yielding, active, factor, rates.every)
     found, of_found = condensed_about.of_slip, condensed_about.stress_of_slip
     _, table = principal_transform(np.zeros(len(M)), M, active)
     np.testing.assert_allclose(found, table, rtol=0, atol=1e-9 * np.abs(table).max())

@@ -25,9 +25,10 @@ from loops import (
 from loops.gears import spin_modes
 from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at
+from stability.factor import UNIT_STRAINS
 from stability.packing import response
 from stability.packing.response import PackingRates
-from stability.packing.yielding import UNIT_STRAINS, YIELD_BAND, component_control, yield_response
+from stability.packing.yielding import YIELD_BAND, component_control, yield_response
 from tests.oracles import eighty_bits
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step

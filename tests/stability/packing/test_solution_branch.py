@@ -20,6 +20,7 @@ from stability.complementarity import (
     solve_complementarity,
     solve_from,
 )
+from stability.factor import Factor
 from stability.packing import probe
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.probe import probe_edge, stage_along
@@ -31,7 +32,7 @@ from stability.packing.response import (
     WHOLE_CIRCLE,
     PackingRates,
 )
-from stability.packing.yielding import linear_answer, yield_response
+from stability.packing.yielding import stiffness_of, yield_response
 from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
@@ -347,7 +348,7 @@ def test_traced_solutions_of_real_states_are_those_solved_one_by_one(name):
         active = solve_from(q, M, rates.none)
         if active is None:
             continue
-        P = linear_answer(yielding, active).stress @ H
+        P = Factor(yielding.system, stiffness_of(yielding, active)).tangent @ H
         listed = found.solutions
         own = listed.stress_rate[listed.direction == k].reshape(-1, 4)
         assert np.abs(own - P).max(axis=1).min() < 1e-12 * np.abs(P).max()

@@ -10,9 +10,10 @@ from loops.system import carrying_grains
 from patterns import synthetic_network
 from stability import rates_at
 from stability.complementarity import Complementarity
+from stability.factor import Factor
 from stability.packing import probe, response
 from stability.packing.response import PackingRates
-from stability.packing.yielding import linear_answer, yield_response
+from stability.packing.yielding import stiffness_of, yield_response
 from stability.regimes import of_sets
 from tests.oracles.regimes import solutions
 
@@ -127,7 +128,7 @@ def test_a_soft_chain_that_nothing_holds_is_no_solution(packing, sliding):
     rates = PackingRates(yield_response(Scene(graph, law), yield_band=AT_YIELD))
     active = np.isin(np.arange(len(rates.every)), sliding)
     found = of_sets(Complementarity(active[None], "enumeration"))
-    answer = linear_answer(rates.yielding, active)
+    answer = Factor(rates.yielding.system, stiffness_of(rates.yielding, active))
     control = response.component_control(STRAINS[0], None)
     told = rates._response(answer, active, found, control)
     assert told.residual < 1e-6 and told.status == "not converged"
