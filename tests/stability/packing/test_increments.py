@@ -507,7 +507,7 @@ def test_contacts_that_disagree_come_worst_first():
 def test_rates_below_rounding_are_a_share_of_the_stiffest_spring():
     """1e-9 of what it gains where a pair of mean grains goes with the cell."""
     packing = SimpleNamespace(stiffest=3.0, length=0.25)
-    rates = SimpleNamespace(h=np.array([0.5, -4.0, 1.0, 0.0, 99.0]))
+    rates = np.array([0.5, -4.0, 1.0, 0.0, 99.0])
     found = RegimeFactor.rounding(packing, rates)
     assert found == pytest.approx(1e-9 * 4.0 * 3.0 * 0.5, rel=1e-12)
 
