@@ -32,18 +32,19 @@ from patterns.snapshots.geometry import (
     some,
     told_walls,
 )
-from patterns.snapshots.laws import COHESIVE, Parameters, lacks_of, law_of, told_law
+from patterns.snapshots.laws import lacks_of, law_of, told_law
 from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.source import COHESIVE, Source
 from patterns.snapshots.tables import require_columns
 from patterns.snapshots.wall_contacts import Walls, height_between, walls_of_rows, walls_of_table
 from patterns.snapshots.walls import WallContacts
 
 
-def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True) -> Snapshot:
+def build_snapshot(frame: Frame, source: Source) -> Snapshot:
     """Check the tables of one saved state and make the snapshot of them.
 
     Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
-    that leave no meaningful result are refused if `strict`; doubts become notes.
+    that leave no meaningful result are refused if strict; doubts become notes.
     """
     plane = () if frame.grains.has("z") else ("x", "y")
     require_columns((frame.grains, (*plane, "radius")), (frame.contacts, ("id1", "id2")))
@@ -65,19 +66,19 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         received, remedy = "no cell", f"{GIVE_CELL} Its height is that between the walls."
         raise InputError("--periodic", received, "the period as a vector of the cell", remedy)
     branches = read_branches(table, rows, pairs, bodies, cell, periodic)
-    forces = read_forces(table, rows, every, bodies, branches.n, parameters)
+    forces = read_forces(table, rows, every, bodies, branches.n, source)
     kept, said = contacts_among(bodies, branches, forces, measured=frame.measured)
     if kept is not None:
-        return _of_fewer(frame, rows[~kept], said, (), parameters, strict=strict)
+        return _of_fewer(frame, rows[~kept], said, (), source)
     require_fitting(table, rows, pairs, bodies, branches)
     notes = [*frame.notes, *notes, *shifted, *kinds, *forces.notes]
     normal, shear, known = forces.normal, forces.shear, forces.total is not None
     if of_walls or len(rows) < len(table):
         resultant = resultants(pairs, branches.n, forces, len(bodies.x))
         if of_walls:
-            found = walls_of_table(of_walls[0], bodies, forces, resultant, parameters.kn, shift)
+            found = walls_of_table(of_walls[0], bodies, forces, resultant, source.kn, shift)
         else:
-            found = walls_of_rows(table, bodies, named, every, forces, resultant, parameters.kn)
+            found = walls_of_rows(table, bodies, named, every, forces, resultant, source.kn)
     else:
         found = Walls(None, 0, [], [])
     walls = found.contacts
@@ -85,16 +86,16 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     if cell is not None and not all(periodic):
         cell, said = _strip(cell, periodic, bodies, walls)
         notes.append(said)
-    if parameters.law is None:
-        parameters = parameters._replace(law=frame.law, shear_history=frame.shear_history)
-    elif parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
-        expected = f"the largest pull of a contact under --law {parameters.law}"
+    if source.law is None:
+        source = replace(source, law=frame.law, shear_history=frame.shear_history)
+    elif source.law in COHESIVE and source.adhesion is None and not table.has("adhesion"):
+        expected = f"the largest pull of a contact under --law {source.law}"
         raise InputError("adhesion", "none", expected, "Give --adhesion, or such a column.")
-    if parameters.law is None and known:
+    if source.law is None and known:
         told, words = told_law(table, rows, bodies, pairs, branches.length, normal)
-        parameters = parameters._replace(law=told)
+        source = replace(source, law=told)
         notes += words
-    lacks, law, regime = lacks_of(parameters, table), None, None
+    lacks, law, regime = lacks_of(source, table), None, None
     sizes = ("force of contacts",) if table.has("force") and not known else ()
     findings += _unused((*frame.unused, *sizes), known)
     if not known:
@@ -103,7 +104,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     elif not lacks:
         grains, both, increment = (bodies.radii, pairs), (normal, shear), frame.shear_increment
-        law, regime = law_of(table, rows, grains, both, parameters, increment, notes)
+        law, regime = law_of(table, rows, grains, both, source, increment, notes)
     for array in (bodies.x, bodies.radii, pairs, normal, shear):
         array.flags.writeable = False  # not copied then
     of_grains: dict[str, Any] = {
@@ -122,7 +123,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
         if twice is None:
             raise
         again, said, repeated = twice
-        return _of_fewer(frame, rows[again], said, (repeated,), parameters, strict=strict)
+        return _of_fewer(frame, rows[again], said, (repeated,), source)
     pushed = None if walls is None else (walls.grain, walls.force)
     state = Checked(
         *(graph, branches.d, branches.length, law, regime, branches.given, pushed, bodies.ids),
@@ -130,7 +131,7 @@ def build_snapshot(frame: Frame, parameters: Parameters, *, strict: bool = True)
     )  # fmt: skip
     of_columns = redundant(table, rows, branches.n, (normal, shear)) if known else []
     every_one = (*frame.findings, *findings, *check_state(state), *of_columns)
-    for one in every_one if strict else ():
+    for one in every_one if source.strict else ():
         if one.severity == "error":
             raise InputError(table.path, one.says, "a packing of grains in contact", one.remedy)
     unbalanced = [one for one in every_one if one.check == "balance" and frame.measured and known]
@@ -154,9 +155,7 @@ def _of_fewer(
     left: Integers,
     words: str,
     findings: tuple[Finding, ...],
-    parameters: Parameters,
-    *,
-    strict: bool,
+    source: Source,
 ) -> Snapshot:
     """The snapshot without some rows of the contacts."""
     kept = np.ones(len(frame.contacts), dtype=bool)
@@ -164,7 +163,7 @@ def _of_fewer(
     contacts, notes = frame.contacts.take(kept), (*frame.notes, words)
     findings = (*frame.findings, *findings)
     frame = replace(frame, contacts=contacts, notes=notes, findings=findings)
-    return build_snapshot(frame, parameters, strict=strict)
+    return build_snapshot(frame, source)
 
 
 def _strip(

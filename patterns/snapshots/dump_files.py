@@ -20,7 +20,6 @@ from patterns.snapshots.frame import (
     Listing,
     Notes,
     ReadPair,
-    Source,
     contacts_path,
     paired,
     require_column,
@@ -35,6 +34,7 @@ from patterns.snapshots.geometry import (
     refuse_repeated,
     sample_rows,
 )
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table, listed
 
 ITEM = b"ITEM: "

@@ -13,7 +13,8 @@ from patterns.snapshots.checked import ROUNDINGS
 from patterns.snapshots.checks import ALONG, repeated, same_force
 from patterns.snapshots.findings import Finding, rounding
 from patterns.snapshots.geometry import Bodies, ContactBranches, some
-from patterns.snapshots.laws import COHESIVE, Parameters, frictionless
+from patterns.snapshots.laws import frictionless
+from patterns.snapshots.source import COHESIVE, Source
 from patterns.snapshots.tables import Table, require_columns
 
 # Shear forces that are all below this share of the mean normal force are rounding; without friction
@@ -54,7 +55,7 @@ def read_forces(
     every: Integers,
     bodies: Bodies,
     n: Floats,
-    parameters: Parameters,
+    source: Source,
 ) -> Forces:
     """Forces of all rows; `n` (C, 2) are the normals of the chosen ones, `every` the pairs of all.
 
@@ -62,7 +63,7 @@ def read_forces(
     Yade's): the total force keeps that share in `N`. A force of which the file does not say on
     which grain it acts is taken on the second one if it pushes then, else on the first.
     """
-    smooth, notes = frictionless(table, parameters.mu), list[str]()
+    smooth, notes = frictionless(table, source.mu), list[str]()
     force = table.optional("fx_on_2", "fy_on_2")
     vectors = table.optional("fsx", "fsy") if force is None else None
     if vectors is not None and not any(table.has(*names) for names in OF_EITHER):
@@ -83,7 +84,7 @@ def read_forces(
         f = some(force, rows)
         along = np.einsum("ck,ck->c", f, n)
         share = float(np.mean(along / np.where(f.any(axis=1), np.hypot(*f.T), 1.0)))
-        if parameters.law in COHESIVE or abs(share) < ALONG:
+        if source.law in COHESIVE or abs(share) < ALONG:
             remedy = "Name it: --columns fx_on_2=COLUMN,fy_on_2=COLUMN, of the force on grain 2."
             received = f"forces that push by {share:.3g} of their size (mean)"
             where = f"columns {names} of {table.path}"

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict, Unpack, get_args
+from typing import Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from loops import HertzMindlin, InputError
-from loops.errors import check_choice, check_type, number, path_of, whole_number
-from loops.laws.frictional import ShearHistory, checked_increment, friction_of
+from loops import InputError
+from loops.errors import check_choice, whole_number
 from patterns.snapshots.build import build_snapshot
 from patterns.snapshots.files import head_of, require_file
-from patterns.snapshots.frame import (
-    Frames,
-    Source,
-    frame_of_tables,
-    is_table,
-    table_frames,
-)
-from patterns.snapshots.geometry import as_cell, as_periodic
+from patterns.snapshots.frame import Frames, frame_of_tables, is_table, table_frames
 from patterns.snapshots.lammps import is_lammps, lammps_frames
-from patterns.snapshots.laws import COHESIVE, LawName, Parameters
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
 from patterns.snapshots.pegs import is_pegs, pegs_frames
 from patterns.snapshots.snapshot import Snapshot
+from patterns.snapshots.source import Source, source_of
 from patterns.snapshots.tables import given_table
 from patterns.snapshots.yade_save import is_yade_save, yade_save_frames
 
@@ -65,11 +56,6 @@ def refuse_lossy(path: Path, head: bytes) -> None:
             raise InputError(str(path), lack, expected, remedy)
 
 
-# Laws, and the options that they alone have.
-OPTIONS_OF_LAWS = {
-    ("hertz",): ("young", "poisson", "shear_history"),
-    COHESIVE: ("adhesion", "cohesion"),
-}
 # The first one that recognises a file takes it.
 FORMATS = {
     "yade-xml": Format(is_yade_save, yade_save_frames),
@@ -80,22 +66,6 @@ FORMATS = {
     "pegs": Format(is_pegs, pegs_frames),
     "table": Format(is_table, table_frames),
 }
-
-
-class LawOptions(TypedDict, total=False):
-    """Options of `read_snapshot` on the law."""
-
-    kn: float | None
-    kt: float | None
-    mu: float | None
-    phi: float | None
-    shear_increment: str | None
-    law: str | None
-    young: float | None
-    poisson: float | None
-    shear_history: str | None
-    adhesion: float | None
-    cohesion: float | None
 
 
 def read_snapshot(
@@ -198,11 +168,12 @@ def read_snapshot(
     >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
     (600, 819, 61)
     """
-    parameters = _parameters(
-        kn=kn, kt=kt, mu=mu, phi=phi, shear_increment=shear_increment, law=law, young=young,
-        poisson=poisson, shear_history=shear_history, adhesion=adhesion, cohesion=cohesion,
+    source = source_of(
+        path, contacts, cell=cell, periodic=periodic, kn=kn, kt=kt, mu=mu, phi=phi,
+        shear_increment=shear_increment, law=law, young=young, poisson=poisson,
+        shear_history=shear_history, adhesion=adhesion, cohesion=cohesion, columns=columns,
+        strict=strict,
     )  # fmt: skip
-    source = _source(path, contacts, cell, columns, periodic)
     found = format_of(source.path, format).frames(source)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
@@ -211,7 +182,7 @@ def read_snapshot(
     if place >= len(found):
         received, expected = f"{path} has {len(found)}", f"a number below {len(found)}"
         raise InputError(f"--frame {place}", received, expected, "Count from 0.")
-    return build_snapshot(found[place](), parameters, strict=strict)
+    return build_snapshot(found[place](), source)
 
 
 def snapshot_from_tables(
@@ -223,7 +194,7 @@ def snapshot_from_tables(
     periodic: str | None = None,
     columns: Mapping[str, str | int] | None = None,
     strict: bool = True,
-    **law: Unpack[LawOptions],
+    **law: Any,
 ) -> Snapshot:
     """Make a snapshot of tables in memory, as `read_snapshot` makes one of files.
 
@@ -268,8 +239,10 @@ def snapshot_from_tables(
     """
     given = {"grains": grains, "contacts": contacts} | ({} if walls is None else {"walls": walls})
     tables = {kind: given_table(kind, one) for kind, one in given.items()}
-    source = _source("tables", cell=cell, columns=columns, periodic=periodic)
-    return build_snapshot(frame_of_tables(source, tables), _parameters(**law), strict=strict)
+    source = source_of(
+        "tables", cell=cell, periodic=periodic, columns=columns, strict=strict, **law
+    )
+    return build_snapshot(frame_of_tables(source, tables), source)
 
 
 def read_frames(
@@ -281,7 +254,7 @@ def read_frames(
     format: str = "auto",
     columns: Mapping[str, str | int] | None = None,
     strict: bool = True,
-    **law: Unpack[LawOptions],
+    **law: Any,
 ) -> Iterator[Snapshot]:
     """Read every snapshot of a file, one after the other.
 
@@ -309,10 +282,11 @@ def read_frames(
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
     [(0, 323)]
     """
-    parameters = _parameters(**law)
-    source = _source(path, contacts, cell, columns, periodic)
+    source = source_of(
+        path, contacts, cell=cell, periodic=periodic, columns=columns, strict=strict, **law
+    )
     for read in format_of(source.path, format).frames(source):
-        yield build_snapshot(read(), parameters, strict=strict)
+        yield build_snapshot(read(), source)
 
 
 def count_frames(
@@ -339,13 +313,13 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    source = _source(path, contacts, columns=columns)
+    source = source_of(path, contacts, columns=columns)
     return len(format_of(source.path, format).frames(source))
 
 
 def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:
     """Step, iteration or time of each snapshot in a file, None where only reading it would tell."""
-    source = _source(path, how.get("contacts"), columns=how.get("columns"))
+    source = source_of(path, how.get("contacts"), columns=how.get("columns"))
     return [one.step for one in format_of(path, how.get("format") or "auto").frames(source)]
 
 
@@ -363,54 +337,3 @@ def format_of(path: Path, name: str = "auto") -> Format:
     received = f"a file of unknown format beginning with {head[:40]!r}"
     remedy = "Name its format by --format, or export plain tables."
     raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)
-
-
-def _parameters(**options: Unpack[LawOptions]) -> Parameters:
-    """The options of the law, checked."""
-    asked: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    law, friction = asked.get("law"), friction_of(asked.pop("mu", None), asked.pop("phi", None))
-    for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
-        if name in asked:
-            check_choice(name, asked[name], known)
-    for laws, names in OPTIONS_OF_LAWS.items():
-        given = [name for name in names if name in asked]
-        if given and law not in laws:
-            named = " or ".join(f"--law {one}" for one in laws)
-            received = f"{', '.join(given)} under {law or 'no named law'}"
-            remedy = f"Give {named}, or leave them out."
-            raise InputError("law", received, "options of that law", remedy)
-    for name in {"kn", "kt", "young", "poisson", "adhesion", "cohesion"} & {*asked}:
-        number(name, asked[name], 0.0, open_low=name == "kn")
-    if friction is not None and friction != math.inf:
-        number("mu", friction, 0.0)
-    if law == "hertz" and {"kn", "kt"} & {*asked}:
-        remedy = "Give young and poisson, or columns kn and ks with the tangents of each contact."
-        raise InputError("law", "one kn or kt under Hertz's law", "its moduli", remedy)
-    if ("young" in asked) != ("poisson" in asked):
-        (alone,) = {"young", "poisson"} & {*asked}
-        raise InputError("law", f"{alone} alone", "young and poisson", "Give both.")
-    if "young" in asked:
-        HertzMindlin(asked["young"], asked["poisson"])  # raises for numbers out of range
-    if "shear_increment" in asked:
-        checked_increment(asked["shear_increment"])
-    return Parameters(**asked, mu=friction)  # type: ignore[arg-type]
-
-
-def _source(
-    path: str | Path,
-    contacts: str | Path | None = None,
-    cell: ArrayLike | None = None,
-    columns: Mapping[str, str | int] | None = None,
-    periodic: str | None = None,
-) -> Source:
-    given = {} if columns is None else columns
-    check_type("columns", given, Mapping, "Give {'radius': 'R'}, plain name to column.")
-    for name, column in given.items():
-        check_type(
-            f"columns[{name!r}]", column, (str, int), "Give the name of a column, or its number."
-        )
-    names = {name: str(column) for name, column in given.items()}
-    remedy = "Name a file; for tables in memory call snapshot_from_tables."
-    beside = None if contacts is None else path_of("contacts", contacts, remedy)
-    own = path_of("path", path, remedy)
-    return Source(own, beside, as_cell(cell), names, as_periodic(periodic))

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -32,8 +32,8 @@ from patterns.snapshots.columns import (
 from patterns.snapshots.files import Text, beside, head_of, unpacked_name
 from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.geometry import as_periodic
-from patterns.snapshots.laws import LawName
 from patterns.snapshots.snapshot import Snapshot, snapshot_of
+from patterns.snapshots.source import LawName, Source
 from patterns.snapshots.tables import (
     ARRAY_FILES,
     SPREADSHEETS,
@@ -49,17 +49,6 @@ from patterns.snapshots.tables import (
 )
 
 Notes = tuple[str, ...]  # guesses, and data that a file lacks
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """Files, cell with its periodic directions, and column map given by the user."""
-
-    path: Path
-    contacts: Path | None = None
-    cell: NDArray[np.float64] | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
-    periodic: tuple[bool, bool] | None = None
 
 
 def contacts_path(source: Source, names: Sequence[str], lacks: str, wanted: str, hint: str) -> Path:

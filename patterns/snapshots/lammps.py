@@ -31,8 +31,9 @@ from patterns.snapshots.dump_files import (
     read_atoms,
     space_of,
 )
-from patterns.snapshots.frame import Frame, Frames, Notes, Source
+from patterns.snapshots.frame import Frame, Frames, Notes
 from patterns.snapshots.geometry import sample_rows
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table, listed
 
 # Plain names of the columns of contacts of LAMMPS, and their contents.

@@ -3,48 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loops import CohesiveFrictional, HertzMindlin, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, Integers, median
-from loops.laws.frictional import ShearHistory, ShearIncrement
+from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND
 from patterns.snapshots.checked import goes_with_root, touching_lengths
 from patterns.snapshots.checks import SLIDING_SHARE
 from patterns.snapshots.findings import rounding
 from patterns.snapshots.geometry import Bodies, some
+from patterns.snapshots.source import COHESIVE, LawName, Source
 from patterns.snapshots.tables import Table
 
-LawName = Literal["linear", "hertz", "cohesive", "bonded"]
-# Those of `CohesiveFrictional`: attraction, and bonds.
-COHESIVE = ("cohesive", "bonded")
 # Multiples of the rounding of centres above which an overlap tells a law.
 SURE_ROUNDINGS = 20.0
 TOLD = (
     "Hertz's law, told by the columns: kn goes with the root of the overlap, and N is 2/3 of kn "
     "times it; --law linear if it is another"
 )
-
-
-class Parameters(NamedTuple):
-    """The law as the user gives it, and its parameters for columns that a file lacks.
-
-    Under Hertz's law `kn` and `ks` of a file are tangents, which `young` and `poisson` replace.
-    """
-
-    kn: float | None = None
-    kt: float | None = None
-    mu: float | None = None
-    shear_increment: ShearIncrement | None = None
-    law: LawName | None = None
-    young: float | None = None
-    poisson: float | None = None
-    shear_history: ShearHistory | None = None
-    adhesion: float | None = None
-    cohesion: float | None = None
 
 
 def told_law(
@@ -78,15 +57,15 @@ def told_law(
     return None, []
 
 
-def lacks_of(parameters: Parameters, table: Table) -> list[str]:
+def lacks_of(source: Source, table: Table) -> list[str]:
     """List the options of the law that neither the call nor the table gives."""
-    wanted = [("kn", "kn", parameters.kn)]
-    if not frictionless(table, parameters.mu):
-        wanted.append(("kt", "ks", parameters.kt))
+    wanted = [("kn", "kn", source.kn)]
+    if not frictionless(table, source.mu):
+        wanted.append(("kt", "ks", source.kt))
     lacks = [name for name, column, value in wanted if value is None and not table.has(column)]
-    if parameters.law == "hertz" and (lacks or parameters.young is not None):
-        lacks = [n for n in ("young", "poisson") if getattr(parameters, n) is None]
-    if parameters.law in COHESIVE and parameters.adhesion is None and not table.has("adhesion"):
+    if source.law == "hertz" and (lacks or source.young is not None):
+        lacks = [n for n in ("young", "poisson") if getattr(source, n) is None]
+    if source.law in COHESIVE and source.adhesion is None and not table.has("adhesion"):
         lacks.append("adhesion")
     return lacks
 
@@ -101,7 +80,7 @@ def law_of(
     rows: Integers,
     grains: tuple[Floats, Integers],
     forces: tuple[Floats, Floats],
-    parameters: Parameters,
+    source: Source,
     of_source: ShearIncrement | None,
     notes: list[str],
 ) -> tuple[LinearFrictional | CohesiveFrictional | HertzMindlin, NDArray[np.int8]]:
@@ -112,15 +91,15 @@ def law_of(
     """
     normal, shear = forces
     mu: Floats | None = None
-    if table.has("mu") or parameters.mu is not None:
-        mu = _parameter(table, rows, "mu", parameters.mu, "--mu", notes)
+    if table.has("mu") or source.mu is not None:
+        mu = _parameter(table, rows, "mu", source.mu, "--mu", notes)
     adhesion = cohesion = np.zeros(len(rows))
-    cohesive = parameters.law in COHESIVE
+    cohesive = source.law in COHESIVE
     if cohesive:
-        adhesion = _parameter(table, rows, "adhesion", parameters.adhesion, "--adhesion", notes)
+        adhesion = _parameter(table, rows, "adhesion", source.adhesion, "--adhesion", notes)
         cohesion = np.where(np.isfinite(mu), mu, 0.0) * adhesion if mu is not None else cohesion
-        if table.has("cohesion") or parameters.cohesion is not None:
-            given = parameters.cohesion
+        if table.has("cohesion") or source.cohesion is not None:
+            given = source.cohesion
             cohesion = _parameter(table, rows, "cohesion", given, "--cohesion", notes)
         else:
             notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
@@ -144,7 +123,7 @@ def law_of(
     # Nothing sticks without friction, and nothing slides: there is no shear force.
     free = (mu == 0) & (cohesion == 0)
     sliding &= ~free
-    chosen = parameters.shear_increment
+    chosen = source.shear_increment
     increment = chosen or of_source or "branch"
     if chosen is None and of_source == "radii":
         notes.append(
@@ -155,23 +134,23 @@ def law_of(
         other = "" if of_source in (None, chosen) else f", not {of_source!r}"
         notes.append(f"shear increment {chosen!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
-    if parameters.law == "hertz":
+    if source.law == "hertz":
         radii, pairs = grains
-        young, poisson, ratio = _moduli(table, rows, radii[pairs], normal, parameters, notes)
-        history = parameters.shear_history or "force"
+        young, poisson, ratio = _moduli(table, rows, radii[pairs], normal, source, notes)
+        history = source.shear_history or "force"
         rule = "T stays" if history == "force" else "T goes with kt"
         notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
         law = HertzMindlin(young, poisson, mu, increment, history, ratio)
         ratio = np.where(free, 0.0, law.stiffness_ratio) if free.any() else ratio
         return replace(law, ratio=ratio), regime
-    kn = _parameter(table, rows, "kn", parameters.kn, "--kn", notes)
-    kt = 0.0 if free.all() else _parameter(table, rows, "ks", parameters.kt, "--kt", notes)
+    kn = _parameter(table, rows, "kn", source.kn, "--kn", notes)
+    kt = 0.0 if free.all() else _parameter(table, rows, "ks", source.kt, "--kt", notes)
     if free.any():
         kt = np.where(free, 0.0, kt)
         notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
     if cohesive:
-        bonded = parameters.law == "bonded"
-        notes.append(f"law {parameters.law!r}: see CohesiveFrictional")
+        bonded = source.law == "bonded"
+        notes.append(f"law {source.law!r}: see CohesiveFrictional")
         return CohesiveFrictional(kn, kt, mu, adhesion, cohesion, bonded, increment), regime
     return LinearFrictional(kn=kn, kt=kt, mu=mu, shear_increment=increment), regime
 
@@ -181,17 +160,17 @@ def _moduli(
     rows: Integers,
     radii: Floats,
     normal: Floats,
-    parameters: Parameters,
+    source: Source,
     notes: list[str],
 ) -> tuple[Floats | float, Floats | float, Floats | None]:
     """Young's modulus, Poisson's ratio, and kt/kn where the file gives tangents.
 
     A tangent `kn = (6 E*^2 R* N)^(1/3)` tells `E*` without the overlap, which a file may round.
     """
-    if parameters.young is not None and parameters.poisson is not None:
+    if source.young is not None and source.poisson is not None:
         if table.has("kn") or table.has("ks"):
             notes.append("columns 'kn' and 'ks' not used: --young and --poisson are given")
-        return parameters.young, parameters.poisson, None
+        return source.young, source.poisson, None
     kn, ks = some(table.column("kn"), rows), some(table.column("ks"), rows)
     told = (kn > 0) & (normal > 0)
     if not told.any():

@@ -30,8 +30,9 @@ from patterns.snapshots.dump_files import (
     space_of,
 )
 from patterns.snapshots.files import beside, head_of
-from patterns.snapshots.frame import Frame, Frames, Notes, Source
+from patterns.snapshots.frame import Frame, Frames, Notes
 from patterns.snapshots.lammps import TOLERANCE, shares
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
 NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"

@@ -17,11 +17,11 @@ from patterns.snapshots.frame import (
     Frames,
     Listing,
     Notes,
-    Source,
     contacts_path,
     frame_of_tables,
     paired,
 )
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
 # Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.

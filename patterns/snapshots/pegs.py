@@ -11,8 +11,9 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats
 from patterns.snapshots.files import beside, require_file, whole_file
-from patterns.snapshots.frame import Frame, Frames, Moment, Source, contacts_path
+from patterns.snapshots.frame import Frame, Frames, Moment, contacts_path
 from patterns.snapshots.geometry import WALL
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
 # Columns of `particle_positions.txt`, where the first may be missing, and of the list of contacts.

@@ -15,7 +15,8 @@ import numpy as np
 
 from loops import InputError
 from patterns.snapshots.files import opened, require_file, whole_file
-from patterns.snapshots.frame import Frame, Frames, Moment, Source, frame_of_tables
+from patterns.snapshots.frame import Frame, Frames, Moment, frame_of_tables
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 from patterns.snapshots.yade_export import GRAINS, tables_of
 

@@ -8,7 +8,7 @@ import pytest
 
 from loops import InputError
 from patterns import read_snapshot
-from patterns.snapshots.frame import Source
+from patterns.snapshots.source import Source
 from patterns.snapshots.yade_save import frame_of_save, read_save
 from tests.patterns.snapshots.yade_samples import (
     BOX,
