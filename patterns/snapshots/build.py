@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from loops.compiled import load_ahead, use_compiled
 from patterns.snapshots.checked import Checked
 from patterns.snapshots.checks import check_state
 from patterns.snapshots.findings import Finding
-from patterns.snapshots.forces import contacts_among, once, read_forces, redundant, resultants
+from patterns.snapshots.forces import contacts_among, once, read_forces, redundant
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
     GIVE_CELL,
@@ -25,7 +24,7 @@ from patterns.snapshots.geometry import (
     in_plane,
     named_rows,
     read_bodies,
-    read_branches,
+    read_contacts,
     read_ids,
     require_fitting,
     rows_between_grains,
@@ -60,27 +59,26 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
     bodies, place = read_bodies(own, ids, is_wall, walls=beyond, along_space=large)
     every = named if place is None else place[named]
     rows = rows_between_grains(table, every, along_space=large)
-    pairs, cell = some(every, rows), check_cell(cell, bodies.radii)
-    periodic = frame.periodic
+    pairs, cell, periodic = some(every, rows), check_cell(cell, bodies.radii), frame.periodic
     if cell is None and not all(periodic):
         received, remedy = "no cell", f"{GIVE_CELL} Its height is that between the walls."
         raise InputError("--periodic", received, "the period as a vector of the cell", remedy)
-    branches = read_branches(table, rows, pairs, bodies, cell, periodic)
-    forces = read_forces(table, rows, every, bodies, branches.n, source)
-    kept, said = contacts_among(bodies, branches, forces, measured=frame.measured)
+    contacts = read_contacts(table.take(rows), pairs, bodies, cell, periodic)
+    single = np.flatnonzero((every[:, 0] >= 0) != (every[:, 1] >= 0))
+    at_walls, ends = table.take(single) if len(single) else None, every[single]
+    table, forces = contacts.table, read_forces(contacts, at_walls, ends, source)
+    kept, said = contacts_among(contacts, forces, measured=frame.measured)
     if kept is not None:
         return _of_fewer(frame, rows[~kept], said, (), source)
-    require_fitting(table, rows, pairs, bodies, branches)
+    require_fitting(contacts)
     notes = [*frame.notes, *notes, *shifted, *kinds, *forces.notes]
-    normal, shear, known = forces.normal, forces.shear, forces.total is not None
-    if of_walls or len(rows) < len(table):
-        resultant = resultants(pairs, branches.n, forces, len(bodies.x))
-        if of_walls:
-            found = walls_of_table(of_walls[0], bodies, forces, resultant, source.kn, shift)
-        else:
-            found = walls_of_rows(table, bodies, named, every, forces, resultant, source.kn)
+    normal, shear, known = forces.normal, forces.shear, forces.known
+    if of_walls:
+        found = walls_of_table(of_walls[0], contacts, forces, source.kn, shift)
+    elif at_walls is not None and known:
+        found = walls_of_rows(at_walls, named[single], ends, contacts, forces, source.kn)
     else:
-        found = Walls(None, 0, [], [])
+        found = Walls(None, len(every) - len(rows), [], [])
     walls = found.contacts
     findings += found.findings
     if cell is not None and not all(periodic):
@@ -92,7 +90,7 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
         expected = f"the largest pull of a contact under --law {source.law}"
         raise InputError("adhesion", "none", expected, "Give --adhesion, or such a column.")
     if source.law is None and known:
-        told, words = told_law(table, rows, bodies, pairs, branches.length, normal)
+        told, words = told_law(contacts, normal)
         source = replace(source, law=told)
         notes += words
     lacks, law, regime = lacks_of(source, table), None, None
@@ -103,33 +101,27 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
         notes.append(f"{lone}: the geometry of the loops alone, no stress and no stability")
     elif not lacks:
-        grains, both, increment = (bodies.radii, pairs), (normal, shear), frame.shear_increment
-        law, regime = law_of(table, rows, grains, both, source, increment, notes)
+        law, regime = law_of(contacts, normal, shear, source, frame.shear_increment, notes)
     for array in (bodies.x, bodies.radii, pairs, normal, shear):
         array.flags.writeable = False  # not copied then
-    of_grains: dict[str, Any] = {
-        "x": bodies.x,
-        "radii": bodies.radii,
-        "cell": cell,
-        "contacts": pairs,
-    }
-    of_contacts: dict[str, Any] = {"normal_force": normal, "shear_force": shear, "regime": regime}
-    if table.has("mz_on_2"):
-        of_contacts["rolling_moment"] = some(table.column("mz_on_2"), rows)
     try:
-        graph = GrainGraph(**of_grains, **of_contacts, images=branches.images)
+        graph = GrainGraph(
+            x=bodies.x, radii=bodies.radii, cell=cell, contacts=pairs, images=contacts.images,
+            normal_force=normal, shear_force=shear, regime=regime,
+            rolling_moment=table.column("mz_on_2") if table.has("mz_on_2") else None,
+        )  # fmt: skip
     except InputError:
-        twice = once(table, rows, pairs, branches.images, forces, bodies.ids)
+        twice = once(contacts, forces)
         if twice is None:
             raise
         again, said, repeated = twice
         return _of_fewer(frame, rows[again], said, (repeated,), source)
     pushed = None if walls is None else (walls.grain, walls.force)
     state = Checked(
-        *(graph, branches.d, branches.length, law, regime, branches.given, pushed, bodies.ids),
-        forces_known=known, periodic=periodic, rows=table.number(rows),
+        *(graph, contacts.d, contacts.length, law, regime, contacts.given, pushed, bodies.ids),
+        forces_known=known, periodic=periodic, rows=table.number(np.arange(len(table))),
     )  # fmt: skip
-    of_columns = redundant(table, rows, branches.n, (normal, shear)) if known else []
+    of_columns = redundant(contacts, forces) if known else []
     every_one = (*frame.findings, *findings, *check_state(state), *of_columns)
     for one in every_one if source.strict else ():
         if one.severity == "error":

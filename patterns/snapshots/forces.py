@@ -12,7 +12,7 @@ from loops.validation import repeated_contacts
 from patterns.snapshots.checked import ROUNDINGS
 from patterns.snapshots.checks import ALONG, repeated, same_force
 from patterns.snapshots.findings import Finding, rounding
-from patterns.snapshots.geometry import Bodies, ContactBranches, some
+from patterns.snapshots.geometry import Bodies, Contacts
 from patterns.snapshots.laws import frictionless
 from patterns.snapshots.source import COHESIVE, Source
 from patterns.snapshots.tables import Table, require_columns
@@ -22,7 +22,7 @@ from patterns.snapshots.tables import Table, require_columns
 NO_SHEAR = 1e-9
 NO_SHEAR_OF_TEXT = 1e-4
 # Columns whose vectors act on one of the two grains, as one of these codes has it.
-OF_EITHER = (("fnx", "fny"), ("fx", "fy"))
+OF_EITHER = ("fnx, fny, ftx, fty", "fnx, fny", "fx, fy")
 # Without forces a list whose gaps are as large as its overlaps is one of measured centres: from
 # this share of pairs on that are apart, by gaps of so many overlaps (medians) at most.
 MEASURED = 0.2
@@ -32,130 +32,127 @@ MORE_ACROSS = 5.0
 
 
 class Forces(NamedTuple):
-    """Forces of a table: `total` (rows, 2) on the second body of all rows, None if a part lacks.
+    """Forces of a table: `normal` and `shear` (C,) of the contacts between grains.
 
-    `normal` and `shear` (C,) are those of the contacts between grains; without a total force
-    `normal` is what the file has, else zeros. `notes` name assumptions.
+    `known` is whether the file has both; if not, `normal` is what it has, else zeros. `at_walls`
+    (W, 2) are those on the second body of the contacts with walls; `notes` name assumptions.
     """
 
-    total: Floats | None
+    known: bool
     normal: Floats
     shear: Floats
+    at_walls: Floats | None
     notes: list[str]
 
     @property
-    def known(self) -> bool:
-        """Whether some contact carries a force."""
-        return bool(self.normal.any() or self.shear.any())
+    def zero(self) -> bool:
+        """Whether no contact carries a force."""
+        return not (self.normal.any() or self.shear.any())
 
 
-def read_forces(
-    table: Table,
-    rows: Integers,
-    every: Integers,
-    bodies: Bodies,
-    n: Floats,
-    source: Source,
-) -> Forces:
-    """Forces of all rows; `n` (C, 2) are the normals of the chosen ones, `every` the pairs of all.
+def read_forces(contacts: Contacts, walls: Table | None, ends: Integers, source: Source) -> Forces:
+    """Forces between grains, and those of the rows with `walls`, between the bodies `ends` (W, 2).
 
     A code's shear vector may lean out of the tangent by its own rounding (1e-9 of the force in
     Yade's): the total force keeps that share in `N`. A force of which the file does not say on
     which grain it acts is taken on the second one if it pushes then, else on the first.
     """
-    smooth, notes = frictionless(table, source.mu), list[str]()
-    force = table.optional("fx_on_2", "fy_on_2")
-    vectors = table.optional("fsx", "fsy") if force is None else None
-    if vectors is not None and not any(table.has(*names) for names in OF_EITHER):
-        require_columns((table, ("fn",)))
-    if force is None and table.has("fn") and (vectors is not None or table.has("ft") or smooth):
-        normals = _normals(table, rows, every, bodies, n)
-        force = table.column("fn")[:, None] * normals
-        if vectors is not None:
-            force = force + vectors
-        elif table.has("ft"):
-            turned = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
-            force = force + table.column("ft")[:, None] * turned
-    if force is None and smooth and table.has("force") and not table.has("fn"):
-        force = table.column("force")[:, None] * _normals(table, rows, every, bodies, n)
-        notes.append("column 'force' taken as the normal force: there is no friction")
-    if force is None and (found := _of_either(table, smooth)):
-        names, force = found
-        f = some(force, rows)
-        along = np.einsum("ck,ck->c", f, n)
-        share = float(np.mean(along / np.where(f.any(axis=1), np.hypot(*f.T), 1.0)))
+    table, n, notes = contacts.table, contacts.n, list[str]()
+    smooth = all(frictionless(one, source.mu) for one in (table, walls) if one is not None)
+    force, names = _on_second(table, n, smooth)
+    sign = 1.0
+    if force is not None and names in OF_EITHER:
+        along = np.einsum("ck,ck->c", force, n)
+        share = float(np.mean(along / np.where(force.any(axis=1), np.hypot(*force.T), 1.0)))
         if source.law in COHESIVE or abs(share) < ALONG:
             remedy = "Name it: --columns fx_on_2=COLUMN,fy_on_2=COLUMN, of the force on grain 2."
             received = f"forces that push by {share:.3g} of their size (mean)"
             where = f"columns {names} of {table.path}"
             raise InputError(where, received, "to tell the grain that they act on", remedy)
-        force = force if share > 0 else -force
+        sign = 1.0 if share > 0 else -1.0
         notes.append(f"columns {names} taken as forces on grain {1 + (share > 0)}: they push it")
-    normal, shear = np.zeros(len(rows)), np.zeros(len(rows))
+    elif force is not None and names == "force":
+        notes.append("column 'force' taken as the normal force: there is no friction")
+    normal, shear = np.zeros(len(n)), np.zeros(len(n))
     if force is not None:
-        f = some(force, rows)
+        f = sign * force
         normal = np.einsum("ck,ck->c", f, n)
         shear = n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]
         none = NO_SHEAR_OF_TEXT if smooth else NO_SHEAR
         if np.abs(shear).max() <= none * float(np.abs(normal).mean()):
-            shear = np.zeros(len(rows))
+            shear = np.zeros(len(n))
     elif table.has("fn"):
-        normal = some(table.column("fn"), rows)
-    return Forces(force, normal, shear, notes)
+        normal = table.column("fn")
+    at_walls = None
+    if force is not None and walls is not None:
+        at_walls, _ = _on_second(walls, _wall_normals(walls, ends, contacts.bodies), smooth)
+        at_walls = None if at_walls is None else sign * at_walls
+    return Forces(force is not None, normal, shear, at_walls, notes)
 
 
-def _of_either(table: Table, smooth: bool) -> tuple[str, Floats] | None:
-    """The force as a vector on one of the two grains, of two parts or whole, and its columns."""
-    normal, whole = (table.optional(*names) for names in OF_EITHER)
-    if normal is not None:
-        shear = table.optional("ftx", "fty")
-        if shear is not None:
-            return "fnx, fny, ftx, fty", normal + shear
-        if smooth and whole is None:
-            return "fnx, fny", normal
-    return None if whole is None else ("fx, fy", whole)
+def _on_second(table: Table, n: Floats, smooth: bool) -> tuple[Floats | None, str]:
+    """(C, 2) forces on the second body, or those of `OF_EITHER`, and the columns that they are of.
+
+    `n` (C, 2) are the normals; None if a part lacks, which `smooth` contacts have not.
+    """
+    force = table.optional("fx_on_2", "fy_on_2")
+    if force is not None:
+        return force, "fx_on_2, fy_on_2"
+    parts, whole = table.optional("fnx", "fny"), table.optional("fx", "fy")
+    vectors = table.optional("fsx", "fsy")
+    if vectors is not None and parts is None and whole is None:
+        require_columns((table, ("fn",)))
+    if table.has("fn") and (vectors is not None or table.has("ft") or smooth):
+        force = table.column("fn")[:, None] * n
+        if vectors is not None:
+            force = force + vectors
+        elif table.has("ft"):
+            force = force + table.column("ft")[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
+        return force, "fn"
+    if smooth and table.has("force") and not table.has("fn"):
+        return table.column("force")[:, None] * n, "force"
+    if parts is not None and (shear := table.optional("ftx", "fty")) is not None:
+        return parts + shear, "fnx, fny, ftx, fty"
+    if parts is not None and smooth and whole is None:
+        return parts, "fnx, fny"
+    return whole, "fx, fy"
 
 
-def _normals(table: Table, rows: Integers, every: Integers, bodies: Bodies, n: Floats) -> Floats:
-    """(rows, 2) normals: from the centres between grains, from the file at walls."""
-    if len(rows) == len(table):
-        normals = np.empty_like(n)
-    else:
-        given = table.optional("nx", "ny")
-        if given is None:
-            given = table.optional("branch_x", "branch_y")
-        if given is None and (points := table.optional("cx", "cy")) is not None:
-            wall_first = every[:, :1] < 0
-            given = np.where(wall_first, 1.0, -1.0) * (bodies.x[every.max(axis=1)] - points)
-        given = np.zeros((len(table), 2)) if given is None else given
-        length = np.hypot(*given.T)
-        normals = given / np.where(length > 0, length, 1.0)[:, None]
-    normals[rows] = n
-    return normals
+def _wall_normals(walls: Table, ends: Integers, bodies: Bodies) -> Floats:
+    """(W, 2) normals of contacts with walls as the file has them, zero if it has none."""
+    given = walls.optional("nx", "ny")
+    if given is None:
+        given = walls.optional("branch_x", "branch_y")
+    if given is None and (points := walls.optional("cx", "cy")) is not None:
+        wall_first = ends[:, :1] < 0
+        given = np.where(wall_first, 1.0, -1.0) * (bodies.x[ends.max(axis=1)] - points)
+    given = np.zeros((len(walls), 2)) if given is None else given
+    length = np.hypot(*given.T)
+    return np.asarray(given / np.where(length > 0, length, 1.0)[:, None])
 
 
 def contacts_among(
-    bodies: Bodies, branches: ContactBranches, forces: Forces, *, measured: bool
+    contacts: Contacts, forces: Forces, *, measured: bool
 ) -> tuple[Flags | None, str]:
     """Which rows are contacts, None if all are, and a note: no pair across a gap without a force.
 
     Where no force is known, no pair across a gap, but for measured centres, and contacts across the
     border of a cell that others than these show to be wrong.
     """
-    apart = branches.reach > 1.0
+    apart = contacts.reach > 1.0
     if not apart.any():
         return None, ""
-    if forces.known:
+    if not forces.zero:
         apart &= (forces.normal == 0) & (forces.shear == 0)
         return ~apart if apart.any() else None, (
             f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts"
         )
-    gap = branches.reach - 1.0
-    apart = gap > ROUNDINGS * rounding(bodies.x) / branches.length
+    gap = contacts.reach - 1.0
+    apart = gap > ROUNDINGS * rounding(contacts.bodies.x) / contacts.length
     if measured or not apart.any() or apart.all():
         return None, ""
-    if branches.images is not None:
-        across = branches.images.any(axis=1)
+    if contacts.images is not None:
+        across = contacts.images.any(axis=1)
         if across.any() and apart[across].mean() > MORE_ACROSS * apart[~across].mean():
             return None, ""
     if apart.mean() > MEASURED and median(gap[apart]) < AS_LARGE * median(-gap[~apart]):
@@ -166,16 +163,10 @@ def contacts_among(
     )
 
 
-def once(
-    table: Table,
-    rows: Integers,
-    pairs: Integers,
-    images: Integers | None,
-    forces: Forces,
-    ids: Integers,
-) -> tuple[Integers, str, Finding] | None:
-    """Rows of contacts that stand in an earlier row, a note and a finding; None if none do."""
-    again, first = repeated_contacts(pairs, images, len(ids))
+def once(contacts: Contacts, forces: Forces) -> tuple[Integers, str, Finding] | None:
+    """Contacts that stand in an earlier row, a note and a finding; None if none do."""
+    pairs, ids = contacts.pairs, contacts.bodies.ids
+    again, first = repeated_contacts(pairs, contacts.images, len(ids))
     if not len(again):
         return None
     same = pairs[again, 0] == pairs[first, 0]
@@ -183,42 +174,38 @@ def once(
         forces.normal[again] - forces.normal[first], forces.shear[again] - forces.shear[first]
     )
     mean = float(np.hypot(forces.normal, forces.shear).mean()) or 1.0
-    contacts = len(pairs) - len(again)
+    count = len(pairs) - len(again)
     words = f"{len(again)} contacts are in two rows and were taken once"
-    if len(again) == contacts:
-        words = f"each contact in two rows: {len(pairs)} rows, {contacts} contacts"
+    if len(again) == count:
+        words = f"each contact in two rows: {len(pairs)} rows, {count} contacts"
     twins = int(np.count_nonzero(same))
     worst = int(np.argmax(off))
     one, two = ids[pairs[again[worst]]].tolist()
-    places = [table.number(rows[k[worst]]) for k in (again, first)]
+    places = [contacts.table.number(k[worst]) for k in (again, first)]
     such = f"row {places[0]} and row {places[1]} (grains {one} and {two})"
-    return again, words, repeated(twins, len(again) - twins, contacts, off / mean, such)
+    return again, words, repeated(twins, len(again) - twins, count, off / mean, such)
 
 
-def resultants(pairs: Integers, n: Floats, forces: Forces, count: int) -> Floats:
+def resultants(contacts: Contacts, forces: Forces) -> Floats:
     """(G, 2) sums of the forces of contacts between grains on each of them."""
-    t = np.stack([-n[:, 1], n[:, 0]])
-    on_2 = forces.normal * n.T + forces.shear * t
-    one, two = pairs.T
+    n, count = contacts.n, len(contacts.bodies.x)
+    on_2 = forces.normal * n.T + forces.shear * np.stack([-n[:, 1], n[:, 0]])
+    one, two = contacts.pairs.T
     return np.stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in on_2], axis=1)
 
 
-def redundant(
-    table: Table, rows: Integers, n: Floats, used: tuple[Floats, Floats]
-) -> list[Finding]:
+def redundant(contacts: Contacts, forces: Forces) -> list[Finding]:
     """Columns of forces that the file holds besides those that are used, against these."""
-    normal, shear = used
-    scale = float(np.abs(normal).mean())
-    found = []
+    table, n, shear = contacts.table, contacts.n, forces.shear
+    columns: list[tuple[str, Floats, Floats]] = []
     if table.has("fn"):
-        found.append(same_force("fn", some(table.column("fn"), rows), normal, scale, rows))
+        columns.append(("fn", table.column("fn"), forces.normal))
     if table.has("fsx", "fsy"):
-        fs = some(table.columns("fsx", "fsy"), rows)
-        along = n[:, 0] * fs[:, 1] - n[:, 1] * fs[:, 0]
-        found.append(same_force("fsx, fsy", along, shear, scale, rows))
+        fs = table.columns("fsx", "fsy")
+        columns.append(("fsx, fsy", n[:, 0] * fs[:, 1] - n[:, 1] * fs[:, 0], shear))
     if table.has("ft"):
-        ft = some(table.column("ft"), rows)
+        ft = table.column("ft")
         # Magnitudes beside a vector have no sign.
-        wanted = shear if (ft < 0).any() else np.abs(shear)
-        found.append(same_force("ft", ft, wanted, scale, rows))
-    return found
+        columns.append(("ft", ft, shear if (ft < 0).any() else np.abs(shear)))
+    scale, rows = float(np.abs(forces.normal).mean()), table.number(np.arange(len(table)))
+    return [same_force(name, given, used, scale, rows) for name, given, used in columns]

@@ -411,13 +411,17 @@ def high_cell(cell: Floats, free: int, x: Floats, margin: float) -> Floats:
     return np.asarray(cell * np.where(np.arange(2) == free, max(1.0, height), 1.0))
 
 
-class ContactBranches(NamedTuple):
-    """Branches of the contacts between grains: `images` (C, 2) or None, `d`, `length`, `n`.
+class Contacts(NamedTuple):
+    """Contacts between grains: rows of a table, their `pairs` of grains, branches `d` and normals.
 
-    `given` (C, 2) are the normals of the file, else its branches, None if it has neither; `off` how
-    far each of the file's is off, `reach` (C,) the lengths over the sums of the radii.
+    `images` (C, 2) are None without a cell; `given` (C, 2) the normals of the file, else its
+    branches, None if it has neither; `off` how far each of the file's is off, `reach` (C,) the
+    lengths over the sums of the radii.
     """
 
+    table: Table
+    bodies: Bodies
+    pairs: Integers
     images: Integers | None
     d: Floats
     length: Floats
@@ -427,27 +431,32 @@ class ContactBranches(NamedTuple):
     off: Mapping[str, Floats]
     reach: Floats
 
+    @property
+    def overlap(self) -> Floats:
+        """(C,) sums of the radii less the distances of the centres."""
+        one, two = self.pairs.T
+        return self.bodies.radii[one] + self.bodies.radii[two] - self.length
 
-def read_branches(
+
+def read_contacts(
     table: Table,
-    rows: Integers,
     pairs: Integers,
     bodies: Bodies,
     cell: Floats | None,
     periodic: tuple[bool, bool] = (True, True),
-) -> ContactBranches:
-    """Branches of the contacts in some rows of the table, compared with those of the file.
+) -> Contacts:
+    """Branches of the contacts of a table, compared with those of the file.
 
     Images come from the file, else from its branches, else they are the nearest.
     """
     normals, branches = table.optional("nx", "ny"), table.optional("branch_x", "branch_y")
     of_file = {
-        name: some(values, rows)
+        name: values
         for name, values in (("branch", branches), ("normal", normals))
         if values is not None
     }
-    images = _images_of_file(table, rows, cell)
-    count, x, radii = len(rows), bodies.x, bodies.radii
+    images = _images_of_file(table, cell)
+    count, x, radii = len(pairs), bodies.x, bodies.radii
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
     off = {name: np.zeros(count) for name in of_file}
@@ -474,28 +483,27 @@ def read_branches(
     in_threads(fill, range(0, count, BRANCH_BLOCK))
     # Normals come first: branches of many files are computed from the centres.
     of_both = of_file.get("normal", of_file.get("branch"))
-    return ContactBranches(made, d, length, n, of_both, of_file, off, reach)
+    return Contacts(table, bodies, pairs, made, d, length, n, of_both, of_file, off, reach)
 
 
-def require_fitting(
-    table: Table, rows: Integers, pairs: Integers, bodies: Bodies, branches: ContactBranches
-) -> None:
+def require_fitting(contacts: Contacts) -> None:
     """Raise `InputError` where branches of the file are not those of the centres, or too long."""
 
     def refuse(c: int, received: str, expected: str, remedy: str) -> NoReturn:
-        one, two = bodies.ids[pairs[c]].tolist()
-        where = f"{table.path}, row {table.number(rows[c])} (grains {one} and {two})"
+        one, two = contacts.bodies.ids[contacts.pairs[c]].tolist()
+        table = contacts.table
+        where = f"{table.path}, row {table.number(c)} (grains {one} and {two})"
         raise InputError(where, received, expected, remedy)
 
     of_cell = "Give --cell if the sample is periodic; else take both tables of one snapshot."
-    if branches.images is not None:
+    if contacts.images is not None:
         of_cell = "Give the cell of this snapshot."
-    for name, values in branches.of_file.items():
-        off = branches.off[name]
+    for name, values in contacts.of_file.items():
+        off = contacts.off[name]
         if off.max() <= GEOMETRY_TOLERANCE:
             continue
         c = int(np.argmax(off))
-        expected = branches.d if name == "branch" else branches.n
+        expected = contacts.d if name == "branch" else contacts.n
         turned = np.abs(values + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
         remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
         refuse(
@@ -505,7 +513,7 @@ def require_fitting(
             remedy if turned else of_cell,
         )
     # If no grains overlap, the radii may be wrong: the checks explain it.
-    reach = branches.reach
+    reach = contacts.reach
     if reach.max() > TOUCHING_REACH and median(reach) < TOUCHING_REACH:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
@@ -519,13 +527,13 @@ def some(values: Any, rows: Integers) -> Any:
     return values[rows]
 
 
-def _images_of_file(table: Table, rows: Integers, cell: Floats | None) -> Integers | None:
+def _images_of_file(table: Table, cell: Floats | None) -> Integers | None:
     if not table.has("cell_dx", "cell_dy"):
         return None
-    images: Integers = np.column_stack([some(table.integers(f"cell_d{a}"), rows) for a in "xy"])
+    images: Integers = np.column_stack([table.integers(f"cell_d{axis}") for axis in "xy"])
     if cell is None and images.any():
         c = int(np.argmax(images.any(axis=1)))
-        where = f"{table.path}, row {table.number(rows[c])}"
+        where = f"{table.path}, row {table.number(c)}"
         received = f"periodic image {images[c].tolist()} and no cell"
         raise InputError(where, received, "the periodic cell", GIVE_CELL)
     return None if cell is None else images

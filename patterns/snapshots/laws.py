@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import CohesiveFrictional, HertzMindlin, InputError, LinearFrictional, Regime
-from loops.arrays import Floats, Integers, median
+from loops.arrays import Floats, median
 from loops.laws.frictional import ShearIncrement
 from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND
-from patterns.snapshots.checked import goes_with_root, touching_lengths
+from patterns.snapshots.checked import goes_with_root
 from patterns.snapshots.checks import SLIDING_SHARE
 from patterns.snapshots.findings import rounding
-from patterns.snapshots.geometry import Bodies, some
+from patterns.snapshots.geometry import Contacts
 from patterns.snapshots.source import COHESIVE, LawName, Source
 from patterns.snapshots.tables import Table
 
@@ -26,27 +26,20 @@ TOLD = (
 )
 
 
-def told_law(
-    table: Table,
-    rows: Integers,
-    bodies: Bodies,
-    pairs: Integers,
-    length: Floats,
-    normal: Floats,
-) -> tuple[LawName | None, list[str]]:
+def told_law(contacts: Contacts, normal: Floats) -> tuple[LawName | None, list[str]]:
     """Return the law that stiffnesses and forces tell, and a note; None where they tell none."""
-    overlap = touching_lengths(bodies.radii, pairs) - length
+    table, overlap = contacts.table, contacts.overlap
     # Springs that are all alike are not Hertz's; overlaps that are rounded say nothing.
-    if table.has("kn", "ks") and np.ptp(table.column("kn")):
-        kn, coarse = some(table.column("kn"), rows), SURE_ROUNDINGS * rounding(bodies.x)
+    if table.has("kn", "ks") and np.ptp(kn := table.column("kn")):
+        coarse = SURE_ROUNDINGS * rounding(contacts.bodies.x)
         told = np.flatnonzero((kn > 0) & (normal > 0) & (overlap > coarse))
         kn, own = kn[told], overlap[told]
         with np.errstate(divide="ignore", over="ignore"):
             near = abs(median(normal[told] / (kn * own)) / HERTZ - 1) <= HERTZ_BAND
-        if near and goes_with_root(kn, bodies.radii[pairs[told]], own):
+        if near and goes_with_root(kn, contacts.bodies.radii[contacts.pairs[told]], own):
             return "hertz", [TOLD]
     if table.has("kn", "adhesion"):
-        kn, pull = (some(table.column(name), rows) for name in ("kn", "adhesion"))
+        kn, pull = table.column("kn"), table.column("adhesion")
         if pull.any():
             # Most forces are those of the springs less the adhesion, or those of the springs.
             pulls, spring = pull > 0, kn * overlap
@@ -76,43 +69,41 @@ def frictionless(table: Table, mu: float | None) -> bool:
 
 
 def law_of(
-    table: Table,
-    rows: Integers,
-    grains: tuple[Floats, Integers],
-    forces: tuple[Floats, Floats],
+    contacts: Contacts,
+    normal: Floats,
+    shear: Floats,
     source: Source,
     of_source: ShearIncrement | None,
     notes: list[str],
 ) -> tuple[LinearFrictional | CohesiveFrictional | HertzMindlin, NDArray[np.int8]]:
     """Law and regime of every contact; assumptions are added to the notes.
 
-    A contact is sliding where the table flags it, else from the forces. `grains` are all radii and
-    (C, 2) the grains of the contacts.
+    A contact is sliding where the table flags it, else from the forces.
     """
-    normal, shear = forces
+    table = contacts.table
     mu: Floats | None = None
     if table.has("mu") or source.mu is not None:
-        mu = _parameter(table, rows, "mu", source.mu, "--mu", notes)
-    adhesion = cohesion = np.zeros(len(rows))
+        mu = _parameter(table, "mu", source.mu, "--mu", notes)
+    adhesion = cohesion = np.zeros(len(normal))
     cohesive = source.law in COHESIVE
     if cohesive:
-        adhesion = _parameter(table, rows, "adhesion", source.adhesion, "--adhesion", notes)
+        adhesion = _parameter(table, "adhesion", source.adhesion, "--adhesion", notes)
         cohesion = np.where(np.isfinite(mu), mu, 0.0) * adhesion if mu is not None else cohesion
         if table.has("cohesion") or source.cohesion is not None:
             given = source.cohesion
-            cohesion = _parameter(table, rows, "cohesion", given, "--cohesion", notes)
+            cohesion = _parameter(table, "cohesion", given, "--cohesion", notes)
         else:
             notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
     slides_at = "cohesion + mu N" if cohesive else "mu N"
     strength = cohesion + (normal if mu is None else mu * normal)
     carries = strength > 0
     if table.has("sliding"):
-        sliding = (some(table.column("sliding"), rows) != 0) & carries
+        sliding = (table.column("sliding") != 0) & carries
     elif mu is not None:
         sliding = (np.abs(shear) >= SLIDING_SHARE * strength) & carries
         notes.append(f"no column 'sliding': sliding where |T| >= {SLIDING_SHARE} {slides_at}")
     else:
-        sliding = np.zeros(len(rows), dtype=bool)
+        sliding = np.zeros(len(normal), dtype=bool)
         notes.append("neither 'sliding' nor 'mu': every contact is taken as elastic")
     if mu is None:
         # Only the sliding blocks need the friction: |T|/N where the file flags sliding.
@@ -135,16 +126,15 @@ def law_of(
         notes.append(f"shear increment {chosen!r} as given{other}")
     regime = np.where(sliding, Regime.SLIDING, Regime.ELASTIC).astype(np.int8)
     if source.law == "hertz":
-        radii, pairs = grains
-        young, poisson, ratio = _moduli(table, rows, radii[pairs], normal, source, notes)
+        young, poisson, ratio = _moduli(contacts, normal, source, notes)
         history = source.shear_history or "force"
         rule = "T stays" if history == "force" else "T goes with kt"
         notes.append(f"Hertz's law, shear history {history!r}: {rule} while the overlap changes")
         law = HertzMindlin(young, poisson, mu, increment, history, ratio)
         ratio = np.where(free, 0.0, law.stiffness_ratio) if free.any() else ratio
         return replace(law, ratio=ratio), regime
-    kn = _parameter(table, rows, "kn", source.kn, "--kn", notes)
-    kt = 0.0 if free.all() else _parameter(table, rows, "ks", source.kt, "--kt", notes)
+    kn = _parameter(table, "kn", source.kn, "--kn", notes)
+    kt = 0.0 if free.all() else _parameter(table, "ks", source.kt, "--kt", notes)
     if free.any():
         kt = np.where(free, 0.0, kt)
         notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
@@ -156,28 +146,25 @@ def law_of(
 
 
 def _moduli(
-    table: Table,
-    rows: Integers,
-    radii: Floats,
-    normal: Floats,
-    source: Source,
-    notes: list[str],
+    contacts: Contacts, normal: Floats, source: Source, notes: list[str]
 ) -> tuple[Floats | float, Floats | float, Floats | None]:
     """Young's modulus, Poisson's ratio, and kt/kn where the file gives tangents.
 
     A tangent `kn = (6 E*^2 R* N)^(1/3)` tells `E*` without the overlap, which a file may round.
     """
+    table = contacts.table
     if source.young is not None and source.poisson is not None:
         if table.has("kn") or table.has("ks"):
             notes.append("columns 'kn' and 'ks' not used: --young and --poisson are given")
         return source.young, source.poisson, None
-    kn, ks = some(table.column("kn"), rows), some(table.column("ks"), rows)
+    kn, ks = table.column("kn"), table.column("ks")
     told = (kn > 0) & (normal > 0)
     if not told.any():
         remedy = "Give --young and --poisson."
         raise InputError(f"column 'kn' of {table.path}", "no tangent", "one at a force", remedy)
+    radii = contacts.bodies.radii[contacts.pairs]
     reduced = radii.prod(axis=1) / radii.sum(axis=1)
-    modulus, ratio = np.empty(len(rows)), np.empty(len(rows))
+    modulus, ratio = np.empty(len(normal)), np.empty(len(normal))
     # At Poisson's ratio 0 Young's modulus is E/(1 - nu^2) = 2 E*.
     modulus[told] = 2.0 * np.sqrt(kn[told] ** 3 / (6.0 * reduced[told] * normal[told]))
     ratio[told] = ks[told] / kn[told]
@@ -191,13 +178,12 @@ def _moduli(
 
 
 def _parameter(
-    table: Table, rows: Integers, column: str, value: float | None, option: str, notes: list[str]
+    table: Table, column: str, value: float | None, option: str, notes: list[str]
 ) -> Floats:
     if table.has(column):
         if value is not None:
             notes.append(f"{option} {value} not used: the table has the column {column!r}")
-        values = table.column(column)
-        return some(values, rows)
+        return table.column(column)
     assert value is not None  # a law is made where nothing lacks
     notes.append(f"{column} = {value} for every contact, from {option}")
-    return np.full(len(rows), float(value))
+    return np.full(len(table), float(value))

@@ -318,15 +318,20 @@ class Table:
         return Table(self.path, self._columns | {name: values}, names, rows=self._rows)
 
     def take(self, rows: Flags | Integers) -> Table:
-        """Return some of the rows."""
+        """Return some of the rows; itself if these are all rows in order."""
         rows = np.flatnonzero(rows) if rows.dtype == bool else rows
+        if len(rows) == len(self) and bool((rows[1:] > rows[:-1]).all()):
+            return self
         found: dict[str, Column] = {}
         for name, values in self._columns.items():
             if isinstance(values, pyarrow.ChunkedArray):
                 # Pyarrow's own filter would load pandas.
-                plain = pyarrow.types.is_integer(values.type) or values.type == FLOAT
-                whole = plain and not values.null_count and values.num_chunks
-                values = _joined(values) if whole else np.array(values.to_pylist())
+                if not (pyarrow.types.is_integer(values.type) or values.type == FLOAT):
+                    values = np.array(values.to_pylist())
+                elif values.null_count or not values.num_chunks:
+                    values = _as_floats(values)
+                else:
+                    values = _joined(values)
             found[name] = values[rows]
         return Table(self.path, found, self.names, rows=self.number(rows))
 

@@ -10,8 +10,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, median
 from patterns.snapshots.checks import SAME_FORCE
 from patterns.snapshots.findings import Finding, few
-from patterns.snapshots.forces import Forces
-from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Bodies, index_of, refuse_unknown
+from patterns.snapshots.forces import Forces, resultants
+from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Contacts, index_of, refuse_unknown
 from patterns.snapshots.tables import Table
 from patterns.snapshots.walls import WallContacts
 
@@ -33,69 +33,57 @@ class Walls(NamedTuple):
 
 
 def walls_of_rows(
-    table: Table,
-    bodies: Bodies,
-    named: Integers,
-    every: Integers,
-    forces: Forces,
-    resultant: Floats,
+    table: Table, named: Integers, ends: Integers, contacts: Contacts, forces: Forces,
     kn: float | None,
-) -> Walls:
-    """Contacts with walls among the rows of the contacts: one body of each is a grain.
+) -> Walls:  # fmt: skip
+    """Contacts with walls among the rows of the contacts: one of the bodies `ends` is a grain.
 
-    The branch is that of the file, or from the contact point, or else along the normal.
+    `named` (W, 2) are the bodies' rows, which tell walls apart. The branch is that of the file, or
+    from the contact point, or else along the normal.
     """
-    single = np.flatnonzero((every[:, 0] >= 0) != (every[:, 1] >= 0))
-    count = int(np.count_nonzero((every < 0).any(axis=1)))
-    if forces.total is None or not len(single):
-        return Walls(None, count, [], [])
-    force = np.where(every[single, :1] < 0, 1.0, -1.0) * forces.total[single]
+    assert forces.at_walls is not None
+    force = np.where(ends[:, :1] < 0, 1.0, -1.0) * forces.at_walls
     # A contact from both of its bodies counts once, as between grains.
-    again, near = np.zeros(len(single), dtype=bool), SAME_FORCE * float(np.abs(force).mean())
+    again, near = np.zeros(len(force), dtype=bool), SAME_FORCE * float(np.abs(force).mean())
     seen: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for k, pair in enumerate(np.sort(named[single], axis=1).tolist()):
+    for k, pair in enumerate(np.sort(named, axis=1).tolist()):
         again[k] = any(np.abs(force[k] - force[j]).max() <= near for j in seen[tuple(pair)])
         seen[tuple(pair)].append(k)
-    single, force, count = single[~again], force[~again], count - int(np.count_nonzero(again))
-    wall_first = every[single, 0] < 0
-    grain = np.where(wall_first, every[single, 1], every[single, 0])
+    table, ends, force = table.take(~again), ends[~again], force[~again]
+    wall_first = ends[:, 0] < 0
     sign = np.where(wall_first, 1.0, -1.0)[:, None]
-    own = table.take(np.isin(np.arange(len(table)), single))
-    branch = own.optional("branch_x", "branch_y")
-    branch = None if branch is None else sign * branch
-    along = own.optional("fnx", "fny")
-    along = force if along is None and not forces.shear.any() else along
-    return _walls(own, bodies, grain, force, branch, sign, resultant, kn, along)
+    grain = np.where(wall_first, ends[:, 1], ends[:, 0])
+    return _walls(table, grain, force, sign, contacts, forces, kn)
 
 
 def walls_of_table(
-    table: Table, bodies: Bodies, forces: Forces, resultant: Floats, kn: float | None, shift: int
+    table: Table, contacts: Contacts, forces: Forces, kn: float | None, shift: int
 ) -> Walls:
     """Contacts with walls from a table of their own, `id` the grain of each, less the `shift`."""
-    named = table.integers("id") + shift
-    grain = index_of(bodies.ids, named)
+    named, ids = table.integers("id") + shift, contacts.bodies.ids
+    grain = index_of(ids, named)
     refuse_unknown(table, ("id",), named[:, None], grain[:, None], "Correct or drop it.")
-    force, branch = table.columns("fx", "fy"), table.optional("branch_x", "branch_y")
-    along = None if forces.total is None or forces.shear.any() else force
-    return _walls(table, bodies, grain, force, branch, 1.0, resultant, kn, along)
+    return _walls(table, grain, table.columns("fx", "fy"), 1.0, contacts, forces, kn)
 
 
 def _walls(
     table: Table,
-    bodies: Bodies,
     grain: Integers,
     force: Floats,
-    branch: Floats | None,
     sign: Floats | float,
-    resultant: Floats,
+    contacts: Contacts,
+    forces: Forces,
     kn: float | None,
-    along: Floats | None,
 ) -> Walls:
     """Contacts of these grains with walls; signs and branches are those that fit the grains.
 
-    `sign` (W, 1) turns vectors of the table to those that act on the grains; `along` (W, 2) are
-    vectors along the normals, whatever their sign.
+    `sign` (W, 1) turns vectors of the table to those that act on the grains.
     """
+    bodies = contacts.bodies
+    branch, along = table.optional("branch_x", "branch_y"), table.optional("fnx", "fny")
+    branch = None if branch is None else sign * branch
+    if along is None and forces.known and not forces.shear.any():
+        along = force
     notes: list[str] = []
     springs = {k: table.column(k) for k in ("kn", "ks", "mu", "sliding") if table.has(k)}
     flags = springs["sliding"] != 0 if "sliding" in springs else None
@@ -104,7 +92,7 @@ def _walls(
         # Nothing sticks without friction; where the file has none, where it flags sliding.
         kt = np.where(~(mu > 0) if mu is not None else flags, 0.0, kt)  # type: ignore[arg-type]
     x, radii = bodies.x[grain], bodies.radii[grain]
-    if _acts_on_walls(bodies.x, grain, force, resultant):
+    if _acts_on_walls(bodies.x, grain, force, resultants(contacts, forces)):
         force = -force
         notes.append("forces of contacts with walls act on the walls: turned, as balance needs")
     point, normal = table.optional("cx", "cy"), table.optional("nx", "ny")
@@ -142,10 +130,9 @@ def _walls(
     if words and any(fits):
         notes.append(f"branches of contacts with walls {words}")
     good = _fits(one, force, radii)
-    contacts = WallContacts(grain, force, one, stiff, kt, mu, flags)
-    return Walls(
-        contacts, len(grain), notes, [_branches(one, force, radii, good, bodies.ids[grain])]
-    )
+    walls = WallContacts(grain, force, one, stiff, kt, mu, flags)
+    finding = _branches(one, force, radii, good, bodies.ids[grain])
+    return Walls(walls, len(grain), notes, [finding])
 
 
 def _acts_on_walls(x: Floats, grain: Integers, force: Floats, resultant: Floats) -> bool:
