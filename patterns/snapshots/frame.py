@@ -138,12 +138,8 @@ class Listing:
         table = None
         if self.span[0] < self.span[1]:
             columns = self.names if wanted is None else wanted
-            lines = (self.where, self.text, self.span, self.names)
-            table = Table(
-                self.where,
-                read_body(*lines, columns),
-                exact=lambda name: read_body(*lines, [name], pyarrow.int64()).column(name),
-            )
+            body = read_body(self.where, self.text, self.span, self.names, columns)
+            table = Table(self.where, body)
         rows = 0 if table is None else len(table)
         if table is None or self.count not in (None, rows):
             expected = f"{self.count} as the header says" if self.count else "at least one row"

@@ -50,7 +50,6 @@ def read_body(
     span: tuple[int, int],
     names: Sequence[str],
     wanted: Sequence[str],
-    kind: pyarrow.DataType = FLOAT,
 ) -> pyarrow.Table:
     """Columns `wanted` of lines of numbers parted by blanks, bytes `span` of the text.
 
@@ -64,15 +63,14 @@ def read_body(
         raise InputError(
             where, f"a line of {count} numbers", f"{len(names)} as named", "Dump or copy it again."
         )
-    wanted = list(dict.fromkeys(wanted))
     # A blank before the line end is a column without a name.
     body, all_names = memoryview(text)[start:stop], [*names, *[""] * first.endswith(b" ")]
     try:
         try:
-            return _parse(body, all_names, wanted, kind)
+            return parsed(body, all_names, wanted)
         except (pyarrow.ArrowInvalid, UnicodeDecodeError):
             # Columns may be padded with blanks, which costs another pass.
-            return _parse(single_blanks(text[start:stop]), list(names), wanted, kind)
+            return parsed(single_blanks(text[start:stop]), names, wanted)
     except MemoryError:
         raise
     except (pyarrow.ArrowException, UnicodeDecodeError) as error:
@@ -80,23 +78,28 @@ def read_body(
         raise InputError(where, received, "numbers in columns", "Dump it again.") from None
 
 
+def parsed(
+    body: bytes | memoryview,
+    names: Sequence[str],
+    wanted: Sequence[str],
+    delimiter: str = " ",
+    decimal: str = ".",
+) -> pyarrow.Table:
+    """Columns `wanted` of rows of text, all of them if none is named."""
+    return pyarrow.csv.read_csv(
+        pyarrow.BufferReader(pyarrow.py_buffer(body)),
+        read_options=pyarrow.csv.ReadOptions(column_names=list(names)),
+        parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter),
+        convert_options=pyarrow.csv.ConvertOptions(
+            include_columns=list(dict.fromkeys(wanted)) or None, decimal_point=decimal
+        ),
+    )
+
+
 def single_blanks(body: bytes) -> bytes:
     """The lines with one blank between columns, and none around them."""
     body = re.sub(rb"[ \t\r]+", b" ", body)
     return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip()
-
-
-def _parse(
-    body: bytes | memoryview, names: list[str], wanted: list[str], kind: pyarrow.DataType
-) -> pyarrow.Table:
-    return pyarrow.csv.read_csv(
-        pyarrow.BufferReader(pyarrow.py_buffer(body)),
-        read_options=pyarrow.csv.ReadOptions(column_names=names),
-        parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
-        convert_options=pyarrow.csv.ConvertOptions(
-            include_columns=wanted, column_types=dict.fromkeys(wanted, kind)
-        ),
-    )
 
 
 COMMENT_MARKS = ("#", "%", "//", "sep=")  # the last one is used by Excel
@@ -266,8 +269,7 @@ LARGEST_WHOLE = 2.0**53
 class Table:
     """Columns taken by name as arrays of float64; `names` may be more than were read.
 
-    `exact` reads a column anew as int64, where text was read as floats; `rows` are those of the
-    file, by which messages name them, if not all of them are here.
+    `rows` are those of the file, by which messages name them, if not all of them are here.
     """
 
     def __init__(
@@ -275,10 +277,9 @@ class Table:
         path: str | Path,
         columns: pyarrow.Table | Mapping[str, Any],
         names: Sequence[str] | None = None,
-        exact: Callable[[str], pyarrow.ChunkedArray] | None = None,
         rows: Integers | None = None,
     ) -> None:
-        self.path, self._exact, self._rows = str(path), exact, rows
+        self.path, self._rows = str(path), rows
         if isinstance(columns, pyarrow.Table):
             require_once(self.path, columns.column_names)
             columns = {name: columns.column(name) for name in columns.column_names}
@@ -408,9 +409,6 @@ class Table:
         fractions, large = np.rint(values) != values, np.abs(values) > LARGEST_WHOLE
         if not (fractions.any() or large.any()):
             return values.astype(np.int64)
-        if self._exact is not None and not fractions.any():
-            with suppress(InputError):
-                return _joined(self._exact(name))
         row = int(np.argmax(fractions if fractions.any() else large))
         where = f"column {name!r} of {self.path}, row {self.number(row)}"
         if fractions.any():
@@ -637,13 +635,6 @@ def _read_text(path: Path, wanted: Wanted | None) -> Table:
         if not bytes(body[:1000]).strip():
             return Table(path, {})
         read = [name for name in layout.names if wanted is None or wanted(name)]
-        table = pyarrow.csv.read_csv(
-            pyarrow.BufferReader(pyarrow.py_buffer(body)),
-            read_options=pyarrow.csv.ReadOptions(column_names=layout.names),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=layout.delimiter),
-            convert_options=pyarrow.csv.ConvertOptions(
-                include_columns=read or None, decimal_point=layout.decimal
-            ),
-        )
+        table = parsed(body, layout.names, read, layout.delimiter, layout.decimal)
         return Table(path, table, layout.names)
     raise AssertionError

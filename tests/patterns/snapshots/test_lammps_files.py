@@ -56,7 +56,7 @@ BAD = {
     "a word": (
         "contacts",
         lambda r: r.__setitem__(20, r[20].replace(r[20].split()[4], "oops")),
-        "step 0.*no table",
+        "step 0.*oops",
     ),
     "not a number": (
         "atoms",
