@@ -120,7 +120,11 @@ BAD = {
     "no comments": ("fstat", lambda r: r.__delitem__(slice(3)), r"expected a comment '# time"),
     "ghosts": ("fstat", lambda r: put(r, 4, 2, "100"), "grains 0 to 99.*ghosts"),
     "a wall first": ("fstat", lambda r: put(r, 4, 1, "-1"), "walls negative in the second"),
-    "a word for a force": ("fstat", lambda r: put(r, 4, 8, "x"), "column 'fn' of .*fstat, time 0: got .*'x'"),
+    "a word for a force": (
+        "fstat",
+        lambda r: put(r, 4, 8, "x"),
+        "column 'fn' of .*fstat, time 0: got .*'x'",
+    ),
     "not a number": ("fstat", lambda r: put(r, 4, 8, "nan"), "column 'fn' of .*finite"),
     "other normals": ("fstat", lambda r: put(r, 4, 10, "0.5"), "row 1 .*got branch .*cell"),
 }
