@@ -9,6 +9,7 @@ file alone, so a kernel calls only kernels of the same file.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -66,6 +67,25 @@ def on_parts(work: Callable[[slice], Any], count: int) -> None:
     in_threads(work, [slice(k, k + size) for k in range(0, count, size)])
 
 
+compiling: list[Any] = []
+"""Kernels that are compiled at present, since they are in no cache."""
+
+
+@cache
+def _watch() -> None:
+    """Keep `compiling` up to date."""
+    from numba.core import event
+
+    class Watch(event.Listener):
+        def on_start(self, event: Any) -> None:
+            compiling.append(event.data)
+
+        def on_end(self, event: Any) -> None:
+            compiling.pop()
+
+    event.register("numba:compile", Watch())
+
+
 def kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """Compile a function at its first call, without the interpreter's lock.
 
@@ -75,6 +95,7 @@ def kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     """
     import numba
 
+    _watch()
     options |= {"nogil": True, "error_model": "numpy"}
     try:
         return numba.njit(cache=True, **options)(function)

@@ -48,8 +48,9 @@ UNANSWERED: tuple[RateStatus, ...] = ("none", "none found")
 # Longest step in the space of `H`, and steps that a stage takes at least, if it is as long as its
 # start promises; events are looked for four times a step.
 LONGEST_STEP, MIN_STEPS = 0.05, 8
-# Rate problems in a row without progress after which the stage ends without a solution.
-CHATTER = 12
+# Rate problems in a row without progress after which the stage ends without a solution; without
+# a force in any contact events are rounding, and after the second one the loop has come apart.
+CHATTER, UNLOADED = 12, 1
 # Longest steps to try, over the first one, where a singular state is in the way.
 RETRIES = (1.0, 0.86, 0.74, 0.62)
 # A target this close, in strain or in stress over kn, is reached.
@@ -199,9 +200,9 @@ class LoopPathSolver:
             self._take_on_contacts(end)
             moved = float(np.abs(end.here.H - here.H).max()) > UNMOVED
             idle = 0 if moved else idle + 1
+            if idle > UNLOADED and self._carries_nothing():
+                return self._came_apart()
             if idle > CHATTER:
-                if self._carries_nothing():
-                    return self._came_apart()
                 return "no_solution", self._limit(stage, expected, "never_consistent")
 
     # ---- from an event on

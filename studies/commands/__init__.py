@@ -1,15 +1,9 @@
-"""The commands of `grainloops`: their shared options, the clock, the printed answer."""
+"""The commands of `grainloops`: their shared options, the printed answer."""
 
 from __future__ import annotations
 
-import os
-import sys
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -17,6 +11,7 @@ from cyclopts import Parameter
 
 from loops.errors import InputError, check_choice
 from loops.lazy import named
+from studies.clock import clock
 from studies.questions import EVERYDAY, FURTHER, Cells, Whole
 
 # Listed here, since the readers themselves are loaded only by the commands that read.
@@ -26,20 +21,8 @@ NAME_ENDINGS = {
     *(".gz", ".bz2", ".xz", ".zst", ".csv", ".tsv", ".dat", ".txt", ".parquet", ".npz", ".h5"),
     *(".hdf5", ".xml"),
 }
-# Seconds before the clock is first shown.
-CLOCK_PATIENCE = 2.0
-# Seconds between two changes of it.
-TICK = 0.5
-COMPILING = "compiling kernels, once: about half a minute"
-CLEAR = "\r\x1b[K"
 # Module of a command's study, where it is not that of the name.
 PLACES = {"series": "studies.series.run"}
-# Folders of the kernels that commands compile for any input, in the package.
-KERNELS = {
-    **dict.fromkeys(("diamond", "polygon", "loop", "domain"), "stability/paths"),
-    **dict.fromkeys(("probe", "sustain", "evolve", "forecast"), "loops/compiled"),
-    "material": "stability/material",
-}
 # How a note on a check of the file that is not as wanted begins.
 DOUBT = ("doubt: ", "error: ")
 
@@ -271,8 +254,8 @@ def answered(
     out = out_or(writing.out, command, first)
     for group in groups:
         options |= asdict(group)
-    with clock(f"grainloops {command}") if clocked else nullcontext() as tell:
-        if tell is not None and progress is not None:
+    with clock(f"grainloops {command}", line=clocked) as tell:
+        if progress is not None:
             options["progress"] = lambda done: tell(progress(done))
         run = named(f"{PLACES.get(command, f'studies.{command}')}.run_{command}")
         try:
@@ -281,55 +264,6 @@ def answered(
             raise KeyboardInterrupt(kept) from None
     said = answer(writing.json, out, lines(summary), summary["notes"], most)
     return replace(said, status=int(unanswered is not None and unanswered(summary)))
-
-
-def uncompiled(command: str) -> bool:
-    """Whether a command has kernels, and none of them is in numba's cache (found without numba)."""
-    if command not in KERNELS:
-        return False
-    room = Path(__file__).parents[2] / KERNELS[command]
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    own = () if given else room.glob("__pycache__/*.nbi")
-    # Where the package cannot be written, or a folder is given: a folder named after the room.
-    return not any(chain(own, Path(given or home).glob(f"{room.name}_*/*.nbi")))
-
-
-@contextmanager
-def clock(name: str) -> Iterator[Callable[[str], None]]:
-    """Show on the last line of a terminal for how many seconds `name` has worked.
-
-    Nothing is shown in the first two seconds, without a terminal or with --quiet. The block gets a
-    function that adds a text to the line. Where kernels are compiled first, a line of its own tells
-    so, without a terminal too.
-    """
-    done, text = threading.Event(), [""]
-    quiet = os.environ.get("TTY_COMPATIBLE") == "0"
-    shown = sys.stderr.isatty() and not quiet
-    compiles = not quiet and uncompiled(name.split()[-1])
-
-    def show() -> None:
-        start, wait = time.monotonic(), CLOCK_PATIENCE
-        while not done.wait(wait):
-            if compiles and wait != TICK:
-                print(f"{name}: {COMPILING}", file=sys.stderr, flush=True)
-            if not shown:
-                return
-            wait = TICK
-            line = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text[0]}"
-            print(line, end="", file=sys.stderr, flush=True)
-        if wait == TICK:
-            print(CLEAR, end="", file=sys.stderr, flush=True)
-
-    thread = threading.Thread(target=show, daemon=True)
-    if shown or compiles:
-        thread.start()
-    try:
-        yield lambda more: text.__setitem__(0, f", {more}")
-    finally:
-        done.set()
-        if shown or compiles:
-            thread.join()
 
 
 def out_or(out: Path | None, command: str, path: Path | None = None) -> Path:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
+from studies.clock import clock
 from studies.commands import (
     Answer,
     Force,
@@ -21,7 +22,6 @@ from studies.commands import (
     Out,
     Writing,
     answer,
-    clock,
     flags,
     numbers,
     out_or,

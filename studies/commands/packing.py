@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
+from studies.clock import clock
 from studies.commands import (
     Answer,
     OneReading,
@@ -19,7 +20,6 @@ from studies.commands import (
     Writing,
     answer,
     answered,
-    clock,
     flags,
     numbers,
     out_or,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
+from studies.clock import clock
 from studies.commands import (
     Answer,
     Contacts,
@@ -24,7 +25,6 @@ from studies.commands import (
     Sharing,
     Writing,
     answered,
-    clock,
 )
 from studies.commands.printed import printed, shown
 from studies.questions import FURTHER, AsGiven, Cells, Replaying, Snapshotting, Tracking

@@ -27,6 +27,7 @@ import scipy.linalg  # noqa: F401
 from loops import InputError
 from loops.arrays import Floats, available_cores
 from studies import environment
+from studies.clock import clock
 from studies.output import code_version, errors_of, write_whole
 
 Asked = TypeVar("Asked")
@@ -196,12 +197,17 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """Start a process: no warnings, as in the command, and an end when its parent is killed."""
+    """Start a process: no warnings, as in the command, and an end when its parent is killed.
+
+    All compile the same kernels, and the first one says so.
+    """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     parent = multiprocessing.parent_process()
     if parent is None:
         return
+    if multiprocessing.current_process().name.endswith("-1"):
+        clock("grainloops", line=False).__enter__()
     sentinel = parent.sentinel
 
     def wait() -> None:

@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 import grainloops as gl
+from loops.compiled import compiling, kernel
 from studies.cli import COMMANDS
-from studies.commands import KERNELS, Answer, clock, out_or
+from studies.clock import clock
+from studies.commands import Answer, out_or
 from tests.command import refusal, run
 
 SAMPLE = str(gl.sample_path())
@@ -139,8 +141,8 @@ def test_a_terminal_sees_the_seconds(tmp_path):
     # The clock stands, and the work lasts until the line is shown: no race with the machine.
     code = """
 import sys, time
-from studies import commands as c
-c.PATIENCE, c.TICK, lines = 0.01, 0.02, []
+from studies import clock as c
+c.CLOCK_PATIENCE, c.TICK, lines = 0.01, 0.02, []
 c.time.monotonic = lambda: 0.0
 c.print = lambda line, **how: (print(line, **how), lines.append(line))
 with c.clock("work") as tell:
@@ -190,36 +192,35 @@ def test_a_refusal_names_the_command_and_what_was_given(words, told, capsys):
     assert told in refusal(capsys, *words)
 
 
-@pytest.mark.parametrize(
-    ("command", "kept", "quiet", "told"),
-    [
-        ("diamond", None, False, True),
-        ("evolve", "paths_5a/a.nbi", False, True),
-        ("diamond", "paths_5a/a.nbi", False, False),
-        ("diamond", None, True, False),
-        ("check", None, False, False),
-    ],
-)
-def test_a_wait_for_kernels_is_told_once(command, kept, quiet, told, tmp_path, monkeypatch, capsys):
-    """Where numba's cache has none of the command's kernels, and after two seconds."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+@pytest.mark.parametrize(("quiet", "told"), [(False, True), (True, False)])
+def test_a_wait_for_kernels_is_told_once(quiet, told, tmp_path, monkeypatch, capsys):
+    """While numba compiles, and after two seconds."""
     monkeypatch.setenv("TTY_COMPATIBLE", "0" if quiet else "")
-    if kept is not None:
-        (tmp_path / kept).parent.mkdir()
-        (tmp_path / kept).touch()
-    with clock(f"grainloops {command}"):
-        pass
+    monkeypatch.setattr("studies.clock.TICK", 0.01)
+    with clock("grainloops snapshot"):
+        assert compiled_anew(0.05) == 2.0
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr("studies.commands.CLOCK_PATIENCE", 0.01)
-    with clock(f"grainloops {command}"):
-        time.sleep(0.1)
-    line = f"grainloops {command}: compiling kernels, once: about half a minute\n"
+    monkeypatch.setattr("studies.clock.CLOCK_PATIENCE", 0.01)
+    with clock("grainloops snapshot", line=False):
+        time.sleep(0.05)
+        assert capsys.readouterr().err == ""
+        for _ in range(2):
+            assert compiled_anew(0.1) == 2.0
+        assert not compiling
+    line = "grainloops snapshot: compiling kernels, once: about half a minute\n"
     assert capsys.readouterr().err == line * told
 
 
-def test_kernels_lie_where_they_are_looked_for():
-    """Each room has kernels, and commands are known."""
-    assert set(KERNELS) <= set(COMMANDS)
-    for room in set(KERNELS.values()):
-        sources = [path.read_text() for path in (Path(ROOT) / room).glob("*.py")]
-        assert any("kernel" in source for source in sources)
+def compiled_anew(seconds: float) -> float:
+    """Result of a kernel that no cache has, and that takes so long to compile at least."""
+    from numba.core import event
+
+    class Slow(event.Listener):
+        def on_start(self, event):
+            time.sleep(seconds)
+
+        def on_end(self, event):
+            pass
+
+    with event.install_listener("numba:compile", Slow()):
+        return kernel(eval("lambda x: 2.0 * x"))(1.0)
