@@ -27,7 +27,7 @@ from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, winding_ranks
 from loops.scene import Scene
-from loops.shown import Shown
+from loops.shown import Shown, counted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,7 +69,7 @@ def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Car
     if not good.any():
         raise InputError(
             "packing",
-            f"{count} clusters that float" if count else "grains that all float",
+            f"{counted(count, 'floating cluster')}" if count else "grains that all float",
             "contacts that span the periodic cell, walls, or grains that are held",
             "Give the cell or the walls, or hold the outline's grains.",
         )

@@ -17,6 +17,7 @@ from loops.graph import HasGraph
 from loops.neighbours import near_pairs
 from loops.pruning import component_labels
 from loops.scene import Scene, Subject, scene_of
+from loops.shown import counted
 from loops.validation import real
 from patterns.snapshots.findings import few
 from patterns.snapshots.snapshot import (
@@ -183,7 +184,7 @@ def _require_ring(graph: GrainGraph, ids: NDArray[Any]) -> None:
         return few(ids[contacts[those]], lambda pair: "{}-{}".format(*pair))
 
     faults = {
-        f"{count} grains": count < 3,
+        counted(count, "grain"): count < 3,
         f"{parts} separate parts, one with grain {ids[label.argmax()]}": parts > 1,
         f"grains {few(ids[loose])} without two neighbours in contact{_next_gap(graph, loose)}": (
             loose.any()

@@ -18,7 +18,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.contacts import contacts_at_start
 from loops.errors import check_choice, number, whole_number
 from loops.scene import Scene, Subject
-from loops.shown import Shown
+from loops.shown import Shown, counted
 from patterns import Snapshot, planar
 from stability import COMPONENTS, Stage, follow
 from stability import Path as FollowedPath
@@ -146,7 +146,7 @@ class Evolution(Shown):
         told: dict[str, object] = {"driven": f"{self.driven} to {goals} ({unit})"}
         for name, way in self.ways.items():
             reached = way.driven(way.parameter, way.stage)[-1]
-            told[name] = f"{way.status} at {reached:.4g}, {len(way.events)} events"
+            told[name] = f"{way.status} at {reached:.4g}, {counted(len(way.events), 'event')}"
         return told | {"loops": len(self.scene.faces.loops)}
 
     def changes(self, name: str = "") -> list[LoopRates]:

@@ -16,7 +16,7 @@ from loops.closures import Closure
 from loops.errors import number as checked_number
 from loops.errors import path_of
 from loops.scene import Scene, Subject
-from loops.shown import Shown
+from loops.shown import Shown, counted
 from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath
@@ -63,7 +63,7 @@ class LoopStudy(Shown):
         """Facts that the prompt and a notebook show."""
         verdicts = dict(zip(self.closures["closure"], self.closures["verdict"], strict=True))
         status, events = self.summary["status"], len(self.summary["events"])
-        return {**verdicts, "path": f"{status}, {events} events", **self.domain.facts()}
+        return {**verdicts, "path": f"{status}, {counted(events, 'event')}", **self.domain.facts()}
 
     def figures(self) -> Drawings:
         """Figures of the page with their names."""

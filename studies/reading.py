@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,24 +19,23 @@ import pyarrow
 
 from loops import InputError
 from patterns import Snapshot, count_frames, planar, read_snapshot
+from patterns.snapshots.cells import FILE_ENDINGS, cell_reader, number_reader
 from patterns.snapshots.columns import WORDS
 from patterns.snapshots.formats import frame_steps
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
 
-CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 # Names of the files of one snapshot differ in these words and in their endings only.
 CONTENTS = re.compile(
     "|".join(sorted({*chain(*WORDS.values()), "data", "fstat"}, key=len, reverse=True)), re.I
 )
-FILE_ENDINGS = re.compile(r"(\.(csv|tsv|txt|dat|parquet|npz|h5|hdf5|json|gz|bz2|xz|zst))+$", re.I)
 
 
 def reading(**how: Any) -> dict[str, Any]:
     """All options of `read_planar` but the path: the given ones, defaults for the others."""
     asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
-    # Friction has one name in a configuration.
-    defaults = {one.name: one.default for one in asked if one.name != "phi"}
+    # Friction has one name in a configuration, and so has the cell.
+    defaults = {one.name: one.default for one in asked if one.name not in ("phi", "cells")}
     return {**defaults, "strict": False, "drop_crossings": False, **how}
 
 
@@ -148,63 +147,6 @@ def plan_series(
             at = None if time is None else time(path, own["frame"])[0]
             planned.append(PlannedSnapshot(len(planned), path.absolute(), own, at))
     return with_fingerprints(planned)
-
-
-def rows_by_number(path: Path, names: Sequence[str] = CELL_COLUMNS) -> dict[int, tuple[float, ...]]:
-    """Columns of a table, its cells if none are named, by the number of the snapshot."""
-    table = read_table(path)
-    numbers = table.integers("snap").tolist()
-    if len(set(numbers)) < len(numbers):
-        repeated = next(n for n in numbers if numbers.count(n) > 1)
-        raise InputError(
-            f"column 'snap' of {path}", f"{repeated} twice", "each once", "Drop one of the rows."
-        )
-    rows = zip(*(table.column(name).tolist() for name in names), strict=True)
-    return dict(zip(numbers, rows, strict=True))
-
-
-def number_reader(
-    option: str, path: Path, names: Sequence[str]
-) -> Callable[[Path, int | None], tuple[float, ...]]:
-    """Function that gives the row of a snapshot in a table of an option."""
-    if not path.is_file():
-        expected = f"a table with the columns snap, {', '.join(names)}"
-        received = "a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{option} {path}", received, expected, "Check the path.")
-    table = rows_by_number(path, names)
-
-    def row_of(file: Path, frame: int | None) -> tuple[float, ...]:
-        number = number_of(file, frame)
-        if number in table:
-            return table[number]
-        raise InputError(
-            f"{option} {path}",
-            f"no row with snap = {number}, for {file.name}",
-            "one row a snapshot",
-            "Add the row; snap is the last number in the name, or the place in a file of several.",
-        )
-
-    return row_of
-
-
-def cell_reader(cells: Path) -> Callable[[Path, int | None], tuple[float, ...]]:
-    """Function that gives the cell of a snapshot, by its file and its number in one of several."""
-    return number_reader("--cells", cells, CELL_COLUMNS)
-
-
-def number_of(path: Path, frame: int | None = None) -> int:
-    """Number of a snapshot in a table of cells: its frame, else the last number in the name."""
-    if frame is not None:
-        return frame
-    found = re.findall(r"\d+", FILE_ENDINGS.sub("", path.name))
-    if not found:
-        raise InputError(
-            f"name of {path}",
-            "no number in it",
-            "the number that column 'snap' of --cells or --times has",
-            "Number the files; a cell for all of them is given by --cell.",
-        )
-    return int(found[-1])
 
 
 def with_fingerprints(planned: Sequence[PlannedSnapshot]) -> list[PlannedSnapshot]:

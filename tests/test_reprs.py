@@ -17,9 +17,9 @@ from loops.boundary import plane_contacts
 from loops.in_place import LoopsInPlace, loops_in_place
 from loops.shown import LONGEST_REPR, Shown
 from loops.system import Carrying, System
+from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
 from stability.packing import loop_rates
-from studies.reading import rows_by_number
 from tests.packings import LAW, jammed
 
 SHORT = 300

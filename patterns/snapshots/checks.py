@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from loops.arrays import Floats, Integers, in_threads, median, quantiles
+from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, power_of_ten, rounding
 from patterns.snapshots.missing import cell, lost_contacts, walls
@@ -338,7 +339,7 @@ def one_ratio(state: Checked) -> Finding | None:
     shared = float(alike[below][np.argmax(sharing[below])])
     there = (ratio >= shared) & (ratio <= (1 + ONE_RATIO) * shared)
     needed = shared * median(mu[rows[there]])
-    says = f"{count} contacts share |T| = {shared:.4g} mu N"
+    says = f"{counted(count, 'contact')} at |T| = {shared:.4g} mu N"
     return Finding("one_ratio", shared, says).doubt(
         ": they slide, and their mu is too large", f"The forces need mu = {needed:.4g} there."
     )

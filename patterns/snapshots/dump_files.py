@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from loops.shown import counted
 from patterns.snapshots.columns import NONE, components, names_beside
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
@@ -215,7 +216,7 @@ def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
     unused = sorted(of_contacts - of_atoms)
     notes: tuple[str, ...] = ()
     if unused:
-        notes = (f"{len(unused)} steps of {path} have no atoms, such as {unused[0]}",)
+        notes = (f"{counted(len(unused), 'step')} of {path} without atoms, such as {unused[0]}",)
 
     def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: Notes) -> Frame:
         one, other = atoms.box, contacts.box

@@ -8,6 +8,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, median
+from loops.shown import counted
 from loops.validation import repeated_contacts
 from patterns.snapshots.checked import ROUNDINGS
 from patterns.snapshots.checks import ALONG, repeated, same_force
@@ -175,7 +176,7 @@ def once(contacts: Contacts, forces: Forces) -> tuple[Integers, str, Finding] | 
     )
     mean = float(np.hypot(forces.normal, forces.shear).mean()) or 1.0
     count = len(pairs) - len(again)
-    words = f"{len(again)} contacts are in two rows and were taken once"
+    words = f"{counted(len(again), 'contact')} in two rows, taken once"
     if len(again) == count:
         words = f"each contact in two rows: {len(pairs)} rows, {count} contacts"
     twins = int(np.count_nonzero(same))

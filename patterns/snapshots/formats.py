@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,8 +12,10 @@ from numpy.typing import ArrayLike
 from loops import InputError
 from loops.errors import check_choice, whole_number
 from patterns.snapshots.build import build_snapshot
+from patterns.snapshots.cells import cell_from
 from patterns.snapshots.files import head_of, require_file
 from patterns.snapshots.frame import Frames, frame_of_tables, is_table, table_frames
+from patterns.snapshots.geometry import as_cell
 from patterns.snapshots.lammps import is_lammps, lammps_frames
 from patterns.snapshots.liggghts import is_liggghts, liggghts_frames
 from patterns.snapshots.mercury import is_mercury, mercury_frames
@@ -73,6 +76,7 @@ def read_snapshot(
     contacts: str | Path | None = None,
     *,
     cell: ArrayLike | None = None,
+    cells: str | Path | None = None,
     periodic: str | None = None,
     kn: float | None = None,
     kt: float | None = None,
@@ -112,6 +116,9 @@ def read_snapshot(
         replaced by `contacts`.
     cell : (2, 2) array, optional
         Periodic cell, its columns are the cell vectors (length); comes before the file's own.
+    cells : str or Path, optional
+        A table with that of each snapshot, columns `snap, h_xx, h_xy, h_yx, h_yy`; `snap` is the
+        last number in the name of the file, or `frame`.
     periodic : {'xy', 'x', 'y'}, optional
         Along which of these vectors the sample is periodic, by default both. Between walls the
         other one gets the height from foot to foot.
@@ -174,7 +181,8 @@ def read_snapshot(
         shear_history=shear_history, adhesion=adhesion, cohesion=cohesion, columns=columns,
         strict=strict,
     )  # fmt: skip
-    found = format_of(source.path, format).frames(source)
+    reader = format_of(source.path, format)
+    found = reader.frames(source)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
         raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
@@ -182,6 +190,9 @@ def read_snapshot(
     if place >= len(found):
         received, expected = f"{path} has {len(found)}", f"a number below {len(found)}"
         raise InputError(f"--frame {place}", received, expected, "Count from 0.")
+    if cells is not None:
+        source = _in_cell(source, cells, None if frame is None else place % len(found))
+        found = reader.frames(source)
     return build_snapshot(found[place](), source)
 
 
@@ -250,6 +261,7 @@ def read_frames(
     contacts: str | Path | None = None,
     *,
     cell: ArrayLike | None = None,
+    cells: str | Path | None = None,
     periodic: str | None = None,
     format: str = "auto",
     columns: Mapping[str, str | int] | None = None,
@@ -260,7 +272,7 @@ def read_frames(
 
     Parameters
     ----------
-    path, contacts, cell, periodic, format, columns, strict
+    path, contacts, cell, cells, periodic, format, columns, strict
         See `read_snapshot`.
     **law
         Its options of the law, `kn` to `cohesion`.
@@ -285,8 +297,20 @@ def read_frames(
     source = source_of(
         path, contacts, cell=cell, periodic=periodic, columns=columns, strict=strict, **law
     )
-    for read in format_of(source.path, format).frames(source):
-        yield build_snapshot(read(), source)
+    reader = format_of(source.path, format)
+    found = reader.frames(source)
+    for place, read in enumerate(found):
+        own = source
+        if cells is not None:
+            own = _in_cell(source, cells, place if len(found) > 1 else None)
+            read = reader.frames(own)[place]
+        yield build_snapshot(read(), own)
+
+
+def _in_cell(source: Source, cells: str | Path, frame: int | None) -> Source:
+    """Files with the cell of this frame from a table."""
+    cell = cell_from(cells, source.path, frame, source.cell)
+    return replace(source, cell=as_cell(cell))
 
 
 def count_frames(

@@ -21,6 +21,7 @@ from loops import InputError
 from loops.errors import check_choice, path_of
 from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
 from loops.scene import Subject
+from loops.shown import counted
 from patterns.snapshots.columns import (
     LAYOUTS,
     WHEN,
@@ -265,7 +266,7 @@ def table_frames(source: Source) -> Frames:
     if not len(moments):
         remedy = "Take both tables from one run."
         raise InputError(tables[1].path, f"no {long[0]} of the grains", "contacts", remedy)
-    said = (f"{left} snapshots without contacts left out",) if left else ()
+    said = (f"{counted(left, 'snapshot')} without contacts left out",) if left else ()
     return [Moment(partial(read, long[0], value, said), value) for value in moments.tolist()]
 
 

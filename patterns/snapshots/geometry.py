@@ -13,6 +13,7 @@ from loops.arrays import Flags, Floats, Integers, in_threads, median
 from loops.compiled import given
 from loops.errors import check_choice
 from loops.graph import reduced_cell
+from loops.shown import counted
 from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
 from patterns.snapshots.findings import Finding
@@ -145,7 +146,7 @@ def named_rows(
         rows = (types != WALL).any(axis=1)
         if rows.any() and not (found[rows].min() >= 0 and _touch(grains, found[rows], cell)):
             walls = types != WALL
-            notes.append(f"columns 'type1', 'type2': {np.count_nonzero(rows)} contacts with walls")
+            notes.append(f"columns 'type1', 'type2': {counted(rows.sum(), 'contact')} with walls")
     for shift in (0, -1, 1):
         moved = found if shift == 0 else index_of(ids, named + shift)
         if walls is not None:

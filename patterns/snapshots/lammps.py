@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from loops.shown import counted
 from patterns.snapshots.columns import NONE, check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
@@ -337,7 +338,7 @@ def read_walls(
         inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
         if (flag >= 0).all() and inside.all() and np.sum(force * branch) >= 0:
             walls.append(np.column_stack([grains, force, branch]))
-            notes.append(f"{fix} ({len(grains)} contacts)")
+            notes.append(f"{fix} ({counted(len(grains), 'contact')})")
         elif mapped:
             where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
             expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"

@@ -10,6 +10,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
+from loops.shown import counted
 from patterns.snapshots.files import beside, require_file, whole_file
 from patterns.snapshots.frame import Frame, Frames, Moment, contacts_path
 from patterns.snapshots.geometry import WALL
@@ -82,7 +83,7 @@ def pegs_frames(source: Source) -> Frames:
             "on one grain alone",
         ]
         if walls:
-            notes.append(f"{walls} contacts with walls have no direction in the list: left out")
+            notes.append(f"{counted(int(walls), 'contact')} with walls left out: no direction")
         table = {"id1": pairs[:, 0], "id2": pairs[:, 1], "fn": force[:, 0], "ft": force[:, 1]}
         return Frame(
             Table(source.path, bodies),

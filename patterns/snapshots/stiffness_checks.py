@@ -6,6 +6,7 @@ import numpy as np
 
 from loops.arrays import Floats, Integers, median
 from loops.laws.hertz_mindlin import HertzMindlin
+from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, few, power_of_ten, rounding
 
@@ -132,7 +133,7 @@ def one_radius(state: Checked) -> Finding | None:
     if state.fit is None or len(state.contacts) < FEWEST:
         return None
     grains, change = wrong_radii(state)
-    says = f"{len(grains)} grains have a radius that does not fit the forces of their contacts"
+    says = f"{counted(len(grains), 'grain')} with a radius that does not fit its forces"
     old, ids = state.radii[grains], state.ids[grains]
     new, rows = old + change, range(len(grains))
     each = few(
@@ -153,7 +154,7 @@ def one_contact(state: Checked) -> Finding | None:
     rows = np.flatnonzero(odd)
     # Of a wrong radius another check tells.
     rows = rows[~np.isin(state.contacts[rows], wrong_radii(state)[0]).any(axis=1)]
-    says = f"{len(rows)} contacts have a kn that does not fit their force and overlap"
+    says = f"{counted(len(rows), 'contact')} with a kn that does not fit force and overlap"
     touches, kn = state.overlap > 0, state.stiffnesses[0]
     ratio = fit.needed / np.where(touches, state.overlap, 1.0)
 

@@ -14,6 +14,7 @@ from loops.arrays import Floats
 from loops.contacts import Contacts, contacts_at_start
 from loops.errors import InputError, check_choice, check_type, number, whole_number
 from loops.scene import Scene
+from loops.shown import counted
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.equations_of_motion import require_upright, snap_through
@@ -238,7 +239,7 @@ class PackingPathSolver:
         stop = self._pass(found.lost, found.duration) if found.lost else None
         met = {event.contacts for event in self.point.events if event.kind == "instability"}
         if stop is None and len(met) >= instabilities:
-            stop = "instabilities", f"{len(met)} contacts have no consistent regime"
+            stop = "instabilities", f"{counted(len(met), 'contact')} without a consistent regime"
         if stop is None:
             self._record_reached(size)
         return stop

@@ -192,15 +192,10 @@ class OneReading(PlaneReading):
 
     def how_of(self, path: Path) -> dict[str, Any]:
         """The options for this file: its cell from the table of `--cells`, if that is given."""
-        given = self.how()
-        cells = given.pop("cells")
-        if cells is None:
-            return given
-        if self.cell is not None:
-            raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-        from studies.reading import cell_reader
+        from patterns.snapshots.cells import cell_from
 
-        return given | {"cell": cell_reader(cells)(path, self.frame)}
+        given = self.how()
+        return given | {"cell": cell_from(given.pop("cells"), path, self.frame, given["cell"])}
 
 
 @dataclass(frozen=True)

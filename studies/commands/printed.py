@@ -52,6 +52,8 @@ class Filling(Formatter):
         known = _words("words").get(table, {})
         if kind == "word":
             return str(known.get(value, value))
+        if kind.startswith("#"):
+            return str(named("loops.shown.counted")(value, kind[1:], table))
         if counting := COUNTS.match(kind):
             template, between = COUNTS_AS[counting[0]]
             counts = ((known.get(name, name), count) for name, count in value.items())

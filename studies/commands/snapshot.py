@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -176,48 +176,31 @@ def _rows(
     paths: Sequence[Path], cells: Path | None, options: dict[str, Any]
 ) -> tuple[list[Row], list[InputError]]:
     """One row per finding, and the errors of the files that could not be read."""
+    import numpy as np
+
+    from patterns import read_frames
     from patterns.snapshots.findings import crossings
     from patterns.snapshots.slip_check import check_kt
 
-    if options["cell"] is not None and cells is not None:
-        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+    if options["cell"] is not None:
+        options["cell"] = np.reshape(options["cell"], (2, 2))
     rows: list[Row] = []
     unread: list[InputError] = []
     before = None
     for path in paths:
         try:
-            for number, snapshot in enumerate(_snapshots(path, cells, options)):
+            found = read_frames(path, strict=False, cells=cells, **options)
+            for number, snapshot in enumerate(found):
                 place = {"path": str(path), "snapshot": number}
                 # Loops need a plane network.
-                found = [*snapshot.findings, crossings(snapshot.graph)]
+                told = [*snapshot.findings, crossings(snapshot.graph)]
                 kt = None if before is None else check_kt(before, snapshot)
-                found += [] if kt is None else [kt]
-                rows += [place | one._asdict() for one in found]
+                told += [] if kt is None else [kt]
+                rows += [place | one._asdict() for one in told]
                 before = snapshot
         except InputError as error:
             unread.append(error)
     return rows, unread
-
-
-def _snapshots(path: Path, cells: Path | None, options: dict[str, Any]) -> Iterator[Any]:
-    """Snapshots of a file, each with its own cell if there is a table of cells."""
-    import numpy as np
-
-    from patterns import count_frames, read_frames, read_snapshot
-
-    if cells is None:
-        cell = options["cell"]
-        read = options | {"cell": None if cell is None else np.reshape(cell, (2, 2))}
-        yield from read_frames(path, strict=False, **read)
-        return
-    from studies.reading import cell_reader
-
-    cell_of, how = cell_reader(cells), {n: options[n] for n in ("format", "columns")}
-    count = count_frames(path, options["contacts"], **how)
-    for frame in range(count):
-        place = frame if count > 1 else None
-        own = {"cell": np.reshape(cell_of(path, place), (2, 2)), "frame": place}
-        yield read_snapshot(path, strict=False, **options | own)
 
 
 # Notes that are printed, at most.

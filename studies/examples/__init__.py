@@ -15,8 +15,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from patterns import Snapshot, planar, read_snapshot
+from patterns.snapshots.cells import cell_reader
 from studies.output import as_json
-from studies.reading import cell_reader
 from studies.study import study
 
 # Samples of the collection of tests.

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from loops import ContactLaw, GrainGraph, Regime, contact_state, macroscopic_tangent
 from loops.arrays import Floats, Integers
 from loops.closures import Closure, Spins
+from loops.shown import counted
 from stability import (
     COMPONENTS,
     Event,
@@ -279,7 +280,7 @@ def event_lines(summary: Summary) -> list[str]:
         for key in EVENT_VALUES:
             start, end = f"{first[key]:.8f}", f"{last[key]:.8f}"
             values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
-        said = f"  {count} {'pairs' if pairs else 'contacts'}" if count else ""
+        said = f"  {counted(count, 'pair' if pairs else 'contact')}" if count else ""
         kind, subspace = event_words(first["kind"]), first["subspace"] or ""
         lines.append(f"{kind:<22} {subspace:<10} {'  '.join(values)}{said}")
     return lines

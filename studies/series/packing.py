@@ -27,6 +27,7 @@ from loops.in_place import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
+from patterns.snapshots.cells import CELL_COLUMNS
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.walls import box_corners
 from stability import COMPONENTS, Programme, Stage, follow
@@ -45,7 +46,6 @@ from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from stability.programmes import nominal
 from studies.output import Columns, Row
-from studies.reading import CELL_COLUMNS
 from studies.series.evolution import cell_strain, sample_strain
 from studies.snapshot.in_packing import (
     balance_notes,

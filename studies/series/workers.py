@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection, resource_tracker
@@ -206,12 +206,11 @@ def _begin() -> None:
     parent = multiprocessing.parent_process()
     if parent is None:
         return
-    if multiprocessing.current_process().name.endswith("-1"):
-        clock("grainloops", line=False).__enter__()
-    sentinel = parent.sentinel
+    sentinel, first = parent.sentinel, multiprocessing.current_process().name.endswith("-1")
 
     def wait() -> None:
-        connection.wait([sentinel])
+        with clock("grainloops", line=False) if first else nullcontext():
+            connection.wait([sentinel])
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from loops import ForceChains
 from loops.arrays import Flags, Floats, Integers
 from loops.fabric import direction_tensors, mean_tensor, principal
+from loops.shown import counted
 from patterns import Snapshot
 from studies.output import Columns, Summary
 from studies.snapshot.sample import axis_errors, strong_contacts
@@ -440,7 +441,7 @@ def compare_places(
             place + step * (k - 0.5 * (len(places) - 1)), middle, (middle - low, high - middle),
             fmt="osD^v"[k % 5], color=PLACE_COLOURS[k % len(PLACE_COLOURS)], markersize=4,
             elinewidth=0.8,
-            label=f"{name}: {np.count_nonzero(here)} loops, {percent:.2g} %{of} unstable",
+            label=f"{name}: {counted(here.sum(), 'loop')}, {percent:.2g} %{of} unstable",
         )  # fmt: skip
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     ax.set_xticks(place, labels=GROUPS)
@@ -513,7 +514,7 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
             angles = table[column.format(closure)][rows]
             angles = angles[np.isfinite(angles)]
             width = FINE_BIN if len(angles) >= FEW_AXES else COARSE_BIN
-            label = f"{JUDGE_TITLES[closure]}, {len(angles)} loops"
+            label = f"{JUDGE_TITLES[closure]}, {counted(len(angles), 'loop')}"
             found, colour = axes_density(angles, width), CLOSURE_COLOURS[closure]
             draw_bars(ax, found["density"], colour, label, filled=False)
             draw_errors(ax, found, fmt="none", ecolor=colour)

@@ -10,6 +10,7 @@ import numpy as np
 from loops import InputError
 from loops.arrays import Floats, Integers
 from loops.scene import Scene, Subject, scene_of
+from loops.shown import counted
 from patterns import Snapshot, WallContacts, planar
 from patterns.snapshots.walls import box_area, box_corners
 from stability.spectra import subspace_basis
@@ -206,7 +207,7 @@ def said_at_rest(at_rest: dict[str, Any]) -> str:
 def _said(one: dict[str, Any]) -> str:
     """Share of the unstable loops with its error, the numbers of loops, and of those confirmed."""
     if not one["unstable"]:
-        return f"none of {one['count']} loops"
+        return f"none of {counted(one['count'], 'loop')}"
     confirmed = "" if "confirmed" not in one else "; regimes not sought"
     if one.get("confirmed") is not None:
         confirmed = f"; {one['confirmed']} confirmed"

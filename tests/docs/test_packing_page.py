@@ -12,10 +12,10 @@ from loops import Scene, boundary_of
 from loops.boundary import outline_grains
 from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
 from patterns import read_snapshot, sample_path
+from patterns.snapshots.cells import cell_reader
 from stability.packing import loops_at_yield
 from stability.packing.hold import unbalanced_force
 from studies.examples import packing_skill
-from studies.reading import cell_reader
 from studies.series.run import run_series
 from studies.series.skill import ORDERS
 from studies.snapshot.in_packing import BANDS, add_in_packing, held_snapshot

@@ -6,6 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
+import grainloops as gl
+from loops import InputError
 from patterns import sample_path, synthetic_network
 from tests import command
 from tests.patterns.dump_writers import Packing, write_lammps
@@ -70,4 +72,15 @@ def test_check_takes_the_cell_of_each_snapshot_of_a_file(run, tmp_path):
     table.write_text("\n".join(["snap,h_xx,h_xy,h_yx,h_yy", *rows, ""]))
     status, said = run("check", path, "--cells", table)
     assert status == 2 and f"{path}, snapshot 0" in said
-    assert "1 snapshots:" in said and "snapshot 1" not in said
+    assert "1 snapshot:" in said and "snapshot 1" not in said
+
+
+def test_python_reads_the_cell_of_a_table():
+    one = gl.read_snapshot(GRAINS, cells=CELLS)
+    (same,) = gl.read_frames(GRAINS, cells=str(CELLS))
+    for found in (one, same):
+        assert found.graph.cell.ravel().tolist() == [float(value) for value in CELL.split(",")]
+    with pytest.raises(InputError, match="--cell, --cells: got both"):
+        gl.read_snapshot(GRAINS, cells=CELLS, cell=np.eye(2))
+    with pytest.raises(InputError, match="no row with snap = 0"):
+        gl.read_snapshot(GRAINS, cells=CELLS, frame=0)

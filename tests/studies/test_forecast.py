@@ -12,6 +12,7 @@ import grainloops as gl
 from grainloops import evolve
 from loops import Fate, find_faces, loop_fates, match_contacts
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
+from patterns.snapshots.cells import rows_by_number
 from studies.evolve import Evolution
 from studies.forecast import (
     KINDS,
@@ -28,7 +29,6 @@ from studies.forecast import (
     since,
     spread_of,
 )
-from studies.reading import rows_by_number
 from studies.series.skill import score_skill
 from tests.command import run
 from tests.packings import LAW, jammed

@@ -25,6 +25,7 @@ from loops import InputError
 from loops.arrays import Floats
 from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot
+from patterns.snapshots.cells import cell_reader
 from studies import __version__
 from studies.evolve import Programmed, followed
 from studies.forecast import (
@@ -40,7 +41,6 @@ from studies.forecast import (
     places,
 )
 from studies.forecast_figures import KIND_WORDS, reliability
-from studies.reading import cell_reader
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.packing import DEFAULT_RATE, Rate, facts
 from studies.series.skill import actual_values, score_skill

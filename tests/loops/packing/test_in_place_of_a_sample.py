@@ -20,9 +20,9 @@ from loops.gears import spin_modes
 from loops.in_place import inverted, loops_in_place, polygons_of
 from loops.system import packing_system
 from patterns import read_snapshot, sample_cell, sample_path
+from patterns.snapshots.cells import rows_by_number
 from stability import restrict, symmetric_part
 from stability.factor import Factor
-from studies.reading import rows_by_number
 from tests.oracles import eighty_bits
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"

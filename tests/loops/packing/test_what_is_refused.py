@@ -34,7 +34,7 @@ def refusal(call):
 
 def test_floating_packings_are_refused_with_their_clusters():
     two, none = triangles(2), GrainGraph([[0, 0], [1, 0]], [0.5] * 2, [[0, 1]])
-    for graph, received in ((two, "2 clusters that float"), (none, "grains that all float")):
+    for graph, received in ((two, "2 floating clusters"), (none, "grains that all float")):
         closed, supports = np.ones(graph.contact_count, bool), np.zeros(graph.grain_count, int)
         assert refusal(lambda: carrying_grains(graph, closed, supports)) == (  # noqa: B023
             f"packing: got {received}, expected contacts that span the periodic cell, walls, or "
@@ -98,7 +98,7 @@ def test_the_boundary_names_all_that_drives():
     held = np.zeros(graph.grain_count, bool)
     held[4] = True
     system = packing_system(Scene(graph, law, replace(options["boundary"], held=held)))
-    assert system.boundary == "14 wall contacts, 1 grains held to the affine motion"
+    assert system.boundary == "14 wall contacts, 1 grain held to the affine motion"
 
 
 def test_the_outline_is_the_outer_cycle_of_the_largest_cluster():

@@ -279,7 +279,7 @@ def test_the_contacts_of_one_ratio_are_counted_with_their_own_mu():
     ratios[17:19] = 0.3 * (1 + 2e-6), 0.3 * (1 - 2e-6)
     ratios[30:35] = 0.6
     found, mu = one_ratio_of(ratios)
-    assert found.says.startswith("7 contacts share |T| = 0.3 mu N")
+    assert found.says.startswith("7 contacts at |T| = 0.3 mu N")
     assert found.remedy == f"The forces need mu = {0.3 * np.median(mu[10:17]):.4g} there."
     assert found.number == pytest.approx(0.3, rel=1e-12)
 

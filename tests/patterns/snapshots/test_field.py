@@ -610,7 +610,7 @@ def test_tables_with_a_column_of_steps(tmp_path, name, periodic):
         read(path, sample)
     found = read(path, sample, frame=0)
     same(found, sample)
-    assert any("1 snapshots without contacts left out" in note for note in found.notes)
+    assert any("1 snapshot without contacts left out" in note for note in found.notes)
     cell = sample.cell if any(periodic) else None
     assert [one.step or one.time for one in read_frames(path, cell=cell, **LAW)] == [200.0, 300.0]
     with pytest.raises(InputError, match=r"a column '(step|time)', as in the other table"):

@@ -21,6 +21,7 @@ from loops import (
 from loops.contacts import contacts_of, start_state
 from loops.neighbours import near_pairs
 from patterns import read_snapshot, sample_path
+from patterns.snapshots.cells import rows_by_number
 from stability import Stage, follow
 from stability.packing import loop_changes
 from stability.packing.equations_of_motion import (
@@ -38,7 +39,6 @@ from stability.programmes import (
     isotropic_stress,
     simple_shear,
 )
-from studies.reading import rows_by_number
 from tests.packings import LAW, jammed, packing
 from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
 

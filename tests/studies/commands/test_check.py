@@ -49,7 +49,7 @@ def test_every_unreadable_file_is_explained(capsys, tmp_path, options):
     names = [tmp_path / f"grains_{k}.csv" for k in (1, 2)]
     assert run("check", names[0], sample_path(), names[1], *options) == 2
     captured = capsys.readouterr()
-    assert "1 snapshots" in captured.out
+    assert "1 snapshot: " in captured.out
     told = captured.err.splitlines()
     assert len(told) == 2 and all(str(name) in line for name, line in zip(names, told, strict=True))
     assert all("no such file" in line and "Check the path." in line for line in told)

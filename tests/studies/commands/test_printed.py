@@ -10,6 +10,7 @@ SUMMARY = {
     "share": 0.25,
     "none": None,
     "zero": 0,
+    "one": 1,
     "below": -1e-14,
     "minus": -0.0,
     "file": "r-0.0 -0.c",
@@ -36,6 +37,9 @@ SUMMARY = {
         ("{none:3} {share:3>7}", "-   0.250"),
         ("?share:yes|?zero: no|!none: unknown|!share: no|~ends: partly", "yes unknown partly"),
         ("?zero:not printed", None),
+        ("{one:#loop}, {zero:#loop}", "1 loop, 0 loops"),
+        ("{one:#grain moves/grains move}", "1 grain moves"),
+        ("{none:#grain}", None),
         ("{events:counts}", "3 yield, 2 opening"),
         ("{events:counts of order}", "3 of order yield, 2 of order opening"),
         ("{events:counted}; {events:spaced}", "yield: 3, opening: 2; yield: 3  opening: 2"),
@@ -74,7 +78,7 @@ def test_every_template_can_be_read():
             for part in (line if isinstance(line, str) else line[1]).split("|"):
                 assert CONDITION.match(part) or part[:1] not in tuple("?!~")
                 for _, _, spec, _ in Filling().parse(part):
-                    _, _, table = (spec or "").partition("/")
+                    _, _, table = ("" if (spec or "")[:1] == "#" else spec or "").partition("/")
                     assert not table or table in tables["words"]
 
 

@@ -24,10 +24,11 @@ from loops import (
 from loops.contacts import start_state
 from loops.in_place import loops_in_place
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
+from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
 from stability.packing import loop_changes, loop_rates, packing_increment
 from studies.commands.snapshot import _series_lines
-from studies.reading import plan_series, reading, rows_by_number
+from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
 from studies.series.evolution import loop_increments, sample_strain, track_loops
 from studies.series.figures import (

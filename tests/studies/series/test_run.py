@@ -23,8 +23,9 @@ import pytest
 import studies
 from loops import InputError
 from patterns import read_snapshot, sample_cell, sample_path
+from patterns.snapshots.cells import number_of
 from studies.output import folder_lock
-from studies.reading import PlannedSnapshot, number_of, reading, with_fingerprints
+from studies.reading import PlannedSnapshot, reading, with_fingerprints
 from studies.series import workers
 from studies.series.run import run_series
 from studies.snapshot.table import loop_columns

@@ -305,7 +305,7 @@ def square(**more):
 
 def test_a_packing_that_floats():
     floats = square(images=[[0, 0]] * 4, cell=[[5.0, 0], [0, 5.0]])
-    with pytest.raises(InputError, match="1 clusters that float"):
+    with pytest.raises(InputError, match="1 floating cluster"):
         judged(snapshot_of(floats))
 
 
