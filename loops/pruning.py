@@ -8,7 +8,9 @@ from loops.arrays import Flags, Integers
 from loops.graph import GrainGraph
 
 
-def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
+def prune_dangling(
+    graph: GrainGraph, closed: Flags | None = None, supports: Integers | None = None
+) -> tuple[Flags, Flags]:
     """Remove grains with fewer than two contacts, again and again until none is left.
 
     What remains is the 2-core of the contact graph: the only part that loops can pass through.
@@ -18,6 +20,10 @@ def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
     ----------
     graph : GrainGraph
         The contact graph; only its topology is read.
+    closed : (C,) array of bool, optional
+        Contacts that count; all of them if left out.
+    supports : (G,) array of int, optional
+        Contacts of each grain with walls; none if left out.
 
     Returns
     -------
@@ -34,22 +40,15 @@ def prune_dangling(graph: GrainGraph) -> tuple[Flags, Flags]:
     >>> [kept.tolist() for kept in prune_dangling(graph)]
     [[True, True, True, False], [True, True, True, False]]
     """
-    contacts, grains = graph.contacts, graph.grain_count
-    degree = np.bincount(contacts.ravel(), minlength=grains)
-    # The sum of a grain's contact numbers is its last contact once all others are gone.
-    remaining = np.zeros(grains, dtype=np.int64)
-    np.add.at(remaining, contacts, np.arange(len(contacts))[:, None])
-    kept_contacts = np.ones(len(contacts), dtype=bool)
-    leaves = np.flatnonzero(degree == 1)
-    while leaves.size:
-        last = np.unique(remaining[leaves])
-        kept_contacts[last] = False
-        ends = contacts[last]
-        np.subtract.at(degree, ends, 1)
-        np.subtract.at(remaining, ends, last[:, None])
-        touched = np.unique(ends)
-        leaves = touched[degree[touched] == 1]
-    return degree > 0, kept_contacts
+    contacts, kept = graph.contacts, np.ones(graph.grain_count, dtype=bool)
+    left = np.ones(len(contacts), dtype=bool) if closed is None else closed.copy()
+    while True:
+        degree = np.bincount(contacts[left].ravel(), minlength=len(kept))
+        loose = kept & (degree + (0 if supports is None else supports) < 2)
+        if not loose.any():
+            return kept, left
+        kept &= ~loose
+        left &= kept[contacts].all(axis=1)
 
 
 def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:

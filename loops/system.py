@@ -25,7 +25,7 @@ from loops.boundary import Rows
 from loops.errors import InputError
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
-from loops.pruning import component_labels, winding_ranks
+from loops.pruning import component_labels, prune_dangling, winding_ranks
 from loops.scene import Scene
 from loops.shown import Shown, counted
 
@@ -52,14 +52,7 @@ class Carrying(Shown):
 
 def carrying_grains(graph: GrainGraph, closed: Flags, supports: Integers) -> Carrying:
     """Prune rattlers and floating clusters; `supports` (G,): wall contacts, 2 for a held grain."""
-    kept, contacts = np.ones(graph.grain_count, dtype=bool), closed.copy()
-    while True:
-        degree = supports + np.bincount(graph.contacts[contacts].ravel(), minlength=len(kept))
-        loose = kept & (degree < 2)
-        if not loose.any():
-            break
-        kept &= ~loose
-        contacts &= kept[graph.contacts].all(axis=1)
+    kept, contacts = prune_dangling(graph, closed, supports)
     count, label = component_labels(graph.grain_count, graph.contacts[contacts], kept)
     held = np.bincount(label[kept], weights=supports[kept], minlength=count) > 0
     winds = np.zeros(count, dtype=bool)

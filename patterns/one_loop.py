@@ -86,9 +86,6 @@ def loop(
     checked_number("tolerance", tolerance, 0.0)
     if isinstance(source, Snapshot):
         _refuse_law(law)
-        if number is None:
-            expected = f"a number from 0 to {len(source.faces.loops) - 1}"
-            raise InputError("number", "none", expected, "It is the column loop of gl.loop_table.")
         return loop_of_snapshot(source, number)
     scene, ids = _scene_of(source, law, tolerance)
     graph = _loaded(scene, tolerance)
@@ -117,16 +114,13 @@ def _scene_of(source: Any, law: ContactLaw | None, tolerance: float) -> tuple[Sc
     if law is None:
         remedy = "Give law=gl.LinearFrictional(kn, kt, mu)."
         raise InputError("law", "none", "the law of the contacts", remedy)
-    graph, nodes = getattr(source, "graph", source), None
     if hasattr(source, "adj"):
-        nodes, graph = list(source.nodes), from_networkx(source)
-    elif not isinstance(graph, GrainGraph):
+        ids = np.fromiter(source.nodes, dtype=object, count=len(source))
+        return Scene(from_networkx(source), law), ids
+    graph = getattr(source, "graph", source)
+    if not isinstance(graph, GrainGraph):
         graph = _touching(source, tolerance)
-    scene, ids = Scene(graph, law), np.arange(graph.grain_count)
-    if nodes is not None:
-        ids = np.empty(len(nodes), dtype=object)
-        ids[:] = nodes
-    return scene, ids
+    return Scene(graph, law), np.arange(graph.grain_count)
 
 
 def _touching(rows: Any, tolerance: float) -> GrainGraph:

@@ -203,7 +203,8 @@ def run_domain(parameters: DomainParameters, out: Path, **files: Any) -> Summary
         table = domain_table(parameters.cases(), parameters.directions)
         drawings = [("domain", lambda: domain_figure(table, parameters.cases()))]
         summary = domain_summary(table, parameters)
-        return results.write_results({"domain": table}, summary, drawings)
+        title = "Bifurcation domains of diamonds"
+        return results.write_results({"domain": table}, summary, drawings, title)
 
 
 def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary:
@@ -460,7 +461,7 @@ def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) 
         drawn: Drawings = loop_figures(table, loops, parameters)
         if alone:
             drawn = [(name, partial(loop_domain_figure, alone, plane)) for name, plane in PLANES]
-        return results.write_results(tables, found, drawn)
+        return results.write_results(tables, found, drawn, "Bifurcation domains of loops")
 
 
 def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:

@@ -23,7 +23,7 @@ from stability import Path as LoopPath
 from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed
-from studies.paths.options import LoopOptions, ProgrammeName
+from studies.paths.options import LoopOptions, ProgrammeName, loop_options
 from studies.paths.polygon import follow_polygon, polygon_summary, polygon_tables
 from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
@@ -44,34 +44,40 @@ class LoopStudy(Shown):
         the eigenvalues of Ks over the mean kn in the symmetric subspace, `unstable_fraction`,
         `cone_opening` and `soft_angle` (degrees), and the bound `error` on the tangent over the
         mean kn, in the packing over its norm. An eigenvalue without a certain sign is no number.
-    path : Path
+    path : Path or None
         The programme from the state of the snapshot on, lengths over two mean radii of the loop,
-        forces over the mean kn of its contacts.
-    domain : LoopDomain
-        Ends of straight programmes in all directions, in the same units.
+        forces over the mean kn of its contacts. None where it has no answer, as of contacts that
+        are no linear springs.
+    domain : LoopDomain or None
+        Ends of straight programmes in all directions, in the same units; without a path in those of
+        the snapshot.
     summary : dict
-        What `summary.json` has.
+        What `summary.json` has; `notes` say why there is no path, domain or packing.
     """
 
     closures: pd.DataFrame
-    path: LoopPath
-    domain: LoopDomain
+    path: LoopPath | None
+    domain: LoopDomain | None
     summary: Summary
-    found: Followed
+    found: Followed | None
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
         verdicts = dict(zip(self.closures["closure"], self.closures["verdict"], strict=True))
-        status, events = self.summary["status"], len(self.summary["events"])
-        return {**verdicts, "path": f"{status}, {counted(events, 'event')}", **self.domain.facts()}
+        if self.path is not None:
+            events = counted(len(self.summary["events"]), "event")
+            verdicts["path"] = f"{self.summary['status']}, {events}"
+        return verdicts | ({} if self.domain is None else self.domain.facts())
 
     def figures(self) -> Drawings:
         """Figures of the page with their names."""
         yield "closures", lambda: draw_closures(self)
-        yield from polygon_figures(self.found)
-        domains = {"present state": self.domain}
-        yield "domain-strain", lambda: loop_domain_figure(domains, "strain")
-        yield "domain", lambda: loop_domain_figure(domains, "stress")
+        if self.found is not None:
+            yield from polygon_figures(self.found)
+        if self.domain is not None:
+            domains = {"present state": self.domain}
+            yield "domain-strain", lambda: loop_domain_figure(domains, "strain")
+            yield "domain", lambda: loop_domain_figure(domains, "stress")
 
 
 def study(
@@ -114,7 +120,7 @@ def study(
     Raises
     ------
     InputError
-        If there is no loop of that number, or its contacts are no linear springs.
+        If there is no loop of that number, or the snapshot has no forces.
 
     Examples
     --------
@@ -125,16 +131,8 @@ def study(
     """
     folder = None if out is None else path_of("out", out, "Name a folder.")
     end = None if end is None else checked_number("end", end)
-    snapshot = snapshot_of(source)
-    last = len(snapshot.faces.loops) - 1
-    if number is None and last != 0:
-        remedy = "It is the column loop of gl.loop_table."
-        raise InputError("number", "none", f"a number from 0 to {last}", remedy)
-    number = 0 if number is None else number
-    order = loop_of_snapshot(snapshot, number).graph.grain_count
-    of_loop: Any = {"snapshot": snapshot, "loop": number, "source": "a snapshot"}
     words: Any = {"closure": closure, "programme": programme, "end": end}
-    options = LoopOptions(order, confine=0.0, **words, **of_loop)
+    options = loop_options(snapshot_of(source), number, "a snapshot", **words)
     place = in_packing and isinstance(source, Snapshot)
     return run_loop(options, folder, in_packing=place, **how)
 
@@ -147,31 +145,50 @@ def run_loop(
     progress: Callable[[str], object] = lambda _: None,
     **how: Any,
 ) -> LoopStudy:
-    """Study a loop of a snapshot, and write its report, tables and figures where `out` is given."""
+    """Study a loop of a snapshot, and write its report, tables and figures where `out` is given.
+
+    What this loop or its law has no answer to is left out, and a note says why.
+    """
     snapshot = options.snapshot
     assert snapshot is not None
+    notes = list[str]()
+
+    def tried(what: str, question: Callable[[], Any]) -> Any:
+        progress(f"its {what}")
+        try:
+            return question()
+        except InputError as error:
+            notes.append(f"no {what} of this loop: {error}")
+
     progress("its closures")
-    table, notes = loop_columns(snapshot), list[str]()
+    snapshot.mechanics()
+    table = loop_columns(snapshot)
     if in_packing:
-        progress("its closures in the packing")
-        _, notes = add_in_packing(snapshot, table, "auto")
+        place = tried("closures in the packing", lambda: add_in_packing(snapshot, table, "auto"))
+        notes += [] if place is None else place[1]
     closures = closure_table(table, options.loop)
-    progress("its path")
-    path = follow_polygon(options)
-    progress("its domain")
-    domain = loop_domain(Scene(options.graph(), options.law()), options.closure)
-    ends = domain.rows["kind"].value_counts().to_dict()
-    summary = polygon_summary(path)
     known = closures.astype(object).where(closures.notna(), None)
-    summary["closures"] = known.to_dict("records")
-    summary["domain"] = {"present_state": domain.status, "ended_by": ends}
-    summary["notes"] += notes
-    found = LoopStudy(closures, path.path, domain, summary, path)
+    configuration: dict[str, Any] = {"snapshot": options.source, "loop": options.loop}
+    summary: Summary = {"notes": list(snapshot.notes)}
+    subject: Subject = loop_of_snapshot(snapshot, options.loop)
+    tables, unit = {"closures": closures}, "force/length"
+    path = tried("path", lambda: follow_polygon(options))
+    if path is not None:
+        configuration, summary = options.described(), polygon_summary(path)
+        subject, unit = Scene(options.graph(), options.law()), "over $k_n$"
+        tables |= polygon_tables(path)
+    domain = tried("domain", lambda: loop_domain(subject, options.closure))
+    summary |= {"closures": known.to_dict("records"), "notes": summary["notes"] + notes}
+    if domain is not None:
+        domain = replace(domain, stress_unit=unit)
+        ends = domain.rows["kind"].value_counts().to_dict()
+        summary["domain"] = {"present_state": domain.status, "ended_by": ends}
+        tables["boundary"] = domain.rows
+    found = LoopStudy(closures, path and path.path, domain, summary, path)
     if out is None:
         return found
-    with results_in("loop", out, options.described(), **how) as results:
-        tables = {"closures": closures, **polygon_tables(path)}
-        summary = results.write_results(tables | {"boundary": domain.rows}, summary)
+    with results_in("loop", out, configuration, **how) as results:
+        summary = results.write_results(tables, summary)
         if results.figures:
             title = f"Loop {options.loop} of {readable(options.source)}"
             results.write_report(title, summary, found.figures(), [])

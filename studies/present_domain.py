@@ -30,6 +30,7 @@ from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from stability import judge, normalised_second_order_work, restrict
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
+from studies.output import words
 from studies.style import (
     BLACK,
     BLUE,
@@ -103,13 +104,13 @@ class LoopDomain(Shown):
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
-        counts = self.rows["kind"].value_counts().to_dict()
+        ended, counts = words("lines")["words"]["ended"], self.rows["kind"].value_counts()
         negative = 100.0 * np.mean(self.rows["start_w2"] < 0.0)
         lost = {"negative second-order work there": f"along {negative:.0f} % of the programmes"}
         return {
             "present state": self.status, **(lost if negative else {}),
             "programmes": len(self.rows), "of": self.control,
-            **{f"ended by {kind}": count for kind, count in counts.items()},
+            **{f"ended by {ended[kind]}": count for kind, count in counts.items()},
         }  # fmt: skip
 
 
@@ -325,7 +326,7 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
     known = np.isfinite(points).all(axis=1)
     known &= np.roll(known, -1)
     known[-1] &= found.all_around
-    for name, (colour, style, words) in ENDS.items():
+    for name, (colour, style, text) in ENDS.items():
         runs = true_runs(known & (kind == name))
         if runs:
             # Joined, so that dashes go on from one programme to the next.
@@ -334,7 +335,7 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) ->
             ax.add_collection(LineCollection(lines, colors=colour, linestyles=style,
                                              linewidths=1.3))  # fmt: skip
             share = 100.0 * np.mean(kind == name)
-            ax.plot([], [], style, color=colour, label=f"{words} ({share:.0f} %)")
+            ax.plot([], [], style, color=colour, label=f"{text} ({share:.0f} %)")
     inside = found.yields[names].to_numpy(dtype=float)
     # Contacts that slide from the start yield in the present state itself.
     inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.ptp(points[known])]

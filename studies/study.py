@@ -75,16 +75,20 @@ class Results:
         return whole
 
     def write_results(
-        self, tables: Mapping[str, Any], summary: Mapping[str, Any], drawings: Drawings = ()
+        self,
+        tables: Mapping[str, Any],
+        summary: Mapping[str, Any],
+        drawings: Drawings = (),
+        title: str = "",
     ) -> Summary:
         """Write tables by name and the summary, which is returned with its provenance.
 
-        Of a study without a page the figures too.
+        With drawings their figures too, and a report with that title and without a map.
         """
         self.write_tables(tables)
         whole = self.write_summary(summary)
-        if drawings:
-            self.save_figures(drawings)
+        if drawings and self.figures is not None:
+            self.write_report(title, whole, drawings, [], largest=0)
         return whole
 
     def save_figures(self, drawings: Drawings) -> list[Picture]:
@@ -131,7 +135,9 @@ class Results:
         pictures = self.save_figures(drawings)
         missing = {*(self.figures.names if self.figures else ())} - {one.name for one in pictures}
         if missing:
-            summary["notes"].append(f"nothing to draw in figures {', '.join(sorted(missing))}")
+            summary.setdefault("notes", []).append(
+                f"nothing to draw in figures {', '.join(sorted(missing))}"
+            )
             self.write_summary(summary)
         pictures += [
             Picture(file.stem, mimetypes.guess_type(file.name)[0] or "", file.read_bytes())

@@ -31,6 +31,7 @@ from loops.errors import check_type, path_of, short, whole_number
 from loops.graph import graph_without, state_of
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
+from loops.pruning import prune_dangling
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown, counted
 from loops.validation import checked_regimes, integers
@@ -216,6 +217,13 @@ class Snapshot(Shown):
         return self.mechanical or bool(self.lacks and {*self.lacks} <= {*STIFFNESS, "balance"})
 
     @cached_property
+    def rattlers(self) -> int:
+        """Number of grains with fewer than two contacts, walls included, pruned again and again."""
+        walls, count = self.walls, self.graph.grain_count
+        supports = None if walls is None else np.bincount(walls.grain, minlength=count)
+        return int(np.count_nonzero(~prune_dangling(self.graph, supports=supports)[0]))
+
+    @cached_property
     def mean_kn(self) -> float:
         """Mean normal stiffness of the contacts, all taken as elastic (force per length)."""
         (law, _), graph = self.mechanics(), self.graph
@@ -398,15 +406,16 @@ class SnapshotLoop(Shown):
         return {"grains": self.ids.tolist(), "contacts sliding": sliding}
 
 
-def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
+def loop_of_snapshot(snapshot: Snapshot, loop: int | None) -> SnapshotLoop:
     """Cut one loop out of a snapshot by its id.
 
     Parameters
     ----------
     snapshot : Snapshot
         The snapshot.
-    loop : int
-        Number of the loop in `snapshot.faces.loops`, the id in the table of loops.
+    loop : int or None
+        Number of the loop in `snapshot.faces.loops`, the id in the table of loops; None for the
+        only one.
 
     Returns
     -------
@@ -416,7 +425,7 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     Raises
     ------
     InputError
-        If there is no loop of that number.
+        If there is no loop of that number, or none is named of several.
 
     Examples
     --------
@@ -427,10 +436,13 @@ def loop_of_snapshot(snapshot: Snapshot, loop: int) -> SnapshotLoop:
     """
     faces = snapshot.faces
     count = len(faces.loops)
-    if not 0 <= whole_number("loop", loop, 0) < count:
-        raise InputError("loop", str(loop), f"a number from 0 to {count - 1}", "Pick a loop.")
+    given = 0 if loop is None and count == 1 else loop
+    if given is None or not 0 <= whole_number("loop", given, 0) < count:
+        received = "none" if given is None else str(given)
+        remedy = "Pick one of the column loop of loops.parquet, or of gl.loop_table."
+        raise InputError("loop", received, f"a number from 0 to {count - 1}", remedy)
     law, regime = snapshot.mechanics()
-    (batch,) = loop_batches(snapshot.graph, faces, loops=faces.loops[[loop]])
+    (batch,) = loop_batches(snapshot.graph, faces, loops=faces.loops[[given]])
     (grains,), (contacts,), cut = batch.grains, batch.contacts, batch.graph
     graph = GrainGraph(
         x=cut.x[0],

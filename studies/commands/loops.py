@@ -109,19 +109,13 @@ def polygon_command(
 
 
 def _ring_of(path: Path) -> tuple[Any, Any]:
-    """Centres and radii of a table, counter-clockwise."""
-    import pandas as pd
-
+    """Centres and radii of a table `x, y, radius`, a row a grain in order, counter-clockwise."""
     from loops import polygon_area
+    from patterns.snapshots.tables import read_table
 
-    try:
-        table = pd.read_csv(path, comment="#")[["x", "y", "radius"]].astype(float)
-    except (OSError, KeyError, ValueError) as error:
-        expected = "a table with the columns x, y and radius, a row a grain, in order"
-        raise InputError(f"--centres {path}", str(error), expected, "Correct it.") from None
-    x = table[["x", "y"]].to_numpy()
-    sense = -1 if len(x) > 2 and polygon_area(x) < 0.0 else 1
-    return tuple(map(tuple, x[::sense].tolist())), tuple(table["radius"].tolist()[::sense])
+    rows = read_table(path).columns("x", "y", "radius")
+    sense = -1 if len(rows) > 2 and polygon_area(rows[:, :2]) < 0.0 else 1
+    return tuple(map(tuple, rows[::sense, :2].tolist())), tuple(rows[::sense, 2].tolist())
 
 
 def _which_loop(
@@ -159,7 +153,7 @@ def _loops_of(
             raise InputError(wrong, "given with --snapshot", expected, "Leave them out.")
         words = {name: value for name, value in words.items() if name not in OWN}
         words |= {"closure": closures[0]}
-        loop = _of_snapshot(asked.snapshot, asked.loop, words, reading.how_of(asked.snapshot))
+        loop = _of_snapshot(asked.snapshot, asked.loop, words, reading)
         return (loop.order,), [loop]
     words["contact_law"] = law = _refuse_reading(asked.loop, reading)
     words["radii"] = numbers("--radii", asked.radii)
@@ -186,20 +180,12 @@ def _refuse_reading(loop: int | None, reading: OneReading) -> str:
     return reading.law or "linear"
 
 
-def _of_snapshot(path: Path, loop: int | None, words: Any, how: dict[str, Any]) -> Any:
+def _of_snapshot(path: Path, loop: int | None, words: Any, reading: OneReading) -> Any:
     """Options of one loop of a snapshot."""
-    from patterns import loop_of_snapshot
-    from studies.paths.options import LoopOptions
+    from studies.paths.options import loop_options
     from studies.reading import read_planar
 
-    snapshot = read_planar(path, **how)
-    if loop is None:
-        remedy = "loops.parquet of grainloops snapshot has them in its column loop."
-        last = len(snapshot.faces.loops) - 1
-        raise InputError("--loop", "none", f"a number from 0 to {last}", remedy)
-    order = loop_of_snapshot(snapshot, loop).graph.grain_count
-    of_snapshot: Any = {"snapshot": snapshot, "loop": loop, "source": path.name}
-    return LoopOptions(order, confine=0.0, **words, **of_snapshot)
+    return loop_options(read_planar(path, **reading.how_of(path)), loop, path.name, **words)
 
 
 def _polygon_lines(summary: Summary) -> list[str]:
@@ -274,11 +260,11 @@ def loop_command(
         from studies.one_loop import run_loop
 
         words = {"closure": closure, "programme": programme, "end": end}
-        options = _of_snapshot(path, id, words, reading.how_of(path))
+        options = _of_snapshot(path, id, words, reading)
         place = not no_packing
         found = run_loop(options, out, in_packing=place, progress=tell, **writing.files())
     summary = found.summary
-    lines = [*printed("loop", summary), *_polygon_lines(summary)]
+    lines = printed("loop", summary) + ([] if found.path is None else _polygon_lines(summary))
     return answer(writing.json, out, lines, summary["notes"])
 
 

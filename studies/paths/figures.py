@@ -612,7 +612,7 @@ def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
             ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
         tables = diamond_tables(found, ignored)
         drawings = diamond_figures(found, ignored, tables["path_dependence"])
-        return results.write_results(tables, diamond_summary(found), drawings)
+        return results.write_results(tables, diamond_summary(found), drawings, "Diamond")
 
 
 def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
@@ -620,7 +620,8 @@ def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
     with study("polygon", out, options.described(), **how) as results:
         found = follow_polygon(options)
         tables, summary = polygon_tables(found), polygon_summary(found)
-        return results.write_results(tables, summary, polygon_figures(found))
+        title = f"Loop of {options.order} grains"
+        return results.write_results(tables, summary, polygon_figures(found), title)
 
 
 def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
@@ -629,4 +630,5 @@ def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary
     with study("polygon --compare", out, described, **how) as results:
         compared = compare_orders(options)
         tables = {"compare": compared.table, "paths": compared.curves()}
-        return results.write_results(tables, compared.summary(), comparison_figures(compared))
+        drawings = comparison_figures(compared)
+        return results.write_results(tables, compared.summary(), drawings, "Loops by order")

@@ -379,6 +379,15 @@ class LoopOptions(PolygonOptions):
         return own | self.of_programme()
 
 
+def loop_options(snapshot: Snapshot, loop: int | None, source: str, **words: Any) -> LoopOptions:
+    """Options of one loop of a snapshot; `InputError` if it has none of that number."""
+    from patterns import loop_of_snapshot
+
+    order, number = loop_of_snapshot(snapshot, loop).graph.grain_count, loop or 0
+    own: Any = {"snapshot": snapshot, "loop": number, "source": source, "confine": 0.0}
+    return LoopOptions(order, **own, **words)
+
+
 def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
     """Centres whose branches (c, c + 1) have these lengths, with the smallest moves (Newton).
 

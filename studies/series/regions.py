@@ -6,21 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet
 
 from loops import InputError
 from loops.tracking import Fate
 from stability import COMPONENTS
 from studies.output import DATASETS, Columns, Summary, described
+from studies.series.skill import part_columns
 from studies.series.tasks import Series
 from studies.snapshot.regions import (
-    THRESHOLD,
     UNKNOWN,
     Property,
     loop_regions,
+    parsed,
     places_table,
     region_summary,
-    require_regions,
 )
 from studies.snapshot.summary import verdict_properties
 
@@ -56,13 +55,12 @@ def series_regions(series: Series, regions: str) -> tuple[pd.DataFrame, Summary]
 
 def require_series_regions(regions: str, snapshots: int) -> None:
     """Raise `InputError` for regions that no series of so many snapshots has."""
-    require_regions(regions)
-    column = THRESHOLD.fullmatch(regions)
-    tables = (f"series/{name}" for name in DATASETS)
-    if column and column[1] != "shear" and not any(described(at, column[1]) for at in tables):
+    asked, tables = parsed(regions), (f"series/{name}" for name in DATASETS)
+    column = asked[0] if isinstance(asked, tuple) else "shear"
+    if column != "shear" and not any(described(at, column) for at in tables):
         expected = "shear, or a column of the loops, fates, increments or packing of a series"
         remedy = "docs/columns.md lists them."
-        raise InputError("--regions", f"column {column[1]}", expected, remedy)
+        raise InputError("--regions", f"column {column}", expected, remedy)
     if snapshots < 2:
         remedy = "Give later ones, or take grainloops snapshot --regions."
         raise InputError("--regions", "one snapshot", "a series of two at least", remedy)
@@ -74,9 +72,9 @@ def earlier_loops(loops: Path, parts: dict[str, Path]) -> Columns:
     The columns of a part without a row for some loop, as of increments, are nan there; `shear` is
     half the difference of the principal strains.
     """
-    table = read_part(loops)
+    table = part_columns(loops)
     for name in ("fates", "increments", "packing"):
-        columns = read_part(parts[name]) if name in parts else {}
+        columns = part_columns(parts[name]) if name in parts else {}
         at = columns.get("loop_before", columns.get("loop", np.empty(0, dtype=int)))
         earlier = at >= 0
         for column, values in columns.items():
@@ -87,16 +85,6 @@ def earlier_loops(loops: Path, parts: dict[str, Path]) -> Columns:
                 table[column][at[earlier]] = values[earlier]
     H11, H12, H21, H22 = (table[f"H{ij}"] for ij in COMPONENTS)
     return table | {"shear": 0.5 * np.hypot(H11 - H22, H12 + H21)}
-
-
-def read_part(part: Path) -> Columns:
-    """Return the columns of a part but for lists."""
-    table = pyarrow.parquet.read_table(part)
-    return {
-        name: table.column(name).to_numpy()
-        for name, kind in zip(table.column_names, table.schema.types, strict=True)
-        if not pyarrow.types.is_list(kind)
-    }
 
 
 def fate_properties(table: Columns) -> dict[str, Property]:

@@ -108,19 +108,21 @@ def interval_columns(
     """Arguments of `targets` for each interval in which a loop survived; none without forces."""
     earlier = None
     for k, (pair, snapshot) in enumerate(zip(increments, loops, strict=False)):
-        own, state = part_columns(pair), part_columns(snapshot)
+        own, state = part_columns(pair, READ), part_columns(snapshot, READ)
         if "w2" not in own:
             return
-        state |= part_columns(packing[k]) if packing else {}
+        state |= part_columns(packing[k], READ) if packing else {}
         if len(own["w2"]):
             yield own, state, earlier
         earlier = own
 
 
-def part_columns(part: Path) -> Columns:
-    """Columns of `READ` that a part of any dataset has."""
-    there = pyarrow.parquet.read_schema(part).names
-    names = [name for name in READ if name in there]
+def part_columns(part: Path, wanted: Sequence[str] | None = None) -> Columns:
+    """Those columns that a part of any dataset has, or all but lists."""
+    there = pyarrow.parquet.read_schema(part)
+    kinds = zip(there.names, there.types, strict=True)
+    plain = [name for name, kind in kinds if not pa.types.is_nested(kind)]
+    names = plain if wanted is None else [name for name in wanted if name in plain]
     table = pyarrow.parquet.read_table(part, columns=names)
     return {name: table.column(name).to_numpy() for name in names}
 

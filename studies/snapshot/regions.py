@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from loops.arrays import Flags, Floats, Integers, median
 from loops.errors import InputError, number
 from studies.output import Columns, Summary
-from studies.snapshot.table import GROUPS, LAST_ORDER, share
+from studies.snapshot.table import group_rows, share
 
 # A column of the table of loops and a threshold, `nonaffinity>2`.
 THRESHOLD = re.compile(r"\s*(\w+)\s*([<>])\s*(\S+)\s*")
@@ -38,8 +38,9 @@ def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
     belong to a polygon, to the first of several. Loops without a number in the column of a
     threshold are neither inside nor elsewhere, but `unknown`.
     """
-    if found := THRESHOLD.fullmatch(regions):
-        column, sign, value = found[1], found[2], _threshold(found[3], regions)
+    asked = parsed(regions)
+    if isinstance(asked, tuple):
+        column, sign, value = asked
         values = np.asarray(table[column]) if column in table else np.empty(0, dtype=object)
         if values.dtype.kind not in "iuf":
             named = [name for name in table if np.asarray(table[name]).dtype.kind in "iuf"]
@@ -51,33 +52,27 @@ def loop_regions(table: Columns, regions: str) -> tuple[Integers, Strings]:
         known = ~np.isnan(values)
         names = [regions.strip(), ELSEWHERE, *(() if known.all() else (UNKNOWN,))]
         return np.where(known, np.where(inside, 0, 1), 2), np.array(names)
-    polygons = _polygons(Path(regions))
     if "x" not in table:
         remedy = "Give a threshold, nonaffinity>2."
         raise InputError("--regions", regions, "a threshold: these loops have no places", remedy)
     from matplotlib.path import Path as Outline
 
-    at, place = np.column_stack([table["x"], table["y"]]), np.full(len(table["x"]), len(polygons))
-    for number_of, corners in reversed(list(enumerate(polygons.values()))):
+    at, place = np.column_stack([table["x"], table["y"]]), np.full(len(table["x"]), len(asked))
+    for number_of, corners in reversed(list(enumerate(asked.values()))):
         place[Outline(corners).contains_points(at)] = number_of
-    return place, np.array([*polygons, ELSEWHERE])
+    return place, np.array([*asked, ELSEWHERE])
 
 
-def _threshold(text: str, regions: str) -> float:
-    """Return the number of a threshold; `InputError` if it is none."""
+def parsed(regions: str) -> tuple[str, str, float] | dict[str, Floats]:
+    """Return a column, sign and threshold, or corners of polygons; `InputError` for neither."""
+    found = THRESHOLD.fullmatch(regions)
+    if found is None:
+        return _polygons(Path(regions))
     try:
-        return number("--regions", float(text))
+        return found[1], found[2], number("--regions", float(found[3]))
     except ValueError:
         remedy = "Write deviator>120, or name a table of corners."
         raise InputError("--regions", regions, "a column and a number", remedy) from None
-
-
-def require_regions(regions: str) -> None:
-    """Raise `InputError` if `regions` is neither a threshold nor a table of corners."""
-    if found := THRESHOLD.fullmatch(regions):
-        _threshold(found[3], regions)
-    else:
-        _polygons(Path(regions))
 
 
 def _polygons(path: Path) -> dict[str, Floats]:
@@ -110,23 +105,15 @@ def places_table(
     Of a verdict `<judge>_unstable` also `<judge>_lambda_min`, the median of its eigenvalues, and
     `<judge>_undetermined`, the share of loops without one.
     """
-    # Sorted by place, then by group: each set of loops is a slice.
-    group = np.minimum(order, LAST_ORDER).astype(np.int64) - 3 + len(GROUPS) * place
-    at = np.argsort(group, kind="stable")
-    ends = np.cumsum([0, *np.bincount(group, minlength=len(names) * len(GROUPS))])
-    parts = {
-        name: Property(flags[at], known[at], None if smallest is None else smallest[at])
-        for name, (flags, known, smallest) in properties.items()
-    }
-    order, rows = order[at], list[dict[str, Any]]()
-    for first, name in zip(range(0, len(ends) - 1, len(GROUPS)), names, strict=True):
-        spans = {one: (first + k, first + k + 1) for k, one in enumerate(GROUPS)}
-        for orders, (low, high) in {**spans, "all": (first, first + len(GROUPS))}.items():
-            part = slice(ends[low], ends[high])
-            count = int(ends[high] - ends[low])
+    rows = list[dict[str, Any]]()
+    for k, name in enumerate(names):
+        here = np.flatnonzero(place == k)
+        for orders, own in group_rows(order[here]).items():
+            part = here[own]
+            count = len(part)
             mean = float(order[part].mean()) if count else np.nan
             row = {"place": name, "orders": orders, "loops": count, "mean_order": mean}
-            for column, (flags, known, smallest) in parts.items():
+            for column, (flags, known, smallest) in properties.items():
                 of_them = share(flags[part][known[part]])
                 if smallest is not None:
                     values, judge = smallest[part], column.removesuffix("_unstable")

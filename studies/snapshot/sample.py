@@ -182,7 +182,8 @@ class Stress(Shown):
     volume_is : str
         Which area that is: 'cell', 'box within the walls' or 'outline of the network'.
     rattlers : int
-        Grains without contacts: they are in the area and carry nothing.
+        Grains with fewer than two contacts, walls included, removed one after the other: they are
+        in the area and carry nothing.
     p, q : float
         Mean stress and half the difference of the principal stresses of the symmetric part.
     p_error, q_error, q_over_p_error : float
@@ -284,10 +285,7 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
         apart = [values - values.mean() for values in (mean, half, half / mean)]
     errors = [float(np.sqrt((len(mean) - 1) / len(mean) * np.sum(one**2))) for one in apart]
     p, q = _invariants(whole / volume)
-    degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)
-    if walls is not None:
-        degree += np.bincount(walls.grain, minlength=graph.grain_count)
-    rattlers = int(np.count_nonzero(degree == 0))
+    rattlers = snapshot.rattlers
     return Stress(
         whole / volume, at_walls, float(volume), said, rattlers, float(p), float(q), *errors
     )

@@ -129,16 +129,16 @@ def _network(snapshot: Snapshot) -> dict[str, Any]:
     """Counts of grains and contacts, Euler's formula, coordination."""
     graph, faces = snapshot.graph, snapshot.faces
     euler = euler_check(graph, faces)
-    degree = np.bincount(graph.contacts.ravel(), minlength=graph.grain_count)
     # Every contact of the pruned network is two half-edges of its faces.
     inner = np.bincount(faces.grains, minlength=graph.grain_count)
     z = 2 * euler.edges / euler.vertices if euler.vertices else 0.0
+    dangling = graph.grain_count - euler.vertices
     return {
         "grains": graph.grain_count,
         "contacts": graph.contact_count,
         "wall_contacts": snapshot.wall_contacts,
-        "rattlers": int(np.count_nonzero(degree == 0)),
-        "dangling_grains": graph.grain_count - euler.vertices,
+        "rattlers": snapshot.rattlers if snapshot.wall_contacts else dangling,
+        "dangling_grains": dangling,
         **values_of(euler, "components", "vertices", "edges", "faces"),
         "euler_ok": euler.ok,
         "coordination": z,

@@ -151,7 +151,7 @@ def test_rings_that_cross_and_grains_without_a_law():
         gl.loop(crossed)
     with pytest.raises(gl.InputError, match="law: got LinearFrictional with a snapshot or scene"):
         gl.loop(gl.Scene(ring_of(1), LAW), law=LAW)
-    with pytest.raises(gl.InputError, match="number: got none, expected a number from 0 to"):
+    with pytest.raises(gl.InputError, match="loop: got none, expected a number from 0 to"):
         gl.loop(gl.read_snapshot(gl.sample_path()))
     with pytest.raises(gl.InputError, match=r"source: got .*rows x, y, radius"):
         gl.loop(rows[:, :2], law=LAW)

@@ -64,7 +64,6 @@ def test_the_command_writes_the_page(tmp_path, found):
 
 @pytest.mark.parametrize(("words", "said"), [
     (("--id", 10**6), "loop: got 1000000, expected a number from 0 to 308"),
-    (("--id", NUMBER, "--law", "hertz", "--young", 7e7, "--poisson", 0.2), "--law: got"),
     (("--id", NUMBER, "--programme", "none"), "--programme: got 'none', expected drained"),
     # The figures are named once the loop is done.
     pytest.param(("--id", NUMBER, "--figures", "rose"),
@@ -80,5 +79,24 @@ def test_bad_input_is_told_in_one_line(tmp_path, capsys, words, said):
 
 
 def test_a_snapshot_without_a_number_names_it(snapshot):
-    with pytest.raises(gl.InputError, match="number: got none, expected a number from 0 to 308"):
+    with pytest.raises(gl.InputError, match="loop: got none, expected a number from 0 to 308"):
         gl.study(snapshot)
+
+
+def test_what_has_no_answer_is_left_out_and_told(snapshot, tmp_path, capsys):
+    """Contacts of spheres: their closures, no path, and no domain of forces that do not fit."""
+    law = ("--law", "hertz", "--young", 7e7, "--poisson", 0.2)
+    out = tmp_path / "loop"
+    assert run("loop", gl.sample_path(), "--id", NUMBER, *law, "--out", out) == 0
+    said = capsys.readouterr().out
+    assert "note: no path of this loop: --law: got HertzMindlin, expected linear springs" in said
+    assert "note: no domain of this loop: normal force of contact 0: got" in said
+    how = {"law": "hertz", "young": 7e7, "poisson": 0.2}
+    row = gl.loop_table(gl.read_snapshot(gl.sample_path(), **how, strict=False)).loc[NUMBER]
+    closures = pd.read_parquet(out / "closures.parquet").set_index("closure")
+    for name in ("affine", "traction", "traction_free"):
+        assert closures.loc[name, "lambda_min"] == row[f"{name}_lambda_min"]
+    assert closures.loc["packing", "verdict"] == "stable"
+    assert {path.name for path in out.iterdir()} == {
+        "closures.parquet", "closures.png", "report.html", "summary.json"
+    }  # fmt: skip

@@ -99,11 +99,15 @@ def test_the_driven_axis_is_named_with_that_of_the_major_stress(programme, axis,
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"limits": {"opening": 7, "yield": 2}}, "opening on 7, yield on 2"),
+        (
+            {"limits": {"opening": 7, "yield": 2}},
+            "a contact that opens on 7, a contact at yield on 2",
+        ),
         ({"unstable_share": 0.25}, "no limit; unstable share of strains 0.250"),
         (
             {"present_state": "stable", "ended_by": {"end": 4, "opening": 5}},
-            "no limit; present state stable, programmes ended by: 4 end, 5 opening",
+            "no limit; present state stable, programmes ended by the end of the range: 4, "
+            "a contact that opens: 5",
         ),
         (
             {"present_state": "unstable", "negative_share": 0.25, "ended_by": {"start": 9}},

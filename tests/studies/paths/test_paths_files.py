@@ -53,7 +53,7 @@ FIGURES = (
     "loop_A",
 )  # fmt: skip
 FILES = {
-    "summary.json", "path.parquet", "polar.parquet", "path_dependence.parquet",
+    "summary.json", "report.html", "path.parquet", "polar.parquet", "path_dependence.parquet",
     "grains_A.parquet", "contacts_A.parquet",
     *(f"{name}.png" for name in FIGURES),
 }  # fmt: skip
@@ -75,7 +75,7 @@ def written(tmp_path_factory):
 @pytest.mark.parametrize("table", [1, 2])
 def test_files(written, table):
     folder, summary = written[table]
-    tables = {name for name in FILES if name.endswith((".json", ".parquet"))}
+    tables = {name for name in FILES if name.endswith((".json", ".html", ".parquet"))}
     assert {file.name for file in folder.iterdir()} == (FILES if table == 1 else tables)
     read = json.loads((folder / "summary.json").read_text())
     assert set(read) - {"files"} == SUMMARY_KEYS

@@ -10,6 +10,7 @@ import pytest
 import scipy.stats
 
 from loops import GrainGraph, LinearFrictional, Regime, find_faces, love_weber_stress
+from loops.system import packing_system
 from patterns import (
     Snapshot,
     WallContacts,
@@ -19,6 +20,7 @@ from patterns import (
     synthetic_network,
 )
 from studies.output import definitions
+from studies.snapshot.sample import stress
 from studies.snapshot.summary import (
     axes_block,
     axes_density,
@@ -172,7 +174,7 @@ def test_loop_stresses_add_up_to_love_weber(sample):
 
 
 def test_orders_and_coordination(sample):
-    snapshot, s, table = sample
+    _, s, table = sample
     for n, area in s["orders_area"].items():
         assert area == pytest.approx(table["area"][table["order"] == int(n)].sum(), rel=1e-12)
     assert sum(s["orders_area"].values()) == pytest.approx(s["area"], rel=1e-12)
@@ -180,8 +182,26 @@ def test_orders_and_coordination(sample):
     assert s["contacts_per_grain"]["mean"] == pytest.approx(s["coordination"], rel=1e-14)
     assert s["contacts_per_grain"]["count"] == s["vertices"]
     assert s["order_spread"]["mean"] == pytest.approx(s["mean_order"])
-    degree = np.bincount(snapshot.graph.contacts.ravel(), minlength=s["grains"])
-    assert s["rattlers"] == np.sum(degree == 0)
+
+
+@pytest.mark.parametrize("walled", [True, False])
+def test_rattlers_are_those_of_the_stress_and_of_the_packing(sample, walled):
+    """Grains with fewer than two contacts, walls counted, removed one by one."""
+    snapshot, s = sample[:2]
+    if walled:
+        snapshot = read_snapshot(sample_path())
+        s = of(snapshot)[0]
+    ends = snapshot.graph.contacts.tolist()
+    ends += [] if snapshot.walls is None else snapshot.walls.grain[:, None].tolist()
+    left, before = set(range(s["grains"])), 0
+    while len(left) != before:
+        before, degree = len(left), np.zeros(s["grains"], dtype=int)
+        for pair in ends:
+            degree[pair] += left.issuperset(pair)
+        left = {grain for grain in left if degree[grain] >= 2}
+    assert s["rattlers"] == s["grains"] - len(left) == stress(snapshot).rattlers
+    assert packing_system(snapshot.scene).carrying.rattlers == s["rattlers"]
+    assert (s["dangling_grains"] > s["rattlers"]) == walled
 
 
 def test_stability_by_closure_and_order(sample):
