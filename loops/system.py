@@ -125,7 +125,7 @@ class System(Shown):
         ends = [] if self.graph.cell is None else ["periodic cell"]
         walls = len(self.kept) - len(self.contacts)
         ends += [f"{walls} wall contacts"] if walls else []
-        ends += [f"{self.held} grains held to the affine motion"] if self.held else []
+        ends += [f"{counted(self.held, 'grain')} held to the affine motion"] if self.held else []
         return ", ".join(ends)
 
 

@@ -109,13 +109,19 @@ def polygon_command(
 
 
 def _ring_of(path: Path) -> tuple[Any, Any]:
-    """Centres and radii of a table `x, y, radius`, a row a grain in order, counter-clockwise."""
-    from loops import polygon_area
-    from patterns.snapshots.tables import read_table
+    """Centres and radii of a table, counter-clockwise."""
+    import pandas as pd
 
-    rows = read_table(path).columns("x", "y", "radius")
-    sense = -1 if len(rows) > 2 and polygon_area(rows[:, :2]) < 0.0 else 1
-    return tuple(map(tuple, rows[::sense, :2].tolist())), tuple(rows[::sense, 2].tolist())
+    from loops import polygon_area
+
+    try:
+        table = pd.read_csv(path, comment="#")[["x", "y", "radius"]].astype(float)
+    except (OSError, KeyError, ValueError) as error:
+        expected = "a table with the columns x, y and radius, a row a grain, in order"
+        raise InputError(f"--centres {path}", str(error), expected, "Correct it.") from None
+    x = table[["x", "y"]].to_numpy()
+    sense = -1 if len(x) > 2 and polygon_area(x) < 0.0 else 1
+    return tuple(map(tuple, x[::sense].tolist())), tuple(table["radius"].tolist()[::sense])
 
 
 def _which_loop(
