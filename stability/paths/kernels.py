@@ -1,24 +1,17 @@
-"""Rings of a path as kernels take them, and numpy where a loop is no ring of a known law.
-
-Compiled are rings without chords under linear springs, with cohesion or not, and Hertz's law. Under
-a law of one's own, with rolling resistance, with chords or as a packing the segment calls numpy
-back for its rates and event functions.
-"""
+"""Loops of a path as kernels take them: the arrays of a `Problem`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats, Integers, Regimes
+from loops.arrays import Floats, Integers
 from loops.closures import ring as equations
 from loops.closures.rings import CLOSURES, SPINS
 from loops.compiled import compiled
-from loops.laws.frictional import Regime
 from loops.laws.of_pairs import KERNELS, PairLaw
 from loops.symmetry import identity
 from stability.paths import ring_rates, segment
@@ -29,7 +22,7 @@ from stability.programmes import Programme
 # Kernels that are compiled into their callers.
 INLINED = ("turn_block", "kept_motions", "condense", "weigh_moments", "_norm4")
 # Laws as the kernels number them.
-LAWS = ("springs", "cohesive", "hertz", "hertz_by_displacement")
+LAWS = ("springs", "cohesive", "hertz", "hertz_by_displacement", "given")
 # Numbers of the quantities that end a stage.
 QUANTITIES = {f"{tensor}{i}{j}": k for k, (tensor, i, j) in enumerate(product("HP", "12", "12"))}
 QUANTITIES["parameter"] = 8
@@ -40,7 +33,7 @@ class EventFunctions(NamedTuple):
 
     `watch` (M, 2): kinds, and the contact or eigenvalue that each belongs to, four eigenvalues a
     subspace, -1 for none; `numbers`: target, sense and start of the stage, sizes of strains and of
-    the parameter per strain; `functions` give the values of a state by numpy, kind by kind.
+    the parameter per strain.
     """
 
     watch: Integers
@@ -49,16 +42,11 @@ class EventFunctions(NamedTuple):
     spaces: Integers
     quantity: int
     numbers: tuple[float, ...]
-    functions: Sequence[Callable[[Any], Any]] = ()
-
-    def values(self, here: Any) -> Floats:
-        """(M,) dimensionless values in a state."""
-        return np.concatenate([function(here) for function in self.functions])
 
 
 @cache
 def answer() -> Any:
-    """Return the compiled rates of rings, see `ring_rates.RATES`."""
+    """Return the compiled rates of loops, see `ring_rates.RATES`."""
     from stability.paths import calls
 
     modules = equations, ring_rates, calls
@@ -72,66 +60,72 @@ def follow() -> Any:
 
 
 @lru_cache(maxsize=16)
-def ring_of(model: PathModel) -> dict[str, Any] | None:
-    """Constant parts of a `Problem` of this model, if the kernels serve it."""
+def parts_of(model: PathModel) -> dict[str, Any]:
+    """Constant parts of a `Problem` of this model."""
     law: Any = model.law
-    n, known = model.grain_count, type(law) in KERNELS
-    ring = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
-    if not known or n < 3 or not np.array_equal(model.contacts, ring):
-        return None
+    n, known = model.contact_count, model.is_ring and type(law) in KERNELS
     radii = model.radii[model.contacts].T
-    pairs = PairLaw.made(law, radii, np.full(n, -1))
-    kind, constants = KERNELS[type(law)](pairs)
-    traction = model.closure == "traction"
-    table = np.zeros((n, ring_rates.WIDTH))
-    columns = (
-        *model.d0.T, model.length0, model.overlap0, model.touching,
-        *(model.m.T if traction else np.zeros((2, n))), *radii, pairs.reach, *constants,
-    )  # fmt: skip
+    table, kind = np.zeros((n, ring_rates.WIDTH)), "given"
+    columns = [
+        *model.d0.T,
+        model.length0,
+        model.overlap0,
+        model.touching,
+        *np.zeros((2, n)),
+        *radii,
+    ]
+    by_radii = getattr(law, "shear_increment", "radii") == "radii"
+    if known:
+        pairs = PairLaw.made(law, radii, np.full(n, -1))
+        kind, constants = KERNELS[type(law)](pairs)
+        columns += [pairs.reach, *constants]
     for k, column in enumerate(columns):
         table[:, ring_rates.D0X + k] = column
-    table[:, ring_rates.X0 : ring_rates.Y0 + 1] = model.x0
-    if traction:
-        table[:, ring_rates.BX : ring_rates.BY + 1] = model.b
+    if model.closure == "traction":
+        # Columns of the grains: the ring's contacts come first.
+        ring = slice(0, model.grain_count)
+        table[ring, ring_rates.M0X : ring_rates.M0Y + 1] = model.m
+        table[ring, ring_rates.BX : ring_rates.BY + 1] = model.b
     small, codes = np.zeros((ring_rates.ROWS, 9)), np.zeros(ring_rates.CODES, dtype=np.int64)
     small[ring_rates.NUMBERS, :3] = model.volume, model.length, model.stiffness
-    group = model.group or identity(n, n)
-    codes[ring_rates.MIRRORS] = model.mirrors
-    codes[ring_rates.LAW] = LAWS.index("cohesive" if law.cohesive else kind)
-    codes[ring_rates.BY_RADII] = pairs.by_radii
+    group = model.group or identity(model.grain_count, n)
+    codes[ring_rates.MIRRORS], codes[ring_rates.GRAINS] = model.mirrors, model.grain_count
+    codes[ring_rates.LAW] = LAWS.index("cohesive" if known and law.cohesive else kind)
+    codes[ring_rates.BY_RADII] = by_radii
     codes[ring_rates.CLOSURE], codes[ring_rates.SPINS] = CLOSURES[model.closure], SPINS[model.spins]
-    i, j = np.triu_indices(n, 1)
-    apart = ~np.isin(i * n + j, model.met) & model.watches_pairs
+    pairs_apart = np.zeros((0, 2), dtype=np.int64)
+    if model.is_ring:
+        table[:, ring_rates.X0 : ring_rates.Y0 + 1] = model.x0
+        i, j = np.triu_indices(n, 1)
+        apart = ~np.isin(i * n + j, model.met) & model.watches_pairs
+        pairs_apart = np.column_stack([i, j])[apart]
     return {
         "table": table, "small": small, "codes": codes,
-        "images": group.contacts, "maps": group.maps,
-        "pairs": np.column_stack([i, j])[apart].astype(np.int64),
+        "images": group.contacts, "maps": group.maps, "pairs": pairs_apart,
     }  # fmt: skip
 
 
-def ring_under(model: PathModel, regime: Regimes, programme: Programme) -> dict[str, Any] | None:
-    """Constant parts of a `Problem` with these regimes, if the kernels serve it."""
-    if type(programme) is not Programme:
-        return None
-    if model.spins == "free" and (regime != Regime.ELASTIC).any():
-        # Moments on grains that roll along with each other may be left that nothing balances.
-        return None
-    return ring_of(model)
+def law_is_given(model: PathModel) -> bool:
+    """Whether numpy is called back for the law: it is not known, or the loop is no ring."""
+    return bool(parts_of(model)["codes"][ring_rates.LAW] == ring_rates.GIVEN)
 
 
 def arrays_of(
-    ring: dict[str, Any], regime: Any, side: Floats, programme: Programme, events: EventFunctions
+    model: PathModel, regime: Any, side: Floats, programme: Programme, events: EventFunctions
 ) -> tuple[Floats, Integers, Problem]:
-    """Return the arrays of a ring with its regimes, programme and events, and the problem there."""
-    n, functions = len(ring["table"]), len(events.watch)
-    L = max(3 * n + 5, functions + 1, 7) + 1
-    header = np.array([L, n, len(ring["maps"]), functions, len(events.spaces), len(ring["pairs"])])
+    """Return the arrays of a loop with its regimes, programme and events, and the problem there."""
+    parts, n, functions = parts_of(model), model.contact_count, len(events.watch)
+    L = max(model.size, functions + 1, 6) + 1
+    equations = 3 * n + 11 if model.is_ring else 0
+    counts = len(parts["maps"]), functions, len(events.spaces), len(parts["pairs"]), equations
+    header = np.array([L, n, *counts])
     floats, whole = ring_rates.lengths(header)
     arrays = np.zeros(floats), np.zeros(whole, dtype=np.int64)
-    arrays[1][:6] = header
+    arrays[1][: ring_rates.HEADER] = header
     p = ring_rates.problem_in(*arrays)
-    for name in ("table", "small", "codes", "images", "maps", "pairs"):
-        getattr(p, name)[:] = ring[name]
+    for name, values in parts.items():
+        getattr(p, name)[:] = values
+    p.places[ring_rates.FROM : ring_rates.TO + 1, :n] = model.contacts.T
     p.watch[:], p.bases[:], p.spaces[:] = events.watch, events.bases, events.spaces
     p.table[:, ring_rates.REGIME], p.table[:, ring_rates.SIDE] = regime, side
     p.small[ring_rates.STRESS : ring_rates.STRESS + 4, :4] = programme.stress

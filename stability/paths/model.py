@@ -19,6 +19,7 @@ from loops.graph import ContactState
 from loops.laws.compiled import pressed_contacts
 from loops.laws.of_pairs import require_linear_forces
 from loops.symmetry import PointGroup, invariant_fields
+from stability.path import WORK_TERMS
 
 # Rounding of coordinates, in units of r_i + r_j: gaps within it are none.
 JUST_TOUCHING = 8 * float(np.finfo(float).eps)
@@ -94,6 +95,23 @@ class PathModel:
     def grain_count(self) -> int:
         """Number of grains G."""
         return len(self.x0)
+
+    @cached_property
+    def places(self) -> int:
+        """Number of integrated variables that tell the place of the grains, see `PathState`."""
+        return 4 if self.closure == "affine" else 2 * self.grain_count
+
+    @cached_property
+    def size(self) -> int:
+        """Number Y of integrated variables."""
+        return self.places + self.contact_count + 1 + len(WORK_TERMS)
+
+    @cached_property
+    def is_ring(self) -> bool:
+        """Whether it is a loop without chords, its contacts from grain to grain."""
+        grains = np.arange(self.grain_count)
+        ring = np.column_stack([grains, np.roll(grains, -1)])
+        return self.grain_count > 2 and np.array_equal(self.contacts, ring)
 
     @cached_property
     def length0(self) -> Floats:

@@ -5,26 +5,17 @@ Events are where smooth functions of the state change sign; the integrator stops
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.laws.frictional import Regime
-from stability.paths.kernels import (
-    QUANTITIES,
-    EventFunctions,
-    answer,
-    arrays_of,
-    follow,
-    ring_under,
-)
+from stability.paths.kernels import QUANTITIES, EventFunctions, answer, follow
 from stability.paths.model import PathModel, pair_keys
-from stability.paths.ring_rates import RATES, VALUES, WATCHED_GAP
+from stability.paths.ring_rates import VALUES, WATCHED_GAP
 from stability.paths.segment import (
     EVENT,
     ROW,
@@ -35,9 +26,9 @@ from stability.paths.segment import (
     Steps,
     System,
 )
-from stability.paths.state import Mode, unpack
-from stability.paths.state_rates import StateRates
-from stability.programmes import NOTHING, Stage, area_ratio
+from stability.paths.state import Mode, centres, unpack
+from stability.paths.state_rates import Answers, StateRates
+from stability.programmes import NOTHING, Stage
 from stability.spectra import subspace_basis
 
 # An event function has changed its sign once it is beyond zero by more than its rounding.
@@ -75,47 +66,25 @@ def event_functions(
     The stage began at the loading parameter `start` and its quantity grows by `sense`; strains are
     of that `size`.
     """
-    law, force, unit = model.law, model.stiffness * model.length, model.touching * size
-    elastic = np.flatnonzero((mode.regime == Regime.ELASTIC) & model.has_cone)
-    sliding = np.flatnonzero((mode.regime == Regime.SLIDING) & model.has_cone)
-    closed = np.flatnonzero(mode.regime != Regime.OPEN)
-    is_open = np.flatnonzero(mode.regime == Regime.OPEN)
-    programme, none = stage.programme, [-1]
+    kinds_of_regime = Regime.ELASTIC, Regime.SLIDING, Regime.OPEN
+    sticks, slides, is_open = (mode.regime == one for one in kinds_of_regime)
+    programme, none = stage.programme, np.array([-1])
     # Size of the loading parameter per unit of strain.
     driven = np.abs(programme.rate).argmax()
     strain = np.abs(programme.equations(NOTHING, NOTHING)[1][driven]).max()
     weight = max(np.abs(programme.stress[driven]).max() * model.stiffness, strain)
     parameter_unit = float(weight / np.abs(programme.rate[driven]))
-
-    def beyond_strength(here: StateRates) -> Floats:
-        beyond = np.abs(here.contacts.shear_force) - law.strength(here.contacts)
-        return np.asarray(beyond[elastic] / (force * size))
-
-    def beyond_target(here: StateRates) -> list[float]:
-        value = stage.value(here.H, here.P, here.state.parameter - start)
-        return [sense * (value - stage.target)]
-
-    def closest_pair(here: StateRates) -> list[float]:
-        pairs = pairs_in_reach(model, here.x)
-        return [float(pair_overlaps(model, pairs, here.x).max(initial=-WATCHED_GAP))]
-
-    watched: list[tuple[Sequence[str], Any, Callable[[StateRates], Any]]] = [
-        (["yield"], elastic, beyond_strength),
-        (["unloading"], sliding, lambda here: -here.slip[sliding] / force),
-        (["opening"], closed, lambda here: (law.gap(here.contacts) / unit)[closed]),
-        (["closing"], is_open, lambda here: (here.contacts.overlap / unit)[is_open]),
-        *(
-            (SPECTRAL, 4 * k + np.arange(len(subspace_basis(one))), partial(_spectra, subspace=one))
-            for k, one in enumerate(subspaces)
-        ),
-        (["collapse"], none, lambda here: [-area_ratio(here.H)]),
-        (["control_limit"], none, lambda here: [-here.rates.parameter / parameter_unit]),
-        (["stage_end"], none, beyond_target),
-        (["opposite_contact"], none, closest_pair),
-    ]
-    kinds = [kind for kinds, items, _ in watched for kind in kinds for _ in items]
-    items = np.concatenate([items for kinds, items, _ in watched for _ in kinds])
     spaces = [subspace_basis(one) for one in subspaces]
+    watched: list[tuple[str, Integers]] = [
+        ("yield", np.flatnonzero(sticks & model.has_cone)),
+        ("unloading", np.flatnonzero(slides & model.has_cone)),
+        ("opening", np.flatnonzero(~is_open)),
+        ("closing", np.flatnonzero(is_open)),
+        *((kind, 4 * k + np.arange(len(one))) for k, one in enumerate(spaces) for kind in SPECTRAL),
+        *((kind, none) for kind in ("collapse", "control_limit", "stage_end", "opposite_contact")),
+    ]
+    kinds = [kind for kind, items in watched for _ in items]
+    items = np.concatenate([items for _, items in watched])
     bases = np.zeros((len(spaces), 4, 4))
     for basis, one in zip(bases, spaces, strict=True):
         basis[: len(one)] = one
@@ -124,7 +93,7 @@ def event_functions(
     return EventFunctions(
         np.column_stack([codes, items]).astype(np.int64), tolerance * 1.0, bases,
         np.array([len(one) for one in spaces], dtype=np.int64), QUANTITIES[stage.quantity],
-        (stage.target, sense, start, size, parameter_unit), [function for *_, function in watched],
+        (stage.target, sense, start, size, parameter_unit),
     )  # fmt: skip
 
 
@@ -153,23 +122,18 @@ def pairs_in_reach(model: PathModel, x: Floats) -> Integers:
     return np.asarray(pairs[near & ~met], dtype=np.int64)
 
 
+def closest_pair(model: PathModel, x: Floats) -> float:
+    """Largest of these overlaps; at least that of pairs that are far apart."""
+    overlaps = pair_overlaps(model, pairs_in_reach(model, x), x)
+    return float(overlaps.max(initial=-WATCHED_GAP))
+
+
 def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
     """(Q,) overlaps of pairs of grains over `r_i + r_j`."""
     i, j = pairs.T
     d = x[j] - x[i]
     touching = model.radii[i] + model.radii[j]
     return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)
-
-
-def _spectra(here: StateRates, subspace: str) -> Floats:
-    """Eigenvalues of Ks, then real parts of those of K, ascending, over the norm of K."""
-    basis = subspace_basis(subspace)
-    K = basis @ here.A @ basis.T
-    norm = np.linalg.norm(K)
-    if not np.isfinite(norm) or norm == 0.0:
-        return np.full(2 * len(basis), np.nan)
-    symmetric = np.linalg.eigvalsh(0.5 * (K + K.T))
-    return np.asarray(np.concatenate([symmetric, np.sort(np.linalg.eigvals(K).real)]) / norm)
 
 
 # ---- integration from event to event
@@ -217,16 +181,21 @@ def follow_segment(
     record_branching: Callable[[StateRates], None],
 ) -> SegmentEnd:
     """Integrate from `y` to the first event."""
-    functions = segment.functions
-    mode, programme = segment.mode, segment.stage.programme
-    ring = ring_under(segment.model, mode.regime, programme)
-    width = max(len(y), len(functions.watch) + 1, 7) + 1
-    numbers, whole = np.zeros(3 * width), np.array([width])
-    if ring is not None:
-        numbers, whole, _ = arrays_of(ring, mode.regime, mode.side, programme, functions)
-    plain = called_back(segment, len(y), numbers[: 3 * whole[0]].reshape(3, -1))
-    call = plain if ring is None else answer()
-    system = System(call, plain, numbers, whole, functions.tolerance)
+    from stability.paths.calls import Callback
+
+    functions, programme = segment.functions, segment.stage.programme
+    answers = Answers(segment.model, segment.mode, programme, functions)
+    p, touching = answers.p, len(functions.watch) - 1
+
+    def reply(wanted: int) -> None:
+        answers.reply(wanted)
+        if wanted == VALUES and not segment.model.is_ring and np.isfinite(p.shared[0]).all():
+            x = unpack(segment.model, p.shared[0, : len(y)]).place
+            p.shared[2, touching] = closest_pair(segment.model, centres(segment.model, x))
+
+    plain = Callback(reply, p.shared[2])
+    call = answer() if answers.compiled else plain
+    system = System(call, plain, answers.numbers, answers.whole, functions.tolerance)
     begin = np.array(y), np.array(gauge)
     code, steps, end, last, fired, record = follow()(system, *begin, segment.how)
     if plain.raised is not None:
@@ -238,10 +207,6 @@ def follow_segment(
     if code != EVENT:
         singular = [("singular", -1)] if code == SINGULAR else []
         return SegmentEnd(end, here, singular, steps, MESSAGES[code])
-    if here.by_kernel is not None and not np.isfinite(here.by_kernel[1]).all():
-        # A singular balance, of which the kernel has no tangent.
-        spectral = np.isin(functions.watch[:, 0], [KINDS.index(kind) for kind in SPECTRAL])
-        fired |= spectral & (np.abs(functions.values(here)) <= SIMULTANEOUS)
     events = [(KINDS[kind], item) for kind, item in functions.watch[fired].tolist()]
     pairs = NO_PAIRS
     if ("opposite_contact", -1) in events:
@@ -252,32 +217,3 @@ def follow_segment(
         pairs = pairs[overlaps >= least]
         events += [("opposite_contact", k) for k in range(len(pairs))]
     return SegmentEnd(end, here, events, steps, pairs=pairs)
-
-
-def called_back(segment: Segment, size: int, shared: Floats) -> Any:
-    """Return rates and event functions by numpy, called back, see `System`."""
-    from stability.paths.calls import Callback
-
-    functions, count = segment.functions, len(segment.functions.watch)
-    y, gauge, out = shared[0, :size], shared[1, :5], shared[2]
-    last: tuple[bytes, StateRates] | None = None
-
-    def reply(wanted: int) -> None:
-        nonlocal last
-        out[:-1], out[-1] = np.nan, 1.0
-        if not np.isfinite(y).all():
-            # Beside a singular state a trial may have left the numbers.
-            return
-        key = y.tobytes() + gauge.tobytes()
-        if last is None or last[0] != key:
-            last = key, segment.at(y.copy(), gauge.copy())
-        here = last[1]
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            if wanted == RATES:
-                out[:size] = here.y_rates
-            elif wanted == VALUES:
-                out[:count], out[count] = functions.values(here), here.balance_determinant
-            else:
-                out[:5], out[5] = here.rates.gauge, here.rates.condition
-
-    return Callback(reply, out)

@@ -11,7 +11,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.laws.frictional import Regime
 from loops.symmetry import identity, invariant_fields
 from stability.path import CHANGES, Event, EventKind, ModelChoice, ModelOption, Path, PathStatus
-from stability.paths.kernels import ring_of
+from stability.paths.kernels import law_is_given
 from stability.paths.model import PathModel
 from stability.paths.path_segment import (
     CROSSING_TOLERANCE,
@@ -157,7 +157,7 @@ def model_choice(
         contact_orbits=f"{len(np.unique(group.contact_orbits))} of {model.contact_count}",
         branch_search=str(searches),
         branch_solves=searches.without_choice + searches.tried,
-        kernels="plain" if ring_of(model) is None else "compiled",
+        kernels="plain" if law_is_given(model) else "compiled",
         kept=kept,
     )
 

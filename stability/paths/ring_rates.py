@@ -1,12 +1,13 @@
-"""Rates of a ring of contacts under a control, its tangent and event functions, compiled.
+"""Rates of a loop under a control, its tangent and event functions, compiled.
 
-The closure's equations are those of `loops.closures.ring`; four equations of the control and a
-gauge complete them, with the strain and the loading parameter as unknowns. In a symmetric state
-only what the symmetry keeps may move: the equations act on the symmetric part of the unknowns, and
-the rest is zero.
+The closure's equations of a ring are those of `loops.closures.ring`; four equations of the control
+and a gauge complete them, with the strain and the loading parameter as unknowns. In a symmetric
+state only what the symmetry keeps may move: the equations act on the symmetric part of the
+unknowns, and the rest is zero. What is no ring, or singular, is solved by
+`stability.paths.state_rates`; contacts, control and all that follows from a solution are the same.
 
-The laws are linear springs, with cohesion or not, and Hertz's. `stability.paths.compiled` compiles
-these functions together with those of the closure.
+The laws are linear springs, with cohesion or not, and Hertz's; of others forces and stiffnesses are
+given. `stability.paths.calls` compiles these functions together with those of the closure.
 """
 
 from __future__ import annotations
@@ -84,14 +85,19 @@ WIDTH = COLUMNS + 37
 # Rows of `small`: displacement gradient, stress and their rates; tangent; equations of the control
 # in H', P' and the parameter; the programme's; its rates; spin per H' of turning grains; numbers.
 H, P, H_RATE, P_RATE, TANGENT, CONTROL, STRESS, STRAIN = 0, 1, 2, 3, 4, 8, 12, 16
-RATE, TURN, NUMBERS, ROWS = 20, 21, 22, 23
+RATE, TURN, NUMBERS, SOLUTION, ROWS = 20, 21, 22, 23, 24
+# Rows of `places` behind those of `Ring`: grains of the contacts.
+FROM, TO = 3, 4
 VOLUME, LONG, STIFF, BULK, TARGET, SENSE, START, SIZE, PARAMETER = range(9)
+# Of `SOLUTION`: rate of the parameter and its unit, condition, balance, unit of the stiffnesses,
+# whether there is one answer.
+PARAMETER_RATE, PARAMETER_UNIT, CONDITION, BALANCE, UNIT, TRUSTED = range(6)
 # Places of `codes`; `QUANTITY` is a component of H, of P behind them, or 8: the parameter;
 # `MIRRORS`: whether mirrors in the axes are symmetries.
-LAW, BY_RADII, CLOSURE, SPINS, ISOCHORIC, CAUCHY, QUANTITY, MIRRORS = range(8)
-CODES = 8
+LAW, BY_RADII, CLOSURE, SPINS, ISOCHORIC, CAUCHY, QUANTITY, MIRRORS, GRAINS = range(9)
+HEADER, CODES = 7, 9
 OPEN, STICKS, SLIDES = range(3)
-LINEAR, COHESIVE, HERTZ, HERTZ_BY_DISPLACEMENT = range(4)
+LINEAR, COHESIVE, HERTZ, HERTZ_BY_DISPLACEMENT, GIVEN = range(5)
 # Kinds of event functions, in the order of `KINDS` in `path_segment`.
 (YIELD, UNLOADING, OPENING, CLOSING, SYMMETRIC_SPECTRUM, SPECTRUM, COLLAPSE, CONTROL_LIMIT,
  STAGE_END, TOUCH) = range(10)  # fmt: skip
@@ -108,15 +114,16 @@ MOST_GRAINS = 60
 
 
 # What is asked for: rates of the variables; the sense of the present rates and the condition; event
-# functions; all that is known of a state.
-RATES, FACTS, VALUES, LOOK = range(4)
+# functions; all that is known of a state. Contacts and control alone. From `SOLVED` on the same by
+# a solution that is given.
+RATES, FACTS, VALUES, LOOK, PLACE, SOLVED = range(6)
 
 
 class Problem(NamedTuple):
-    """A ring under a programme between two events, with the arrays of its solves.
+    """A loop under a programme between two events, with the arrays of its solves.
 
     `shared` (3, L): a state, a gauge, and the answer to what is asked; `table` (n, WIDTH), `places`
-    (3, n + 1), see `Ring`; `small` (ROWS, 9); `codes` (CODES,); unknowns (N, 4), multipliers, sizes
+    (5, n + 1), see `Ring`; `small` (ROWS, 9); `codes` (CODES,); unknowns (N, 4), multipliers, sizes
     and order of the rows, see `Solver`; `flat`: room for three systems of equations; `images`
     (S, n), `maps` (S, 2, 2) of the symmetry; `watch` (M, 2): kinds and items of the event
     functions; `bases` (K, 4, 4) and `spaces` (K,): subspaces and their sizes; `pairs` (Q, 2):
@@ -143,30 +150,29 @@ class Problem(NamedTuple):
 
 def lengths(header: Integers) -> tuple[int, int]:
     """Return how many numbers and whole numbers a problem takes that begins with this header."""
-    L, n, S, M, K, Q = header[0], header[1], header[2], header[3], header[4], header[5]
-    N = 3 * n + 11
+    L, n, S, M, K, Q, N = header
     floats = 3 * L + n * WIDTH + ROWS * 9 + 7 * N + N * N + 3 * (N + 1) ** 2 + 4 * S + 16 * K
-    return floats, 6 + CODES + 3 * (n + 1) + N + S * n + 2 * M + K + 2 * Q
+    return floats, HEADER + CODES + 5 * (n + 1) + N + S * n + 2 * M + K + 2 * Q
 
 
 def problem_in(floats: Floats, whole: Integers) -> Problem:
     """Return the parts of a problem, which lie one after the other."""
-    L, n, S, M, K, Q = whole[0], whole[1], whole[2], whole[3], whole[4], whole[5]
-    N = 3 * n + 11
+    L, n, S, M, K, Q, N = whole[:HEADER]
     a, b = 3 * L, 3 * L + n * WIDTH
     c, d = b + ROWS * 9, b + ROWS * 9 + 4 * N
     e, f = d + N * N, d + N * N + 3 * N
     g = f + 3 * (N + 1) * (N + 1)
     h = g + 4 * S
-    i, j = 6 + CODES, 6 + CODES + 3 * (n + 1)
+    i, j = HEADER + CODES, HEADER + CODES + 5 * (n + 1)
     k, m = j + N, j + N + S * n
     q, r = m + 2 * M, m + 2 * M + K
     return Problem(
         floats[:a].reshape((3, L)), floats[a:b].reshape((n, WIDTH)),
         floats[b:c].reshape((ROWS, 9)), floats[c:d].reshape((N, 4)), floats[d:e],
         floats[e:f].reshape((3, N)), floats[f:g], floats[g:h].reshape((S, 2, 2)),
-        floats[h : h + 16 * K].reshape((K, 4, 4)), whole[6:i], whole[i:j].reshape((3, n + 1)),
-        whole[j:k], whole[k:m].reshape((S, n)), whole[m:q].reshape((M, 2)), whole[q:r],
+        floats[h : h + 16 * K].reshape((K, 4, 4)), whole[HEADER:i],
+        whole[i:j].reshape((5, n + 1)),
+whole[j:k], whole[k:m].reshape((S, n)), whole[m:q].reshape((M, 2)), whole[q:r],
         whole[r : r + 2 * Q].reshape((Q, 2)),
     )  # fmt: skip
 
@@ -182,59 +188,38 @@ def eliminate(p: Problem, E: Floats, size: int) -> float:
     return factor(E, size, Solver(p.below, p.below, p.X, p.X, p.sizes, p.order))
 
 
-def place_contacts(p: Problem, y: Floats) -> float:
-    """Compute contacts, H and P of a state; return the stiffness in whose units the ring is."""
-    table, tensors, n, law = p.table, p.small, len(p.table), p.codes[LAW]
-    affine, by_radii = p.codes[CLOSURE] == AFFINE, p.codes[BY_RADII] > 0
+def place_contacts(p: Problem, y: Floats) -> None:
+    """Compute contacts, H and P of a state, and the stiffness in whose units the equations are."""
+    table, tensors, n, given = p.table, p.small, len(p.table), p.codes[LAW] == GIVEN
+    affine, by_radii, grains = p.codes[CLOSURE] == AFFINE, p.codes[BY_RADII] > 0, p.codes[GRAINS]
     volume = p.small[NUMBERS, VOLUME]
     for j in range(4):
         tensors[H, j], tensors[P, j] = y[j] if affine else 0.0, 0.0
-    if not affine:
-        for g in range(n):
-            for i in range(2):
-                for j in range(2):
-                    tensors[H, 2 * i + j] -= y[2 * g + i] * table[g, BX + j] / volume
-    shears, unit = (4 if affine else 2 * n), 0.0
+    for g in range(0 if affine else grains):
+        for i in range(2):
+            for j in range(2):
+                tensors[H, 2 * i + j] -= y[2 * g + i] * table[g, BX + j] / volume
+    shears, unit = (4 if affine else 2 * grains), 0.0
     for c in range(n):
-        row = table[c]
-        after = c + 1 if c + 1 < n else 0
+        row, before, after = table[c], p.places[FROM, c], p.places[TO, c]
         if affine:
             ux = -tensors[H, 0] * row[D0X] - tensors[H, 1] * row[D0Y]
             uy = -tensors[H, 2] * row[D0X] - tensors[H, 3] * row[D0Y]
         else:
-            ux, uy = y[2 * after] - y[2 * c], y[2 * after + 1] - y[2 * c + 1]
+            ux, uy = y[2 * after] - y[2 * before], y[2 * after + 1] - y[2 * before + 1]
         dx, dy = row[D0X] + ux, row[D0Y] + uy
         length = math.sqrt(dx * dx + dy * dy)
         # Stiff grains overlap by a fraction 1e-8 and keep their digits.
         shortening = -((dx + row[D0X]) * ux + (dy + row[D0Y]) * uy) / (length + row[L0])
-        overlap = row[OVERLAP0] + shortening
-        closed, slides = row[REGIME] != OPEN, row[REGIME] == SLIDES
-        if law <= COHESIVE:
-            normal, kn, kt = row[KN] * overlap - row[PULL], row[KN], row[KT]
-        else:
-            root = math.sqrt(abs(overlap))
-            normal = row[KN] * overlap * root
-            stiff = root if closed and overlap > 0.0 else 0.0
-            kn, kt = 1.5 * row[KN] * stiff, row[KT] * stiff
-        normal = normal if closed else 0.0
-        strength = np.inf
-        if row[MU] < np.inf:
-            strength = row[MU] * normal + row[COHESION]
-            strength = max(strength, 0.0) if law == COHESIVE else strength
-        shear = 0.0
-        if slides:
-            shear = row[SIDE] * strength
-        elif closed:
-            shear = y[shears + c]
-        coupling = 0.0
-        if law == HERTZ_BY_DISPLACEMENT and normal > 0.0:
-            coupling = shear * kn / (3.0 * normal)
-        row[OVERLAP], row[STRENGTH], row[NORMAL], row[SHEAR] = overlap, strength, normal, shear
-        row[NOW_KN], row[NOW_KT], row[COUPLING] = kn, kt, coupling
+        row[OVERLAP] = row[OVERLAP0] + shortening
         row[NX], row[NY], row[LENGTH] = dx / length, dy / length, length
-        row[DNN], row[DNT] = kn if closed else 0.0, 0.0
-        row[DTN] = row[SIDE] * row[MU] * kn if slides else (coupling if closed else 0.0)
-        row[DTT] = kt if closed and not slides else 0.0
+        if not given:
+            arm_i = 0.5 * (length + row[RADIUS_I] - row[RADIUS_J])
+            row[G] = row[TOUCHING] / length if by_radii else 1.0
+            row[BI] = row[RADIUS_I] if by_radii else arm_i
+            row[BJ] = row[RADIUS_J] if by_radii else length - arm_i
+            press_contact(p, c, y[shears + c])
+        normal, shear = row[NORMAL], row[SHEAR]
         fx, fy = normal * row[NX] - shear * row[NY], normal * row[NY] + shear * row[NX]
         tensors[P, 0] += fx * row[D0X] / volume
         tensors[P, 1] += fx * row[D0Y] / volume
@@ -243,15 +228,13 @@ def place_contacts(p: Problem, y: Floats) -> float:
         unit += (abs(row[DNN]) + abs(row[DTT])) / n
     if not unit > 0.0:
         unit = p.small[NUMBERS, STIFF]
+    p.small[SOLUTION, UNIT] = unit
     ring = Ring(table, p.places)
     per_length, per_unit = 1.0 / p.small[NUMBERS, LONG], 1.0 / unit
     for c in range(n):
         row = table[c]
         length = row[LENGTH]
-        arm_i = 0.5 * (length + row[RADIUS_I] - row[RADIUS_J])
-        row[G] = row[TOUCHING] / length if by_radii else 1.0
-        row[BI] = per_length * (row[RADIUS_I] if by_radii else arm_i)
-        row[BJ] = per_length * (row[RADIUS_J] if by_radii else length - arm_i)
+        row[BI], row[BJ] = per_length * row[BI], per_length * row[BJ]
         row[TURN_N], row[TURN_T] = per_unit * row[NORMAL] / length, per_unit * row[SHEAR] / length
         row[FN], row[FT] = per_unit * per_length * row[NORMAL], per_unit * per_length * row[SHEAR]
         row[LENGTH], row[RI] = per_length * length, per_length * row[RADIUS_I]
@@ -259,10 +242,39 @@ def place_contacts(p: Problem, y: Floats) -> float:
             per_length * row[RADIUS_J], per_length * row[M0X], per_length * row[M0Y]
         )  # fmt: skip
         row[DX], row[DY] = per_length * row[D0X], per_length * row[D0Y]
-        for k in (DNN, DTN, DTT):
+        for k in (DNN, DNT, DTN, DTT):
             row[k] *= per_unit
         turn_block(ring, c)
-    return unit
+
+
+def press_contact(p: Problem, c: int, shear: float) -> None:
+    """Write forces, strength and stiffnesses of a contact of this overlap and shear force."""
+    row, law = p.table[c], p.codes[LAW]
+    overlap, closed, slides = row[OVERLAP], row[REGIME] != OPEN, row[REGIME] == SLIDES
+    if law <= COHESIVE:
+        normal, kn, kt = row[KN] * overlap - row[PULL], row[KN], row[KT]
+    else:
+        root = math.sqrt(abs(overlap))
+        normal = row[KN] * overlap * root
+        stiff = root if closed and overlap > 0.0 else 0.0
+        kn, kt = 1.5 * row[KN] * stiff, row[KT] * stiff
+    normal = normal if closed else 0.0
+    strength = np.inf
+    if row[MU] < np.inf:
+        strength = row[MU] * normal + row[COHESION]
+        strength = max(strength, 0.0) if law == COHESIVE else strength
+    if slides:
+        shear = row[SIDE] * strength
+    elif not closed:
+        shear = 0.0
+    coupling = 0.0
+    if law == HERTZ_BY_DISPLACEMENT and normal > 0.0:
+        coupling = shear * kn / (3.0 * normal)
+    row[STRENGTH], row[NORMAL], row[SHEAR] = strength, normal, shear
+    row[NOW_KN], row[NOW_KT], row[COUPLING] = kn, kt, coupling
+    row[DNN], row[DNT] = kn if closed else 0.0, 0.0
+    row[DTN] = row[SIDE] * row[MU] * kn if slides else (coupling if closed else 0.0)
+    row[DTT] = kt if closed and not slides else 0.0
 
 
 def write_equations(p: Problem) -> tuple[int, int]:
@@ -388,8 +400,8 @@ def keep_symmetric(p: Problem, N: int, x: Floats) -> None:
         x[j] = new[j]
 
 
-def write_control(p: Problem, unit: float) -> float:
-    """Write the control's equations (4, 9), alike in size; return the unit of the parameter."""
+def write_control(p: Problem, unit: float) -> None:
+    """Write the control's equations (4, 9), alike in size, and the unit of the parameter."""
     held, h, stress, small = p.small[CONTROL : CONTROL + 4], p.small[H], p.small[P], p.small
     isochoric, cauchy = p.codes[ISOCHORIC], p.codes[CAUCHY]
     area = (1.0 - h[0]) * (1.0 - h[3]) - h[1] * h[2]
@@ -423,11 +435,11 @@ def write_control(p: Problem, unit: float) -> float:
         largest = max(largest, abs(held[i, 8]))
     for i in range(4):
         held[i, 8] /= largest
-    return 1.0 / largest
+    small[SOLUTION, PARAMETER_UNIT] = 1.0 / largest
 
 
-def complete(p: Problem, N: int, unit: float, gauge: Floats) -> float:
-    """Write the equations, the control and the gauge as one system `B`; the parameter's unit.
+def complete(p: Problem, N: int, gauge: Floats) -> None:
+    """Write the equations, the control and the gauge as one system `B`.
 
     Its right-hand side is the last column.
     """
@@ -440,23 +452,23 @@ def complete(p: Problem, N: int, unit: float, gauge: Floats) -> float:
     for i in range(N, size):
         for j in range(size + 1):
             B[i, j] = 0.0
-    parameter, control = write_control(p, unit), p.small[CONTROL : CONTROL + 4]
+    write_control(p, p.small[SOLUTION, UNIT])
+    control = p.small[CONTROL : CONTROL + 4]
     for i in range(4):
         for j in range(4):
             B[N + i, N + j], B[N + i, N - 4 + j] = control[i, j], control[i, 4 + j]
             B[N + 4, N + j] = gauge[j]
         B[N + i, N + 4] = control[i, 8]
-    B[N + 4, N + 4] = gauge[4] * parameter
+    B[N + 4, N + 4] = gauge[4] * p.small[SOLUTION, PARAMETER_UNIT]
     B[N + 4, N + 5] = 1.0
-    return parameter
 
 
-def solve_path(p: Problem, N: int, gear: int, unit: float, parameter_unit: float) -> float:
-    """Solve the factored system for the rates in the time of the gauge; rate of the parameter.
+def solve_path(p: Problem, N: int, gear: int) -> None:
+    """Solve the factored system for the rates in the time of the gauge.
 
-    The rates of H and P are in `small` then, those of the contacts in `table`.
+    Those of H, P and the parameter are in `small` then, the motions of the contacts in `table`.
     """
-    size, x = N + 5, p.X[:, 0]
+    size, x, unit = N + 5, p.X[:, 0], p.small[SOLUTION, UNIT]
     B = system(p, 2, size, size + 1)
     for i in range(size - 1, -1, -1):
         value = B[i, size]
@@ -468,12 +480,12 @@ def solve_path(p: Problem, N: int, gear: int, unit: float, parameter_unit: float
     for j in range(4):
         p.small[H_RATE, j] = x[N + j]
         p.small[P_RATE, j] = unit * x[N - 4 + j]
-    rates_of_contacts(p, N, gear, x, unit)
-    return parameter_unit * x[N + 4]
+    move_contacts(p, N, gear, x, unit)
+    p.small[SOLUTION, PARAMETER_RATE] = p.small[SOLUTION, PARAMETER_UNIT] * x[N + 4]
 
 
-def rates_of_contacts(p: Problem, N: int, gear: int, x: Floats, unit: float) -> None:
-    """Write the rates of the contacts, in the units of the path, and of the spins."""
+def move_contacts(p: Problem, N: int, gear: int, x: Floats, unit: float) -> None:
+    """Write the motions of the contacts, in the units of the path, and the spins."""
     table, ring, n = p.table, Ring(p.table, p.places), len(p.table)
     long, closure, spins = p.small[NUMBERS, LONG], p.codes[CLOSURE], p.codes[SPINS]
     spin = 0.0
@@ -491,14 +503,16 @@ def rates_of_contacts(p: Problem, N: int, gear: int, x: Floats, unit: float) -> 
         if spins != FREE or p.places[ROLL, c] < 0:
             table[c, SPUN] = row[BI] * table[c, SPIN_I] + row[BJ] * table[c, SPIN_J]
         table[c, SPUN] *= long
-        un, ut = table[c, EN], row[G] * table[c, ET] - table[c, SPUN]
-        closed, slides = table[c, REGIME] != OPEN, table[c, REGIME] == SLIDES
-        table[c, NORMAL_RATE] = -row[NOW_KN] * un if closed else 0.0
-        table[c, SHEAR_RATE] = 0.0
-        if slides:
-            table[c, SHEAR_RATE] = -table[c, SIDE] * table[c, MU] * row[NOW_KN] * un
-        elif closed:
-            table[c, SHEAR_RATE] = -row[COUPLING] * un - row[NOW_KT] * ut
+
+
+def force_rates(p: Problem) -> None:
+    """Write the rates of the forces of the contacts, which move as they do."""
+    unit = p.small[SOLUTION, UNIT]
+    for c in range(len(p.table)):
+        row = p.table[c]
+        un, ut = row[EN], row[G] * row[ET] - row[SPUN]
+        row[NORMAL_RATE] = -unit * (row[DNN] * un + row[DNT] * ut)
+        row[SHEAR_RATE] = -unit * (row[DTN] * un + row[DTT] * ut)
 
 
 def spins_of_grains(p: Problem, n: int, N: int, gear: int, x: Floats, resistance: float) -> None:
@@ -533,10 +547,10 @@ def spins_of_grains(p: Problem, n: int, N: int, gear: int, x: Floats, resistance
         own[c, SPIN_I], own[c, SPIN_J] = spin[c] / own[c, RI], spin[after] / own[c, RJ]
 
 
-def write_rates(p: Problem, parameter: float, out: Floats) -> None:
+def write_rates(p: Problem, out: Floats) -> None:
     """Write the rates of the integrated variables, `|H'| = 1`."""
     table, n, affine = p.table, len(p.table), p.codes[CLOSURE] == AFFINE
-    tensors, square = p.small, 0.0
+    tensors, square, grains = p.small, 0.0, p.codes[GRAINS]
     volume, long = tensors[NUMBERS, VOLUME], tensors[NUMBERS, LONG]
     for j in range(4):
         square += tensors[H_RATE, j] ** 2
@@ -544,14 +558,15 @@ def write_rates(p: Problem, parameter: float, out: Floats) -> None:
     external, held, shear_work, dissipated = 0.0, 0.0, 0.0, 0.0
     for j in range(4):
         external += volume * tensors[P, j] * tensors[H_RATE, j]
-    shears = 4 if affine else 2 * n
+    shears = 4 if affine else 2 * grains
     x, y_place, mean_x, mean_y = 0.0, 0.0, 0.0, 0.0
     for c in range(n):
         row = table[c]
         en, et = row[EN], row[ET]
-        if not affine:
+        if not affine and c < grains:
+            # The ring's contacts come first, from grain to grain.
             out[2 * c], out[2 * c + 1] = x, y_place
-            mean_x, mean_y = mean_x + x / n, mean_y + y_place / n
+            mean_x, mean_y = mean_x + x / grains, mean_y + y_place / grains
             x, y_place = x + row[NX] * en - row[NY] * et, y_place + row[NY] * en + row[NX] * et
         out[shears + c] = scale * row[SHEAR_RATE]
         arm = 0.5 * (row[LENGTH] + row[RI] - row[RJ])
@@ -567,22 +582,22 @@ def write_rates(p: Problem, parameter: float, out: Floats) -> None:
         for j in range(4):
             out[j] = scale * tensors[H_RATE, j]
     else:
-        for c in range(n):
-            out[2 * c] = scale * (out[2 * c] - mean_x)
-            out[2 * c + 1] = scale * (out[2 * c + 1] - mean_y)
-    last = shears + n
+        for g in range(grains):
+            out[2 * g] = scale * (out[2 * g] - mean_x)
+            out[2 * g + 1] = scale * (out[2 * g + 1] - mean_y)
+    last, parameter = shears + n, tensors[SOLUTION, PARAMETER_RATE]
     out[last], out[last + 1], out[last + 2] = scale * parameter, scale * external, scale * held
     out[last + 3], out[last + 4] = scale * shear_work, scale * dissipated
 
 
-def describe(p: Problem, N: int, parameter: float, out: Floats) -> None:
-    """Write the gauge that keeps the sense of the rates, their condition and the parameter's."""
+def describe(p: Problem, out: Floats) -> None:
+    """Write the gauge that keeps the sense of the rates, and their condition."""
     square, h = 0.0, p.small[H_RATE]
     for j in range(4):
         square += h[j] * h[j]
     for j in range(4):
         out[j] = h[j] / square
-    out[4], out[5], out[6] = 0.0, condition_of(p, N + 5), parameter
+    out[4], out[5] = 0.0, p.small[SOLUTION, CONDITION]
 
 
 def condition_of(p: Problem, size: int) -> float:
@@ -612,13 +627,14 @@ def condition_of(p: Problem, size: int) -> float:
     return largest
 
 
-def tangent_of_ring(p: Problem, unit: float, N: int) -> float:
+def tangent_of_ring(p: Problem, N: int) -> float:
     """Write the tangent; return the least pivot.
 
     Where the axes are mirrors H11 and H22 answer to themselves alone, and H12 and H21 do: the rest
     is rounding.
     """
     E, B, X = system(p, 1, N, N + 4), system(p, 2, N, N + 4), p.X
+    unit = p.small[SOLUTION, UNIT]
     A, largest = p.small[TANGENT : TANGENT + 4, :4], 0.0
     for i in range(N):
         for j in range(N + 4):
@@ -672,8 +688,8 @@ def balance_of_ring(p: Problem, N: int) -> float:
     return sign * math.exp(log / size) if searched else np.nan
 
 
-def write_values(p: Problem, y: Floats, parameter: float, out: Floats) -> None:
-    """Write the event functions of a state."""
+def write_values(p: Problem, y: Floats, out: Floats) -> None:
+    """Write the event functions of a state, and the determinant of its balance."""
     watch, tensors, table, n = p.watch, p.small, p.table, len(p.table)
     affine, size = p.codes[CLOSURE] == AFFINE, tensors[NUMBERS, SIZE]
     force = tensors[NUMBERS, STIFF] * tensors[NUMBERS, LONG]
@@ -681,18 +697,18 @@ def write_values(p: Problem, y: Floats, parameter: float, out: Floats) -> None:
     for j in range(4):
         square += tensors[H_RATE, j] ** 2
     scale = 1.0 / math.sqrt(square)
-    shears = 4 if affine else 2 * n
+    shears = 4 if affine else 2 * p.codes[GRAINS]
+    out[len(p.watch)] = tensors[SOLUTION, BALANCE]
     for f in range(len(p.watch)):
         kind, c = watch[f, 0], watch[f, 1]
         if kind == YIELD:
             at = table[c]
             out[f] = (abs(at[SHEAR]) - at[STRENGTH]) / (force * size)
         elif kind == UNLOADING:
-            at, mu, side = table[c], table[c, MU], table[c, SIDE]
-            un = table[c, EN]
-            ut = table[c, G] * table[c, ET] - table[c, SPUN]
+            at = table[c]
+            un, ut = at[EN], at[G] * at[ET] - at[SPUN]
             sticking = -at[COUPLING] * un - at[NOW_KT] * ut
-            out[f] = -scale * (side * sticking + mu * at[NOW_KN] * un) / force
+            out[f] = -scale * at[SIDE] * (sticking - at[SHEAR_RATE]) / force
         elif kind == OPENING or kind == CLOSING:
             own, overlap = table[c], table[c, OVERLAP]
             gap = overlap if kind == CLOSING else -overlap - own[OPENS]
@@ -701,7 +717,7 @@ def write_values(p: Problem, y: Floats, parameter: float, out: Floats) -> None:
             h = tensors[H]
             out[f] = h[1] * h[2] - (1.0 - h[0]) * (1.0 - h[3])
         elif kind == CONTROL_LIMIT:
-            out[f] = -scale * parameter / tensors[NUMBERS, PARAMETER]
+            out[f] = -scale * tensors[SOLUTION, PARAMETER_RATE] / tensors[NUMBERS, PARAMETER]
         elif kind == STAGE_END:
             value = y[shears + n] - tensors[NUMBERS, START]
             if p.codes[QUANTITY] < 8:

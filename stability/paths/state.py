@@ -10,7 +10,7 @@ from loops import InputError
 from loops.arrays import Floats, Regimes
 from loops.graph import ContactState
 from loops.laws.compiled import PressedContacts
-from loops.laws.frictional import Regime, with_sides
+from loops.laws.frictional import Regime
 from stability.path import WORK_TERMS
 from stability.paths.model import JUST_TOUCHING, START_MISMATCH, PathModel, compressed_state
 
@@ -114,7 +114,7 @@ def pack(place: Floats, shear_force: Floats, parameter: float, work: Floats) -> 
 
 def unpack(model: PathModel, y: Floats) -> PathState:
     """Integrated variables in the vector `y`."""
-    places = 4 if model.closure == "affine" else 2 * model.grain_count
+    places = model.places
     place = y[:places] if model.closure == "affine" else y[:places].reshape(-1, 2)
     shear = y[places : places + model.contact_count]
     return PathState(place, shear, float(y[-5]), y[-4:])
@@ -122,11 +122,10 @@ def unpack(model: PathModel, y: Floats) -> PathState:
 
 def scales(model: PathModel) -> Floats:
     """(Y,) natural size of every integrated variable, for absolute tolerances."""
-    places = 4 if model.closure == "affine" else 2 * model.grain_count
     force = model.stiffness * model.length
     return np.concatenate(
         [
-            np.full(places, 1.0 if model.closure == "affine" else model.length),
+            np.full(model.places, 1.0 if model.closure == "affine" else model.length),
             np.full(model.contact_count, force),
             [1.0],
             np.full(len(WORK_TERMS), force * model.length),
@@ -198,14 +197,6 @@ def contacts_at(model: PathModel, state: PathState, mode: Mode) -> ContactState:
     return replace(contacts, shear_force=np.where(sliding, T, contacts.shear_force))
 
 
-def with_signs(contacts: ContactState, mode: Mode) -> ContactState:
-    """Contacts whose `T` has the sign of their side, also at the apex of the cone.
-
-    A contact that slides from its first touch has a side before it has a shear force.
-    """
-    return with_sides(contacts, np.where(mode.regime == Regime.SLIDING, mode.side, 0.0))
-
-
 @dataclass(frozen=True, eq=False)
 class Rates:
     """Rates of everything, in some unit of time.
@@ -244,38 +235,8 @@ def path_stress(model: PathModel, contacts: ContactState) -> Floats:
     return (contacts.forces.T @ model.d0).ravel() / model.volume
 
 
-def power(model: PathModel, mode: Mode, contacts: ContactState, rates: Rates) -> Floats:
-    """(4,) rates of the work terms.
-
-    External work `V0 P:H'`; work of the moments that hold the spins, `sum T (a_i w_i + a_j w_j)`;
-    work spent on the shear of the contacts, `-sum T (t.d' - a_i w_i - a_j w_j)`; of this the part
-    dissipated by slip, `-T (ut' + T'/kt)`. The moments are those that hold the spins and those of
-    rolling springs.
-    """
-    T, (w_i, w_j) = contacts.shear_force, rates.motion[:, 2:].T
-    rolled = contacts.arm_i * w_i + contacts.arm_j * w_j
-    shear = (contacts.t * rates.motion[:, :2]).sum(axis=1) - rolled
-    sliding = mode.regime == Regime.SLIDING
-    slipped = np.zeros(1)
-    if sliding.any():
-        elastic = -rates.shear_force / shear_stiffness(model, contacts)
-        slipped = np.where(sliding, -T * (rates.ut - elastic), 0.0)
-    external = model.volume * (path_stress(model, contacts) @ rates.H)
-    return np.array([external, T @ rolled, -T @ shear, slipped.sum()])
-
-
 def shear_stiffness(model: PathModel, contacts: ContactState) -> Floats:
     """(C,) `kt` of sticking contacts; infinite where they have none: no elastic shear."""
     sticking = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     kt = model.law.local_stiffness(contacts, sticking)[:, 1, 1]
     return np.where(kt > 0.0, kt, np.inf)
-
-
-def velocities(model: PathModel, rates: Rates) -> Floats:
-    """(G, 2) velocities of the grains; their mean is zero under the traction closure."""
-    if model.closure == "affine":
-        return -model.x0 @ rates.H.reshape(2, 2).T
-    velocity = np.zeros((model.grain_count, 2))
-    # The ring's contacts come first, from grain to grain.
-    velocity[1:] = np.cumsum(rates.motion[: model.grain_count - 1, :2], axis=0)
-    return velocity - velocity.mean(axis=0)

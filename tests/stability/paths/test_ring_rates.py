@@ -1,4 +1,4 @@
-"""Rates of a ring by the kernels against those of its balance by numpy, and where each serves."""
+"""Rates of a loop as a segment asks for them against those of its balance by numpy alone."""
 
 from dataclasses import replace
 
@@ -16,12 +16,13 @@ from loops import (
 from patterns import random_loop, regular_polygon
 from stability import Stage, programmes
 from stability.paths import ring_rates
-from stability.paths.kernels import answer, arrays_of, ring_of
 from stability.paths.model import path_model
 from stability.paths.path_segment import event_functions
 from stability.paths.regimes import path_symmetry
 from stability.paths.state import Mode, initial_state, pack, unpack
-from stability.paths.state_rates import UNIT_PARAMETER, StateRates
+from stability.paths.state_rates import UNIT_PARAMETER, Answers, StateRates
+from tests.oracles.path_rates import PlainRates
+from tests.stability.paths.whole_paths import irregular
 
 LAWS = {
     "branch": LinearFrictional(1.3, 0.4, 0.3),
@@ -44,12 +45,15 @@ class OwnLaw(LinearFrictional):
     """A law of one's own, whatever it does."""
 
 
+OWN = OwnLaw(1.3, 0.4, 0.3)
+
+
 class OwnProgramme(programmes.Programme):
     """A programme whose equations may be anything."""
 
 
 def states(graph, law, closure, spins, changed, programme, symmetric=False):
-    """The same state by the kernels and, under a programme that they don't know, by numpy."""
+    """The same state as paths know it and by numpy alone."""
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, spins, None)
     n, y = graph.contact_count, initial_state(model, contacts)
@@ -58,8 +62,8 @@ def states(graph, law, closure, spins, changed, programme, symmetric=False):
         mode.regime[c], mode.side[c] = regime, side
     if symmetric:
         model = replace(model, symmetry=path_symmetry(model, y, mode, [programme]))
-    state, own = unpack(model, y), OwnProgramme(**vars(programme))
-    return [StateRates(model, state, mode, one, UNIT_PARAMETER) for one in (programme, own)]
+    about = model, unpack(model, y), mode, programme, UNIT_PARAMETER
+    return StateRates(*about), PlainRates(*about)
 
 
 def lopsided(n, law):
@@ -71,7 +75,6 @@ def lopsided(n, law):
 
 def compare(found, wanted, atol):
     """Rates to a share of the motion of the contacts, times the stiffness where they are forces."""
-    assert found.by_kernel is not None and wanted.by_kernel is None
     rates, others = found.raw_rates, wanted.raw_rates
     size = max(np.abs(others.motion[:, :2]).max(), np.abs(others.ut).max())
     force = size * found.model.stiffness
@@ -84,27 +87,24 @@ def compare(found, wanted, atol):
         np.testing.assert_allclose(one, other, rtol=0, atol=atol * scale, err_msg=name)
     np.testing.assert_allclose(found.A, wanted.A, rtol=0, atol=atol * np.abs(wanted.A).max())
     stage = Stage(found.programme, "P11", 0.3)
-    functions = event_functions(
-        found.model, found.mode, stage, 0.1, -1.0, 0.7, ("diagonal", "symmetric", "full")
-    )
+    about = 0.1, -1.0, 0.7, ("diagonal", "symmetric", "full")
+    functions = event_functions(found.model, found.mode, stage, *about)
     count, y_rates = len(functions.watch), wanted.y_rates
     asked = answered(found, ring_rates.RATES, functions)[: len(y_rates)]
     np.testing.assert_allclose(asked, y_rates, rtol=atol, atol=atol)
     values = answered(found, ring_rates.VALUES, functions)[: count + 1]
-    expected = np.append(functions.values(wanted), wanted.balance_determinant)
+    expected = np.append(wanted.values(stage, *about), wanted.balance_determinant)
     # The equations differ, and so does the size of their determinant.
     np.testing.assert_allclose(values[:-1], expected[:-1], rtol=1e3 * atol, atol=1e3 * atol)
     assert np.isnan(values[-1]) == np.isnan(expected[-1])
 
 
 def answered(here, what, functions):
-    """What the kernels answer in a state."""
-    mode, state = here.mode, here.state
-    ring = ring_of(here.model)
-    numbers, whole, p = arrays_of(ring, mode.regime, mode.side, here.programme, functions)
-    y = pack(state.place, state.shear_force, state.parameter, state.work)
+    """What a segment is answered in a state."""
+    answers, state = Answers(here.model, here.mode, here.programme, functions), here.state
+    p, y = answers.p, pack(state.place, state.shear_force, state.parameter, state.work)
     p.shared[0, : len(y)], p.shared[1, :5] = y, here.gauge
-    answer().call(what, numbers.ctypes.data, whole.ctypes.data)
+    answers.reply(what)
     return p.shared[2]
 
 
@@ -135,14 +135,48 @@ def test_rates_of_symmetric_states_are_those_of_the_balance(order, closure, spin
         compare(*states(graph, law, closure, spins, [], programme, symmetric=True), 1e-12)
 
 
-def test_kernels_serve_rings_of_known_laws_under_known_programmes():
+@pytest.mark.parametrize(
+    ("law", "spins", "regimes"),
+    [("own", "free", "stick"), ("own", "affine", "opens"), ("rolling", "affine", "two"),
+     ("rolling", "free", "stick"), ("branch", "free", "opens"), ("radii", "free", "two")],
+)  # fmt: skip
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_rates_under_other_laws_and_of_spins_that_roll_along(law, closure, spins, regimes):
+    """Forces of a law of one's own are given to the kernels; numpy solves what they do not."""
+    graph = lopsided(5, LAWS["branch"])
+    one = {"own": OWN, "rolling": RollingResistance(LAWS["branch"], k_r=0.1)}.get(law) or LAWS[law]
+    for programme in PROGRAMMES:
+        compare(*states(graph, one, closure, spins, REGIMES[regimes], programme), 1e-12)
+
+
+@pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
+@pytest.mark.parametrize("closure", ["affine", "traction"])
+def test_rates_of_a_loop_with_a_chord(closure, spins):
+    graph, law = irregular(chord=True)
+    for programme in PROGRAMMES:
+        for regimes in ("stick", "opens") if spins != "free" else ("stick",):
+            compare(*states(graph, law, closure, spins, REGIMES[regimes], programme), 1e-12)
+
+
+def test_a_programme_of_ones_own_says_what_it_controls_in_each_state():
+    graph, law = lopsided(5, LAWS["branch"]), LAWS["branch"]
+    plain = programmes.undrained(axis=2)
+    pair = [
+        states(graph, law, "traction", "blocked", REGIMES["two"], one)[0]
+        for one in (plain, OwnProgramme(**vars(plain)))
+    ]
+    np.testing.assert_allclose(*(here.raw_rates.P for here in pair), rtol=1e-14)
+    assert OwnProgramme(**vars(plain)).equations(pair[0].H, pair[0].P)[1][3].any()
+
+
+def test_kernels_alone_serve_rings_of_known_laws_under_known_programmes():
     graph, law, free = lopsided(5, LAWS["branch"]), LAWS["branch"], [(1, S, 1.0)]
     own = OwnProgramme("own", SHEAR.stress, SHEAR.strain, SHEAR.rate)
     rolling = RollingResistance(law, k_r=0.1)
     for one, spins, changed, programme, served in (
-        (law, "blocked", [], SHEAR, True), (OwnLaw(1.3, 0.4, 0.3), "blocked", [], SHEAR, False),
+        (law, "blocked", [], SHEAR, True), (OWN, "blocked", [], SHEAR, False),
         (rolling, "blocked", [], SHEAR, False), (law, "blocked", [], own, False),
         (law, "free", [], SHEAR, True), (law, "free", free, SHEAR, False),
     ):  # fmt: skip
         here, _ = states(graph, one, "traction", spins, changed, programme)
-        assert (here.by_kernel is not None) == served
+        assert Answers(here.model, here.mode, programme).compiled == served

@@ -6,7 +6,7 @@ import pytest
 from loops import LinearFrictional, contact_state
 from patterns import random_loop
 from stability.paths.model import path_model
-from stability.paths.state_rates import relative_motion
+from tests.oracles.path_rates import relative_motion
 from tests.stability.paths.driven import drive
 
 
