@@ -12,34 +12,7 @@ from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import typeof_impl
 
 from loops.arrays import Floats
-from stability.paths.ring_rates import (
-    BALANCE,
-    CONDITION,
-    HEADER,
-    LEAST_RATE_PIVOT,
-    PLACE,
-    RATES,
-    SOLUTION,
-    SOLVED,
-    UNIT,
-    VALUES,
-    balance_of_ring,
-    complete,
-    condition_of,
-    describe,
-    eliminate,
-    force_rates,
-    lengths,
-    place_contacts,
-    problem_in,
-    solve_path,
-    system,
-    tangent_of_ring,
-    write_control,
-    write_equations,
-    write_rates,
-    write_values,
-)
+from stability.paths.ring_rates import HEADER, answer_of, lengths, problem_in
 
 ANSWER = types.void(types.int64, types.CPointer(types.float64), types.CPointer(types.int64))
 ASKED = types.FunctionType(ANSWER)
@@ -47,40 +20,9 @@ ADDRESS = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_
 
 
 def answer(what: int, numbers: Any, whole_numbers: Any) -> None:
-    """Compute what is asked of the loop whose arrays begin at these pointers, see `RATES`.
-
-    The last place of the answer is 0 where null vectors have to be looked for, and 1 otherwise.
-    """
+    """Compute what is asked of the loop whose arrays begin at these pointers, see `answer_of`."""
     floats, whole = lengths(carray(whole_numbers, (HEADER,)))
-    p = problem_in(carray(numbers, (floats,)), carray(whole_numbers, (whole,)))
-    y, gauge, out = p.shared
-    out[len(out) - 1] = 1.0
-    if what < SOLVED:
-        place_contacts(p, y)
-        if what == PLACE:
-            write_control(p, p.small[SOLUTION, UNIT])
-            return
-        N, gear = write_equations(p)
-        known = what < VALUES or tangent_of_ring(p, N) > LEAST_RATE_PIVOT
-        complete(p, N, gauge)
-        known = eliminate(p, system(p, 2, N + 5, N + 6), N + 5) > LEAST_RATE_PIVOT and known
-        if not known:
-            out[len(out) - 1] = 0.0
-            return
-        solve_path(p, N, gear)
-        if what == VALUES:
-            p.small[SOLUTION, BALANCE] = balance_of_ring(p, N)
-        elif what != RATES:
-            p.small[SOLUTION, CONDITION] = condition_of(p, N + 5)
-    else:
-        what -= SOLVED
-    force_rates(p)
-    if what == RATES:
-        write_rates(p, out)
-    elif what == VALUES:
-        write_values(p, y, out)
-    else:
-        describe(p, out)
+    answer_of(problem_in(carray(numbers, (floats,)), carray(whole_numbers, (whole,))), what)
 
 
 class Compiled(types.WrapperAddressProtocol):

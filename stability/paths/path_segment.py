@@ -9,13 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
 from loops.laws.frictional import Regime
 from stability.paths.kernels import QUANTITIES, EventFunctions, answer, follow
-from stability.paths.model import PathModel, pair_keys
-from stability.paths.ring_rates import VALUES, WATCHED_GAP
+from stability.paths.model import PathModel
 from stability.paths.segment import (
     EVENT,
     ROW,
@@ -26,7 +24,7 @@ from stability.paths.segment import (
     Steps,
     System,
 )
-from stability.paths.state import Mode, centres, unpack
+from stability.paths.state import NO_PAIRS, Mode, pair_overlaps, pairs_in_reach, unpack
 from stability.paths.state_rates import Answers, StateRates
 from stability.programmes import NOTHING, Stage
 from stability.spectra import subspace_basis
@@ -49,7 +47,6 @@ KINDS = list(CROSSING_TOLERANCE)
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
 REAL_RTOL = 1e-7
-NO_PAIRS: Integers = np.zeros((0, 2), dtype=np.int64)
 MESSAGES = {
     SINGULAR: "no step size keeps the error within its tolerance",
     STUCK: "no step size keeps the error within its tolerance",
@@ -109,33 +106,6 @@ def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
     return "det_K_zero" if real else "flutter"
 
 
-def pairs_in_reach(model: PathModel, x: Floats) -> Integers:
-    """(Q, 2) pairs of grains without a contact that are near where the grains are at x (G, 2)."""
-    # Beside a singular state the interpolant may have left the numbers.
-    if not model.watches_pairs or not np.isfinite(x).all():
-        return NO_PAIRS
-    reach = (1.0 + WATCHED_GAP) * 2.0 * float(model.radii.max())
-    pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
-    pairs = pairs[np.lexsort(pairs.T[::-1])]
-    met = np.isin(pair_keys(model, pairs), model.met)
-    near = pair_overlaps(model, pairs, x) > -WATCHED_GAP
-    return np.asarray(pairs[near & ~met], dtype=np.int64)
-
-
-def closest_pair(model: PathModel, x: Floats) -> float:
-    """Largest of these overlaps; at least that of pairs that are far apart."""
-    overlaps = pair_overlaps(model, pairs_in_reach(model, x), x)
-    return float(overlaps.max(initial=-WATCHED_GAP))
-
-
-def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
-    """(Q,) overlaps of pairs of grains over `r_i + r_j`."""
-    i, j = pairs.T
-    d = x[j] - x[i]
-    touching = model.radii[i] + model.radii[j]
-    return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)
-
-
 # ---- integration from event to event
 
 
@@ -185,15 +155,7 @@ def follow_segment(
 
     functions, programme = segment.functions, segment.stage.programme
     answers = Answers(segment.model, segment.mode, programme, functions)
-    p, touching = answers.p, len(functions.watch) - 1
-
-    def reply(wanted: int) -> None:
-        answers.reply(wanted)
-        if wanted == VALUES and not segment.model.is_ring and np.isfinite(p.shared[0]).all():
-            x = unpack(segment.model, p.shared[0, : len(y)]).place
-            p.shared[2, touching] = closest_pair(segment.model, centres(segment.model, x))
-
-    plain = Callback(reply, p.shared[2])
+    plain = Callback(answers.reply, answers.p.shared[2])
     call = answer() if answers.compiled else plain
     system = System(call, plain, answers.numbers, answers.whole, functions.tolerance)
     begin = np.array(y), np.array(gauge)

@@ -65,6 +65,7 @@ from loops.closures.ring import (
     moves,
     place_unknowns,
     prepare,
+    solve,
     turn_block,
     weigh_moments,
 )
@@ -151,7 +152,7 @@ class Problem(NamedTuple):
 def lengths(header: Integers) -> tuple[int, int]:
     """Return how many numbers and whole numbers a problem takes that begins with this header."""
     L, n, S, M, K, Q, N = header
-    floats = 3 * L + n * WIDTH + ROWS * 9 + 7 * N + N * N + 3 * (N + 1) ** 2 + 4 * S + 16 * K
+    floats = 3 * L + n * WIDTH + ROWS * 9 + 7 * N + N * N + 3 * N * (N + 4) + 4 * S + 16 * K
     return floats, HEADER + CODES + 5 * (n + 1) + N + S * n + 2 * M + K + 2 * Q
 
 
@@ -161,7 +162,7 @@ def problem_in(floats: Floats, whole: Integers) -> Problem:
     a, b = 3 * L, 3 * L + n * WIDTH
     c, d = b + ROWS * 9, b + ROWS * 9 + 4 * N
     e, f = d + N * N, d + N * N + 3 * N
-    g = f + 3 * (N + 1) * (N + 1)
+    g = f + 3 * N * (N + 4)
     h = g + 4 * S
     i, j = HEADER + CODES, HEADER + CODES + 5 * (n + 1)
     k, m = j + N, j + N + S * n
@@ -183,9 +184,46 @@ def system(p: Problem, which: int, rows: int, columns: int) -> Floats:
     return p.flat[begin : begin + rows * columns].reshape((rows, columns))
 
 
-def eliminate(p: Problem, E: Floats, size: int) -> float:
-    """Factor a system; return its least pivot."""
-    return factor(E, size, Solver(p.below, p.below, p.X, p.X, p.sizes, p.order))
+def solver_in(p: Problem) -> Solver:
+    """Return the arrays for a solve."""
+    return Solver(p.below, p.below, p.X, p.X, p.sizes, p.order)
+
+
+def answer_of(p: Problem, what: int) -> None:
+    """Compute what is asked for, see `RATES`.
+
+    The last place of the answer is 0 where null vectors have to be looked for, and 1 otherwise.
+    """
+    y, gauge, out = p.shared
+    solution, known = p.small[SOLUTION], True
+    if what < SOLVED:
+        place_contacts(p, y)
+    if what == PLACE:
+        write_control(p, p.small[NUMBERS, STIFF])
+        out[len(out) - 1] = 1.0
+        return
+    if what < SOLVED:
+        N, gear = write_equations(p)
+        if what >= VALUES:
+            known = tangent_of_ring(p, N) > LEAST_RATE_PIVOT
+        complete(p, N, gauge)
+        B = system(p, 2, N + 5, N + 9)
+        known = factor(B, N + 5, solver_in(p)) > LEAST_RATE_PIVOT and known
+        out[len(out) - 1] = 1.0 * known
+        if not known:
+            return
+        solve_path(p, N, gear)
+        if what == VALUES:
+            solution[BALANCE] = balance_of_ring(p, N)
+        elif what != RATES:
+            solution[CONDITION] = condition_of(p, N + 5)
+    force_rates(p)
+    if what % SOLVED == RATES:
+        write_rates(p, out)
+    elif what % SOLVED == VALUES:
+        write_values(p, y, out)
+    else:
+        describe(p, out)
 
 
 def place_contacts(p: Problem, y: Floats) -> None:
@@ -439,19 +477,12 @@ def write_control(p: Problem, unit: float) -> None:
 
 
 def complete(p: Problem, N: int, gauge: Floats) -> None:
-    """Write the equations, the control and the gauge as one system `B`.
-
-    Its right-hand side is the last column.
-    """
-    size, E = N + 5, system(p, 1, N, N + 4)
-    B = system(p, 2, size, size + 1)
+    """Write the equations, the control and the gauge as one system `B`, for `solve`."""
+    size, E, B = N + 5, system(p, 1, N, N + 4), system(p, 2, N + 5, N + 9)
+    B[:size] = 0.0
     for i in range(N):
         for j in range(N + 4):
             B[i, j] = E[i, j]
-        B[i, N + 4] = B[i, N + 5] = 0.0
-    for i in range(N, size):
-        for j in range(size + 1):
-            B[i, j] = 0.0
     write_control(p, p.small[SOLUTION, UNIT])
     control = p.small[CONTROL : CONTROL + 4]
     for i in range(4):
@@ -460,7 +491,7 @@ def complete(p: Problem, N: int, gauge: Floats) -> None:
             B[N + 4, N + j] = gauge[j]
         B[N + i, N + 4] = control[i, 8]
     B[N + 4, N + 4] = gauge[4] * p.small[SOLUTION, PARAMETER_UNIT]
-    B[N + 4, N + 5] = 1.0
+    B[N + 4, N + 5] = -1.0
 
 
 def solve_path(p: Problem, N: int, gear: int) -> None:
@@ -468,13 +499,8 @@ def solve_path(p: Problem, N: int, gear: int) -> None:
 
     Those of H, P and the parameter are in `small` then, the motions of the contacts in `table`.
     """
-    size, x, unit = N + 5, p.X[:, 0], p.small[SOLUTION, UNIT]
-    B = system(p, 2, size, size + 1)
-    for i in range(size - 1, -1, -1):
-        value = B[i, size]
-        for j in range(i + 1, size):
-            value -= B[i, j] * x[j]
-        x[i] = value / B[i, i]
+    x, unit = p.X[:, 0], p.small[SOLUTION, UNIT]
+    solve(system(p, 2, N + 5, N + 9), N + 5, solver_in(p))
     if len(p.maps) > 1:
         keep_symmetric(p, N, x)
     for j in range(4):
@@ -605,7 +631,7 @@ def condition_of(p: Problem, size: int) -> float:
 
     Its rows are of size one, so that the size of the inverse is what counts.
     """
-    B, x, sums = system(p, 2, size, size + 1), p.X[:, 1], p.X[:, 2]
+    B, x, sums = system(p, 2, size, size + 4), p.X[:, 1], p.X[:, 2]
     below = p.below[: size * size].reshape((size, size))
     for i in range(size):
         sums[i] = 0.0
@@ -639,13 +665,9 @@ def tangent_of_ring(p: Problem, N: int) -> float:
     for i in range(N):
         for j in range(N + 4):
             B[i, j] = E[i, j]
-    least = eliminate(p, B, N)
+    least = factor(B, N, solver_in(p))
+    solve(B, N, solver_in(p))
     for k in range(4):
-        for i in range(N - 1, N - 5, -1):
-            value = -B[i, N + k]
-            for j in range(i + 1, N):
-                value -= B[i, j] * X[j, k]
-            X[i, k] = value / B[i, i]
         for i in range(4):
             mixed = p.codes[MIRRORS] and (i == 0 or i == 3) != (k == 0 or k == 3)
             A[i, k] = 0.0 if mixed else unit * X[N - 4 + i, k]
@@ -666,7 +688,7 @@ def balance_of_ring(p: Problem, N: int) -> float:
     """
     n, own, sizes, order = len(p.table), p.table, p.sizes, p.order
     size, sign, log = N + 5, 1.0, 0.0
-    B, searched = system(p, 2, size, size + 1), p.codes[CLOSURE] == TRACTION and n <= MOST_GRAINS
+    B, searched = system(p, 2, size, size + 4), p.codes[CLOSURE] == TRACTION and n <= MOST_GRAINS
     searched = searched and p.codes[SPINS] != FREE
     for i in range(size):
         sign = sign if B[i, i] > 0.0 else -sign

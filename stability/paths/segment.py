@@ -405,15 +405,15 @@ def polish(
 
 def rows_between(
     p: System, step: Step, gauge: Floats, how: Steps, begin: float, h: float, until: float,
-    record: Floats, count: int,
+    event: bool, record: Floats, count: int,
 ) -> tuple[Floats, int]:  # fmt: skip
-    """Add the rows within a step: its rates integrated along its interpolant.
+    """Add the rows within a step, until an event: its rates integrated along its interpolant.
 
     The interpolant is an order below the step. What it misses, `y' - f(y)`, oscillates: its
     integral is smaller by what the rates change over a part of the step, and is left out.
     """
     length, spacing = until * h, how.row_step
-    last = begin + length - (ROW_OF_EVENT * spacing if until < 1.0 else 0.0)
+    last = begin + length - (ROW_OF_EVENT * spacing if event else 0.0)
     first, end = math.floor(begin / spacing) + 1.0, math.floor(last / spacing) + 1.0
     if end <= first:
         return record, count
@@ -532,7 +532,8 @@ def follow(
         theta, which = first_crossing(p, step, gauge, table)
         record, seen = branchings(p, step, gauge, table, theta, record, seen)
         if np.isfinite(how.row_step):
-            record, seen = rows_between(p, step, gauge, how, begin, length, theta, record, seen)
+            about = begin, length, theta, which >= 0
+            record, seen = rows_between(p, step, gauge, how, *about, record, seen)
         if which >= 0:
             polish(p, step, gauge, how, length, theta, which)
             for f in range(count):

@@ -5,14 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from loops import InputError
-from loops.arrays import Floats, Regimes
+from loops.arrays import Floats, Integers, Regimes
 from loops.graph import ContactState
 from loops.laws.compiled import PressedContacts
 from loops.laws.frictional import Regime
 from stability.path import WORK_TERMS
-from stability.paths.model import JUST_TOUCHING, START_MISMATCH, PathModel, compressed_state
+from stability.paths.model import (
+    JUST_TOUCHING,
+    START_MISMATCH,
+    PathModel,
+    compressed_state,
+    pair_keys,
+)
+from stability.paths.ring_rates import WATCHED_GAP
 
 # Isotropic strain at which a path starts where its law has no stiffness at first touch.
 FIRST_STRAIN = 1e-8
@@ -22,6 +30,7 @@ FIRST_STRAIN_OF_GEARS = 1e-6
 # Absolute tolerance of such a path over that strain, by which its start is off. Loops with free
 # spins are all but mechanisms there: rounding of their rates is beyond tighter ones.
 FIRST_ATOL = 1e-4
+NO_PAIRS: Integers = np.zeros((0, 2), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,3 +249,30 @@ def shear_stiffness(model: PathModel, contacts: ContactState) -> Floats:
     sticking = np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8)
     kt = model.law.local_stiffness(contacts, sticking)[:, 1, 1]
     return np.where(kt > 0.0, kt, np.inf)
+
+
+def pairs_in_reach(model: PathModel, x: Floats) -> Integers:
+    """(Q, 2) pairs of grains without a contact that are near where the grains are at x (G, 2)."""
+    # Beside a singular state the interpolant may have left the numbers.
+    if not model.watches_pairs or not np.isfinite(x).all():
+        return NO_PAIRS
+    reach = (1.0 + WATCHED_GAP) * 2.0 * float(model.radii.max())
+    pairs = cKDTree(x).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[np.lexsort(pairs.T[::-1])]
+    met = np.isin(pair_keys(model, pairs), model.met)
+    near = pair_overlaps(model, pairs, x) > -WATCHED_GAP
+    return np.asarray(pairs[near & ~met], dtype=np.int64)
+
+
+def closest_pair(model: PathModel, x: Floats) -> float:
+    """Largest overlap of these pairs; at least that of grains that are far apart."""
+    overlaps = pair_overlaps(model, pairs_in_reach(model, x), x)
+    return float(overlaps.max(initial=-WATCHED_GAP))
+
+
+def pair_overlaps(model: PathModel, pairs: Integers, x: Floats) -> Floats:
+    """(Q,) overlaps of pairs of grains over `r_i + r_j`."""
+    i, j = pairs.T
+    d = x[j] - x[i]
+    touching = model.radii[i] + model.radii[j]
+    return np.asarray((touching - np.hypot(d[:, 0], d[:, 1])) / touching)

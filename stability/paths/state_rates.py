@@ -29,6 +29,7 @@ from stability.paths.state import (
     PathState,
     Rates,
     centres,
+    closest_pair,
     contacts_at,
     displacement_gradient,
     pack,
@@ -84,19 +85,22 @@ class Answers:
             return
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             self.contacts = contacts_at(self.model, unpack(self.model, y), self.mode)
-            if type(self.programme) is not Programme or not self._by_ring:
-                self._ask(ring.PLACE)
             if type(self.programme) is not Programme:
+                self._ask(ring.PLACE)
                 H, P = p.small[[ring.H, ring.P], :4]
                 stress, strain, _ = self.programme.equations(H, P)
                 p.small[ring.STRESS : ring.STRESS + 4, :4] = stress
                 p.small[ring.STRAIN : ring.STRAIN + 4, :4] = strain
-                self._ask(ring.PLACE)
             if self._by_ring and self._ask(what):
                 return
-            p.shared[2, -1] = 1.0
+            self._ask(ring.PLACE)
             if self._solve(what) or what != ring.RATES:
                 self._ask(ring.SOLVED + what)
+            if what == ring.VALUES and not self.model.is_ring:
+                # The last event function, see `event_functions`.
+                place = unpack(self.model, y).place
+                last = len(p.watch) - 1
+                p.shared[2, last] = closest_pair(self.model, centres(self.model, place))
 
     def _ask(self, what: int) -> bool:
         """Call the kernels, which know all but the forces of other laws; whether they answer."""
@@ -129,10 +133,8 @@ class Answers:
     def _solve(self, what: int) -> bool:
         """Solve the closure system for rates and tangent; whether the rates have one answer."""
         model, p, contacts = self.model, self.p, self.contacts
-        unit, solution = float(p.small[ring.SOLUTION, ring.UNIT]), p.small[ring.SOLUTION]
-        matrix, motion = closure_equations(
-            model, p.small[ring.H, :4], self._sided(contacts), self.mode, unit
-        )
+        unit, solution, sided = model.stiffness, p.small[ring.SOLUTION], self._sided(contacts)
+        matrix, motion = closure_equations(model, p.small[ring.H, :4], sided, self.mode)
         if what >= ring.VALUES:
             A = p.small[ring.TANGENT : ring.TANGENT + 4, :4]
             A[:] = unit * stress_of_strain(matrix)
@@ -284,11 +286,11 @@ class StateRates:
 
 
 def closure_equations(
-    model: PathModel, H: Floats, contacts: ContactState, mode: Mode, unit: float
+    model: PathModel, H: Floats, contacts: ContactState, mode: Mode
 ) -> tuple[Floats, Floats]:
     """Equations (4 + m, 8 + m) of the closure in one state, see `loops.closures.system`.
 
-    Of the unknowns `(H', P'/unit, v)`; four equations of the control complete them. Also motions
+    Of the unknowns `(H', P'/kn, v)`; four equations of the control complete them. Also motions
     (C, 4, 8 + m) of the contacts, branch rates and spins times radii, over the length scale.
     """
     form, motion, n = model.form, model.motion, model.grain_count
@@ -299,7 +301,7 @@ def closure_equations(
         form = replace(form, spin=LoopSpin(row, np.zeros(4)))
         motion = motion.copy()
         motion[:, :, :4] = drive(form)
-    S = contact_springs(contacts, model.law, mode.regime, model.spins) / unit
+    S = contact_springs(contacts, model.law, mode.regime, model.spins) / model.stiffness
     matrix = closure_matrix(form, S, motion[:, :, :4])
     felt = model.law.local_stiffness(contacts, mode.regime)[:, :, 1] != 0.0
     if model.spins == "free" and felt.any(axis=1).all():
@@ -315,7 +317,7 @@ def closure_equations(
 
 
 def stress_of_strain(matrix: Floats) -> Floats:
-    """(4, 4) stress per strain, over the unit of the equations; nan if not trusted."""
+    """(4, 4) stress over `kn` per strain; nan if not trusted."""
     if matrix.shape == (4, 8):
         # Affine, spins not free: they read A H' - P' = 0.
         return matrix[:, :4].copy()

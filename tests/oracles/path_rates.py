@@ -15,8 +15,14 @@ from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.laws.frictional import Regime, edge_rates, with_sides
 from stability.paths import ring_rates
 from stability.paths.model import all_unknowns
-from stability.paths.path_segment import pair_overlaps, pairs_in_reach
-from stability.paths.state import Rates, pack, path_stress, shear_stiffness
+from stability.paths.state import (
+    Rates,
+    pack,
+    pair_overlaps,
+    pairs_in_reach,
+    path_stress,
+    shear_stiffness,
+)
 from stability.paths.state_rates import StateRates, is_trusted, stress_of_strain
 from stability.programmes import area_ratio
 from stability.spectra import subspace_basis

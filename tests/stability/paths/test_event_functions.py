@@ -9,15 +9,14 @@ from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state, ma
 from patterns import diamond, regular_polygon
 from stability import Event, Stage, follow, programmes, restrict, symmetric_spectrum
 from stability.path import describe
+from stability.paths import ring_rates
 from stability.paths.model import path_model
-from stability.paths.path_segment import (
-    _spectra,
-    area_ratio,
-    pair_overlaps,
-)
 from stability.paths.record import record_changes, record_jumps
 from stability.paths.regimes import path_symmetry
-from stability.paths.state import Mode, initial_state
+from stability.paths.state import Mode, initial_state, pair_overlaps
+from stability.programmes import area_ratio
+from stability.spectra import subspace_basis
+from tests.oracles.path_rates import spectra
 
 CLOSURES = ("affine", "traction")
 ELASTIC = LinearFrictional(kn=1.0, kt=0.2)
@@ -169,16 +168,26 @@ def test_several_solutions_are_stated_in_the_event(status, detail):
     assert record.events == [("yield", (1,), detail)]
 
 
-@pytest.mark.parametrize("subspace", ["diagonal", "symmetric", "full"])
-def test_watched_eigenvalues_are_over_the_size_of_the_operator(subspace):
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_watched_eigenvalues_are_over_the_size_of_the_operator(size):
+    """Those of Ks ascend, then real parts of those of K; none of an operator that vanishes."""
     A = np.diag([1.0, -2.0, 3.0, 4.0]) + np.triu(np.full((4, 4), 0.5), 1)
-    K = restrict(A, subspace)
-    values = [np.linalg.eigvalsh(0.5 * (K + K.T)), np.sort(np.linalg.eigvals(K).real)]
-    wanted = np.concatenate(values) / np.linalg.norm(K)
-    for size in (1e-9, 1.0, 1e9):
-        found = _spectra(SimpleNamespace(A=size * A), subspace)
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-15)
-    assert np.isnan(_spectra(SimpleNamespace(A=0.0 * A), subspace)).all()
+    subspaces = ("diagonal", "symmetric", "full")
+    spaces = [subspace_basis(one) for one in subspaces]
+    bases = np.array([np.pad(one, ((0, 4 - len(one)), (0, 0))) for one in spaces])
+    count = 2 * sum(map(len, spaces))
+    for operator in (size * A, 0.0 * A):
+        small = np.zeros((ring_rates.ROWS, 9))
+        small[ring_rates.TANGENT : ring_rates.TANGENT + 4, :4] = operator
+        watch = np.full((count, 2), ring_rates.SYMMETRIC_SPECTRUM)
+        problem = SimpleNamespace(
+            watch=watch, spaces=np.array([len(one) for one in spaces]), bases=bases, small=small
+        )
+        ring_rates.write_spectra(problem, found := np.zeros(count))
+        wanted = (
+            [spectra(A, one) for one in subspaces] if operator.any() else [np.full(count, np.nan)]
+        )
+        np.testing.assert_allclose(found, np.concatenate(wanted), rtol=0, atol=1e-15)
 
 
 def group_of(graph, law, shear=0.0, side=None):

@@ -40,15 +40,14 @@ from stability.paths.state import (
     initial_state,
     pack,
     path_stress,
-    power,
     relative_displacements,
     shear_stiffness,
     start_mode,
     unpack,
-    velocities,
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.regimes import LEFT, OPEN, RIGHT, STICKS
+from tests.oracles.path_rates import power, velocities
 
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
 CLOSURES = ("affine", "traction")
