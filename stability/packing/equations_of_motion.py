@@ -92,19 +92,18 @@ def snap_through(
     end = moving.state()
     if not ran or not np.isfinite(end.x).all():
         raise ArithmeticError("grains ran off at an instability")
-    return end, work_of(moving, end, load, state.stored_energy)
+    return end, work_of(moving, end)
 
 
-def work_of(moving: Moving, end: Contacts, load: Floats, energy: float) -> Floats:
-    """Work until the end of a motion under a load (G, 3), as `Path.work`.
+def work_of(moving: Moving, end: Contacts) -> Floats:
+    """Work until the end of a motion, as `Path.work`.
 
-    `energy` is that of the springs at the start. The last term is what damping took, and what the
-    motion still has.
+    The last term is what damping took, and what the motion still has.
     """
-    start, work = moving.start, np.append(moving.motion.work, 0.0)
+    start, load, work = moving.start, moving.motion.load, np.append(moving.motion.work, 0.0)
     moved = end.x - start.x @ (end.cell @ np.linalg.inv(start.cell)).T
     work[0] += float(np.sum(load[:, :2] * moved) + load[:, 2] @ (end.angle - start.angle))
-    work[3] = work[0] - work[1] - work[2] - (end.stored_energy - energy)
+    work[3] = work[0] - work[1] - work[2] - (end.stored_energy - start.stored_energy)
     return work
 
 

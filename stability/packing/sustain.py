@@ -362,18 +362,17 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         rise = max(push * here.parameter, LEAST_PUSH * here.first_stress)
         load = min(here.parameter + rise, stage.target)
         control = here.control_to(load)
-        moved = move(here, control, loading.damping)
         contact = here.events[-1].contacts[0] if stop[0] == "instabilities" else -1
         told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
-        motions.append(motion_past(moved, here.state, scene.graph.contact_count, faces, **told))
-        strain = float(np.linalg.norm(motions[-1].strain))
+        motion, passed = move(here, control, loading.damping, faces, **told)
+        motions.append(motion)
+        strain = float(np.linalg.norm(motion.strain))
         if math.isnan(limit) and strain >= MICRO_STRAIN:
             limit, spread = lost, change
         push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
-        motion = Passed("replayed", moved.end, moved.work)
-        solver.go_on_from(motion, load - here.parameter)
+        solver.go_on_from(passed, load - here.parameter)
         solver.record()
-        rests = moved.status == "at rest"
+        rests = motion.status == "at rest"
         strain = _strain_of_near(motions) if rests else strain
         if strain >= loading.large or not rests:
             again, flows = LARGE_MOTION
@@ -475,19 +474,13 @@ def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
     return None
 
 
-class Moved(NamedTuple):
-    """A motion past a lost equilibrium: its end, its mode (`Motion`), and the work until then."""
+def move(
+    here: PackingPoint, control: MixedControl, damping: float, faces: Faces | None, **told: Any
+) -> tuple[Motion, Passed]:
+    """Raise the load within some steps, then keep it until rest, or until the sample flows.
 
-    status: MotionStatus
-    end: Contacts
-    mode: Contacts
-    work: Floats
-    kinetic: float
-    steps: int
-
-
-def move(here: PackingPoint, control: MixedControl, damping: float) -> Moved:
-    """Raise the load within some steps, then keep it until rest, or until the sample flows."""
+    What is known of the motion before, and the faces whose loops it tells, as in `motion_past`.
+    """
     start = here.state
     radii = start.radii[: start.count]
     mass = np.full(len(radii), masses_of(radii)[0].mean())
@@ -516,35 +509,29 @@ def move(here: PackingPoint, control: MixedControl, damping: float) -> Moved:
             status = "at rest"
             break
     end = moving.state()
-    work = work_of(moving, end, here.load, start.stored_energy)
-    return Moved(status, end, end if mode is None else mode, work, kinetic, steps)
+    passed = Passed("replayed", end, work_of(moving, end))
+    told |= {"status": status, "released": passed.released, "kinetic": kinetic, "steps": steps}
+    return motion_past(start, end if mode is None else mode, end, faces, **told), passed
 
 
 def motion_past(
-    moved: Moved, start: Contacts, count: int, faces: Faces | None, **told: Any
+    start: Contacts, then: Contacts, end: Contacts, faces: Faces | None, **told: Any
 ) -> Motion:
-    """Return a motion from its start; of the first `count` contacts' loops, without faces none."""
-    then, end, back = moved.mode, moved.end, np.linalg.inv(start.cell)
-    force = then.forces[:count] - start.forces[:count]
-    branch = then.branches[:count] - start.branches[:count]
+    """Return a motion from its start to its end, its mode `then`; without faces none of loops."""
+    old, back = len(start.contacts), np.linalg.inv(start.cell)
+    change = np.sum((then.forces[:old] - start.forces) * (then.branches[:old] - start.branches), 1)
     carries, carried = (
         np.abs(one.normal_force) >= CARRIES * np.abs(one.normal_force[one.closed]).mean()
         for one in (then, start)
     )
-    slides, old = then.at_limit(), len(start.contacts)
+    slides = then.at_limit()
     slides[:old] &= ~start.at_limit()
     return Motion(
-        status=moved.status,
         strain=(np.eye(2) - end.cell @ back).ravel(),
-        released=float(moved.work[3]),
-        kinetic=moved.kinetic,
-        steps=moved.steps,
         displacement=(then.x - start.x @ (then.cell @ back).T)[: start.count],
         opened=int(np.count_nonzero(carried & ~then.closed[:old])),
         closed=int(np.count_nonzero(carries) - np.count_nonzero(carries[:old] & start.closed)),
         slid=int(np.count_nonzero(slides)),
-        loop_work=np.zeros(0)
-        if faces is None
-        else loop_sums(-0.5 * np.sum(force * branch, axis=1), faces),
+        loop_work=np.zeros(0) if faces is None else loop_sums(-0.5 * change, faces),
         **told,
     )

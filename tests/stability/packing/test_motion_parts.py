@@ -113,11 +113,10 @@ def test_work_of_a_motion_in_closed_form():
     rng = np.random.default_rng(1)
     u, turn, load = rng.normal(size=(3, 2)), rng.normal(size=3), rng.normal(size=(3, 3))
     end = replace(state, x=state.x @ F.T + u, cell=F @ state.cell, angle=state.angle + turn)
-    motion = SimpleNamespace(work=np.array([3.0, 0.5, 0.25]))
-    moving = SimpleNamespace(start=state, motion=motion)
-    found = work_of(moving, end, load, 0.125)
+    motion = SimpleNamespace(work=np.array([3.0, 0.5, 0.25]), load=load)
+    found = work_of(SimpleNamespace(start=state, motion=motion), end)
     whole = 3.0 + np.sum(load[:, :2] * u) + load[:, 2] @ turn
-    stored = end.stored_energy - 0.125
+    stored = end.stored_energy - state.stored_energy
     np.testing.assert_allclose(found, [whole, 0.5, 0.25, whole - 0.75 - stored], rtol=1e-12)
 
 
