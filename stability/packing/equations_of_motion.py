@@ -37,6 +37,8 @@ STABLE = 0.8
 LAG = 5.0
 # Steps in a row in each of which the pairs had to be listed anew.
 SINGLES = 100
+# Parts of a motion by pair, which listing makes anew.
+OF_PAIRS = ("shear", "kt", "overlap", "before", "place", "answer", "rolled")
 # Through an instability: inertial number of the strain.
 SNAP_RATE = 2.5e-7
 # Mean resultant over the mean contact force of a packing at rest, after an instability and under a
@@ -249,9 +251,9 @@ class Moving:
         gradient: Floats | None = None,
         steps: int = 0,
     ) -> None:
-        from loops.compiled.motion import MovingDiscs, place, update_forces
+        from loops.compiled.motion import MovingDiscs, update_forces
 
-        self.start, self.listed, self.servo = start, start, servo
+        self.start, self.servo = start, servo
         self.by_radii = start.law.by_radii
         self.gap = LISTED_GAP * 2.0 * start.mean_radius
         # How the law is asked; steps that are known of, and those made.
@@ -265,20 +267,13 @@ class Moving:
             velocities[grains] = finite("velocity", velocity, start.count, 2)
         if spin is not None:
             spins[grains] = finite("spin", spin, start.count)
-        count, law = len(start.contacts), start.law
+        pairs = {name: np.zeros(0) for name in OF_PAIRS}
         self.motion = MovingDiscs(
             x=np.array(start.x),
             velocity=velocities,
             angle=np.array(start.angle),
             spin=spins,
             cell=np.array(start.cell),
-            shear=np.array(start.shear_force),
-            kt=law.stiffnesses(start.overlap)[1],
-            overlap=np.zeros(count),
-            before=np.zeros(count),
-            place=np.zeros((3, count)),
-            answer=np.zeros((4, count)),
-            rolled=np.where(law.k_r > 0, start.rolling_moment, 0.0),
             resultant=np.zeros((bodies, 3)),
             speed=np.zeros((bodies, 2)),
             gradient=-(servo.gain @ servo.rate).reshape(2, 2) if gradient is None else gradient,
@@ -286,34 +281,29 @@ class Moving:
             moment=np.zeros(4),
             work=np.zeros(3),
             closer=np.zeros(1),
+            **pairs,
         )
-        self._list()
-        place(self.motion, self.discs)
-        self.motion.before[:] = self.motion.overlap
+        self._list(start)
         self._ask()
         update_forces(self.law, self.motion, self.discs, 0.0, self.by_radii, servo.on)
         servo.start[:] = self.motion.moment / abs(np.linalg.det(start.cell))
 
-    def _list(self) -> None:
+    def _list(self, contacts: Contacts) -> None:
         """List the pairs that are close, and hand them to the kernels."""
-        from loops.compiled.motion import APART, Discs
+        from loops.compiled.motion import Discs, place
 
-        motion = self.motion
-        now = replace(self.listed, x=motion.x, cell=motion.cell).with_near(self.gap)
-        law, ends, self.listed = now.law, now.contacts, now
-        fresh = len(ends) - len(motion.shear)
-        none = np.zeros(fresh)
-        apart = APART * now.radii[ends[len(motion.shear) :]].sum(axis=1)
-        self.motion = motion._replace(
-            shear=np.append(motion.shear, none),
-            kt=np.append(motion.kt, none),
-            rolled=np.append(motion.rolled, none),
-            overlap=np.append(motion.overlap, apart),
-            before=np.append(motion.before, apart),
+        self.listed = now = contacts.with_near(self.gap)
+        law, ends, none = now.law, now.contacts, np.zeros(len(now.contacts))
+        self.motion = self.motion._replace(
+            shear=np.array(now.shear_force),
+            kt=law.stiffnesses(now.overlap)[1],
+            rolled=np.where(law.k_r > 0, now.rolling_moment, 0.0),
+            overlap=none,
+            before=none.copy(),
             place=np.zeros((3, len(ends))),
             answer=np.zeros((4, len(ends))),
         )
-        motion.closer[:] = 0.0
+        self.motion.closer[:] = 0.0
         self.discs = Discs(
             radii=np.array(now.radii),
             widest=2.0 * float(now.radii.max()),
@@ -331,6 +321,8 @@ class Moving:
             rolling_reach=law.rolling_reach,
             at_touch=np.array(law.at_touch),
         )
+        place(self.motion, self.discs)
+        self.motion.before[:] = self.motion.overlap
         self._hand_law()
 
     def _hand_law(self) -> None:
@@ -382,7 +374,7 @@ class Moving:
             self._hand_law()
         while done < steps:
             if self.motion.closer[0] > self.gap:
-                self._list()
+                self._list(self.state())
             how = (dt, damping, viscous)
             if self.asks.startswith("numpy"):
                 made = self._asking_step(*how)
