@@ -41,33 +41,6 @@ def relative(pair: Any, v: Floats, h: Floats) -> tuple[float, float]:
 
 
 @kernel
-def _force_rates(pair: Any, regime: int, side: float, un: float, ut: float) -> tuple[float, float]:
-    """`N'` and `T'`."""
-    # Without a branch: regimes of pairs come in no order that could be predicted.
-    dn = -pair["kn"] * un
-    stuck, slides = -pair["kt"] * ut - pair["coupling"] * un, side * pair["mu"] * dn
-    closed = regime != 0
-    return (dn if closed else 0.0), ((stuck if regime == 1 else slides) if closed else 0.0)
-
-
-@kernel
-def at_yield(
-    pairs: NDArray[Any], regime: Regimes, held: Flags, N: Floats, T: Floats, share: float
-) -> Integers:
-    """Pairs that slide or carry at least `share` of their strength, but for held ones."""
-    found, k = np.empty(len(pairs), dtype=np.int64), 0
-    for p in range(len(pairs)):
-        mu, cohesion = pairs[p]["mu"], pairs[p]["cohesion"]
-        if (mu > 0 or cohesion > 0) and not held[p]:
-            most = mu * N[p] + cohesion
-            stuck = regime[p] == 1 and most > 0 and abs(T[p]) >= share * most
-            if stuck or regime[p] == 2:
-                found[k] = p
-                k += 1
-    return found[:k]
-
-
-@kernel
 def earliest(
     pairs: NDArray[Any],
     regime: Regimes,
@@ -92,7 +65,13 @@ def earliest(
     fastest, largest = 0.0, 0.0
     for p in range(len(pairs)):
         un, ut = relative(pairs[p], v, h)
-        dn, dt = _force_rates(pairs[p], regime[p], side[p], un, ut)
+        # Without a branch: regimes of pairs come in no order that could be predicted.
+        dn = -pairs[p]["kn"] * un if regime[p] != 0 else 0.0
+        stuck, slides = (
+            -pairs[p]["kt"] * ut - pairs[p]["coupling"] * un,
+            side[p] * pairs[p]["mu"] * dn,
+        )
+        dt = stuck if regime[p] == 1 else slides
         rates[p, UN], rates[p, DN], rates[p, DT], rates[p, UT] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
     time, which, kind = math.inf, -1, 0

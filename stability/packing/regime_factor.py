@@ -167,8 +167,9 @@ class RegimeFactor:
         Nothing but the weak springs resists it in a cell: it is the rounding of loads over them.
         """
         if not self.walls and self.touched.any():
-            of_grains = motions.reshape(len(motions), -1, 3)
-            of_grains[:, self.touched, :2] -= of_grains[:, self.touched, :2].mean(axis=1)[:, None]
+            of_grains = motions.reshape(len(motions), -1, 3)[:, :, :2]
+            mean = np.einsum("kgx,g->kx", of_grains, self.touched) / self.touched.sum()
+            of_grains -= mean[:, None] * self.touched[:, None]
         return motions
 
     def add_ground_springs(self, grains: Integers, spring: float) -> None:
@@ -306,8 +307,9 @@ class RegimeFactor:
 
     def _yield(self, c: Integers, rates: Floats) -> Floats:
         """Return rates of the yield function (k, r) of stuck pairs from rates (2, k, r)."""
-        pairs, (un, ut) = self.frame[c], rates
-        kn, kt, mu, coupling = (pairs[k][:, None] for k in ("kn", "kt", "mu", "coupling"))
+        un, ut = rates
+        names = "kn", "kt", "mu", "coupling"
+        kn, kt, mu, coupling = (self.frame[name][c][:, None] for name in names)
         return np.asarray(self.side[c][:, None] * (kt * ut + coupling * un) - mu * kn * un)
 
     def problem(self, control: MixedControl, contacts: Integers) -> tuple[Floats, Floats]:
@@ -336,10 +338,10 @@ class RegimeFactor:
 
     def at_yield(self, N: Floats, T: Floats, held: Flags) -> Integers:
         """Return pairs that slide or stand on the friction limit, but for held ones."""
-        from stability.compiled.packing_rates import at_yield
-
-        found: Integers = at_yield(self.frame, self.regime, held, N, T, AT_YIELD)
-        return found
+        mu, cohesion = self.frame["mu"], self.frame["cohesion"]
+        most, rough = mu * N + cohesion, (mu > 0) | (cohesion > 0)
+        stuck = (self.regime == ELASTIC) & (most > 0) & (np.abs(T) >= AT_YIELD * most)
+        return np.flatnonzero(rough & ~held & (stuck | (self.regime == SLIDING)))
 
 
 # Grains that move by more than this share of the largest displacement are in an unstable mode.
