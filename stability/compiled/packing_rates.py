@@ -64,13 +64,11 @@ def earliest(
     """
     fastest, largest = 0.0, 0.0
     for p in range(len(pairs)):
-        un, ut = relative(pairs[p], v, h)
+        pair = pairs[p]
+        un, ut = relative(pair, v, h)
         # Without a branch: regimes of pairs come in no order that could be predicted.
-        dn = -pairs[p]["kn"] * un if regime[p] != 0 else 0.0
-        stuck, slides = (
-            -pairs[p]["kt"] * ut - pairs[p]["coupling"] * un,
-            side[p] * pairs[p]["mu"] * dn,
-        )
+        dn = -pair["kn"] * un if regime[p] != 0 else 0.0
+        stuck, slides = -pair["kt"] * ut - pair["coupling"] * un, side[p] * pair["mu"] * dn
         dt = stuck if regime[p] == 1 else slides
         rates[p, UN], rates[p, DN], rates[p, DT], rates[p, UT] = un, dn, dt, ut
         fastest, largest = max(fastest, abs(un)), max(largest, abs(dn))
