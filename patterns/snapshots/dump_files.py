@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,17 +21,19 @@ from patterns.snapshots.frame import (
     Frames,
     Listing,
     Notes,
-    ReadPair,
     contacts_path,
     paired,
     require_column,
 )
 from patterns.snapshots.geometry import (
+    Bodies,
+    Contacts,
     axis_across,
     index_of,
     nearest_images,
     places_of,
     plane_note,
+    read_contacts,
     refuse_radii,
     refuse_repeated,
     sample_rows,
@@ -189,20 +192,47 @@ BOX_TOLERANCE = 1e-5
 
 
 class Atoms(NamedTuple):
-    """Grains of a frame: `ids` (G,), `x` (G, 2) along the two `axes` of their plane, `radii` (G,).
+    """Grains of a frame in the plane of the two `axes`, and its periodic cell (2, 2) or None.
 
-    `z` (G,) is their distance along the third axis, or None (length).
+    `z` (G,) are distances along the third axis, or None (length).
     """
 
-    ids: Integers
-    x: Floats
-    radii: Floats
+    bodies: Bodies
     z: Floats | None
     axes: list[int]
+    cell: Floats | None
+    periodic: tuple[bool, bool]
+
+    def contacts(self, where: str, pairs: Integers, branch: Floats | None = None) -> Contacts:
+        """Contacts of pairs of grains, to the image nearest to a `branch` (C, 2), else nearest."""
+        columns = dict(zip(("id1", "id2"), self.bodies.ids[pairs].T, strict=True))
+        if branch is not None:
+            columns |= components("branch_@", branch)
+        table = Table(where, columns)
+        return read_contacts(table, pairs, self.bodies, self.cell, self.periodic)
+
+    def nearest(self, gap: Floats) -> Floats:
+        """(C, 2) array: vectors `gap` (C, 2) less whole cells."""
+        if self.cell is None:
+            return gap
+        return np.asarray(gap - nearest_images(gap, self.cell, self.periodic) @ self.cell.T)
 
 
-def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
-    """Listings of the atoms with those of the contacts at the same step."""
+class FoundContacts(NamedTuple):
+    """Contacts and the columns of their forces on grain 2; the atoms with their cell; notes."""
+
+    atoms: Atoms
+    contacts: Contacts
+    forces: Mapping[str, Floats]
+    notes: Notes
+
+
+# Finds the contacts of a table whose columns have no names.
+FindContacts = Callable[[Table, Atoms, DumpFrame], FoundContacts]
+
+
+def frames_of_dumps(source: Source, find: FindContacts) -> Frames:
+    """Frames of the dump of atoms with those of the contacts at the same step."""
     wanted = "a 'dump local', such as dump.contacts.0 beside dump.atoms.0"
     lacks, hint = "no dump of contacts beside it", "Name it by --contacts."
     path = contacts_path(source, names_beside(source.path, "contacts"), lacks, wanted, hint)
@@ -218,18 +248,39 @@ def frames_of_dumps(source: Source, read: ReadPair[DumpFrame]) -> Frames:
     if unused:
         notes = (f"{counted(len(unused), 'step')} of {path} without atoms, such as {unused[0]}",)
 
-    def of_one_box(atoms: DumpFrame, contacts: DumpFrame, notes: Notes) -> Frame:
-        one, other = atoms.box, contacts.box
-        if one is not None and other is not None:
-            gap = max(np.abs(one.cell - other.cell).max(), np.abs(one.origin - other.origin).max())
-            if gap > BOX_TOLERANCE * np.abs(one.cell).max():
-                received = f"box {other.cell.tolist()} from {other.origin.tolist()}"
-                expected = f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}"
-                remedy = "Take both dumps from one run."
-                raise InputError(contacts.where, received, expected, remedy)
-        return read(atoms, contacts, notes)
+    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+        _require_one_box(own, local)
+        atoms, contacts, forces, said = find(local.read(), read_atoms(own, source), own)
+        walls, of_walls = read_walls(own, atoms, source.columns)
+        if walls is None and not all(atoms.periodic):
+            of_walls = ("no columns of walls: their forces are missing from the stress",)
+        notes = (said[0], *notes, *said[1:], *of_walls)
+        if atoms.axes != [0, 1]:
+            notes = (*notes, plane_note("xyz"[3 - sum(atoms.axes)]))
+        bodies = atoms.bodies
+        grains = components("@", bodies.x) | {"id": bodies.ids, "radius": bodies.radii}
+        if atoms.z is not None:
+            grains["z"] = atoms.z
+        table = contacts.table
+        columns = {name: table.integers(name) for name in ("id1", "id2")} | dict(forces)
+        columns |= components("branch_@", contacts.d)
+        periodic = (True, True) if atoms.cell is None else atoms.periodic
+        own_walls = None if walls is None else Table(own.where, walls)
+        tables = Table(own.where, grains), Table(local.where, columns)
+        return Frame(*tables, atoms.cell, own.step, notes, walls=own_walls, periodic=periodic)
 
-    return paired(atoms, contacts, of_one_box, path, "step", notes=notes)
+    return paired(atoms, contacts, read, path, "step", notes=notes)
+
+
+def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
+    one, other = atoms.box, contacts.box
+    if one is None or other is None:
+        return
+    gap = max(np.abs(one.cell - other.cell).max(), np.abs(one.origin - other.origin).max())
+    if gap > BOX_TOLERANCE * np.abs(one.cell).max():
+        received = f"box {other.cell.tolist()} from {other.origin.tolist()}"
+        expected = f"{one.cell.tolist()} from {one.origin.tolist()} as {atoms.where}"
+        raise InputError(contacts.where, received, expected, "Take both dumps from one run.")
 
 
 def _require_kind(frames: Listings, *, atom: bool) -> None:
@@ -240,13 +291,14 @@ def _require_kind(frames: Listings, *, atom: bool) -> None:
             raise InputError(frame.where, f"a dump of {frame.label}", expected, remedy)
 
 
-def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
-    """Grains of a frame of atoms.
+def read_atoms(frame: DumpFrame, source: Source) -> Atoms:
+    """Grains of a frame of atoms, in the cell of the user, else in the box where it is periodic.
 
     Positions may be wrapped (`x`), unwrapped (`xu`) or scaled by the box (`xs`, `xsu`); a diameter
     is accepted instead of a radius.
     """
     found: dict[str, str | None] = {}
+    columns = source.columns
     for name in ATOM_NAMES:
         others = ("diameter",) if name == "radius" else (f"{name}u", f"{name}s", f"{name}su")
         found[name] = next((one for one in (name, *others) if one in frame.names), None)
@@ -278,83 +330,14 @@ def read_atoms(frame: DumpFrame, columns: Mapping[str, str]) -> Atoms:
     across = axis_across(place, radii, frame.where)
     axes = [k for k in range(3) if k != across]
     x = np.column_stack([place["xyz"[k]] for k in axes])
-    return Atoms(ids, x, radii, place.get("xyz"[across]), axes)
-
-
-class Space(NamedTuple):
-    """Cell (2, 2) with the vectors as columns, or None; which of them are `periodic`."""
-
-    cell: Floats | None
-    periodic: tuple[bool, bool]
-
-    def images(self, gap: Floats) -> Integers:
-        """(C, 2) array: the whole cells nearest to the vectors `gap` (C, 2)."""
-        if self.cell is None:
-            return np.zeros(gap.shape, dtype=np.int64)
-        return nearest_images(gap, self.cell, self.periodic)
-
-    def shift(self, images: Integers) -> Floats:
-        """(C, 2) array: the vectors of whole cells (length)."""
-        return np.zeros(images.shape) if self.cell is None else images @ self.cell.T
-
-
-def space_of(box: Box | None, atoms: Atoms, source: Source) -> Space:
-    """The periodic cell of a frame: that of the user, else the box where it is periodic."""
     cell, periodic = source.cell, (True, True)
-    if cell is None:
-        cell, periodic = (None, (False, False)) if box is None else box.plane(atoms.axes)
+    if cell is None and frame.box is None:
+        periodic = (False, False)
+    elif cell is None and frame.box is not None:
+        cell, periodic = frame.box.plane(axes)
     periodic = source.periodic or periodic
-    return Space(cell if any(periodic) else None, periodic)
-
-
-class GrainPairs(NamedTuple):
-    """Pairs of grains: indices `i`, `j` (C,), `images` of the second and branches `d` (C, 2)."""
-
-    i: Integers
-    j: Integers
-    images: Integers
-    d: Floats
-
-
-def pairs_of(
-    atoms: Atoms, space: Space, i: Integers, j: Integers, branch: Floats | None = None
-) -> GrainPairs:
-    """Images and branches of pairs."""
-    raw = atoms.x[j] - atoms.x[i]
-    images = space.images((0.0 if branch is None else branch) - raw)
-    return GrainPairs(i, j, images, raw + space.shift(images))
-
-
-def normals(d: Floats) -> Floats:
-    """(C, 2) array: unit vectors along `d` (C, 2); of coincident grains zero."""
-    length = np.hypot(d[:, 0], d[:, 1])[:, None]
-    return d / np.where(length > 0, length, 1.0)
-
-
-def frame_of_pairs(
-    listings: tuple[Listing, Listing],
-    atoms: Atoms,
-    space: Space,
-    pairs: GrainPairs,
-    forces: Mapping[str, Floats],
-    walls: Mapping[str, NDArray[Any]] | None = None,
-    notes: Sequence[str] = (),
-) -> Frame:
-    """Plain tables of grains, of the pairs with the columns of their forces, and of walls."""
-    grains = components("@", atoms.x) | {"id": atoms.ids, "radius": atoms.radii}
-    if atoms.z is not None:
-        grains["z"] = atoms.z
-    contacts = components("branch_@", pairs.d) | dict(forces)
-    contacts |= {"id1": atoms.ids[pairs.i], "id2": atoms.ids[pairs.j]}
-    own, local = (listing.where for listing in listings)
-    periodic = space.periodic if space.cell is not None else (True, True)
-    of_plane = [plane_note("xyz"[3 - sum(atoms.axes)])] if atoms.axes != [0, 1] else []
-    return Frame(
-        *(Table(own, grains), Table(local, contacts), space.cell, listings[0].step),
-        (*notes, *of_plane),
-        walls=None if walls is None else Table(own, walls),
-        periodic=periodic,
-    )
+    bodies = Bodies(ids, x, radii)
+    return Atoms(bodies, place.get("xyz"[across]), axes, cell if any(periodic) else None, periodic)
 
 
 Map = dict[str, str]
@@ -374,26 +357,23 @@ def given_columns(table: Table, given: Mapping[str, str], names: Collection[str]
 
 
 def ids_in(table: Table, name: str, rows: Integers, atoms: Atoms) -> Integers | None:
-    """Some rows of a column if it holds ids of grains.
+    """Grains of some rows of a column, -1 for none, if it holds ids.
 
     Some unknown ids are reported as a fault later; a column of few known ids holds something else.
     """
     try:
-        ids = table.integers(name)[rows]
+        grains = index_of(atoms.bodies.ids, table.integers(name)[rows])
     except InputError:
         return None
-    return ids if np.mean(index_of(atoms.ids, ids) >= 0) > KNOWN else None
+    return grains if np.mean(grains >= 0) > KNOWN else None
 
 
-def reach_of(atoms: Atoms, space: Space, one: Integers, two: Integers) -> float:
+def reach_of(atoms: Atoms, one: Integers, two: Integers) -> float:
     """Largest distance of the centres over the sum of the radii, the worst 10 % left out."""
-    i, j = index_of(atoms.ids, one), index_of(atoms.ids, two)
-    known = (i >= 0) & (j >= 0)
-    i, j = i[known], j[known]
-    if len(i) == 0 or (i == j).any():
+    pairs = np.stack([one, two], axis=1)[(one >= 0) & (two >= 0)]
+    if len(pairs) == 0 or (pairs[:, 0] == pairs[:, 1]).any():
         return np.inf
-    d = pairs_of(atoms, space, i, j).d
-    return float(np.quantile(np.hypot(*d.T) / (atoms.radii[i] + atoms.radii[j]), 0.9))
+    return float(np.quantile(atoms.contacts("", pairs).reach, 0.9))
 
 
 SIX_DIGITS = (
@@ -412,19 +392,18 @@ def _six_digits(values: Floats) -> bool:
 def find_ids(
     table: Table,
     atoms: Atoms,
-    space: Space,
     columns: Map,
     choices: list[tuple[str, str]],
     expected: str,
     remedy: str,
-) -> tuple[Integers, Integers]:
-    """Grains of the pairs; `id1` and `id2` of the choice with the nearest grains join the map."""
+) -> Integers:
+    """(C, 2) grains of the pairs; `id1`, `id2` of the choice with the nearest ones join the map."""
     rows = sample_rows(len(table))
     names = dict.fromkeys(n for pair in choices for n in pair)
     found = {n: ids_in(table, n, rows, atoms) for n in names}
     known = {n: ids for n, ids in found.items() if ids is not None}
     reach = [
-        (reach_of(atoms, space, known[one], known[two]), (one, two))
+        (reach_of(atoms, known[one], known[two]), (one, two))
         for one, two in choices
         if one in known and two in known
     ]
@@ -443,5 +422,51 @@ def find_ids(
     columns["id1"], columns["id2"] = best[1]
     other = "Take both dumps from one step of one run, with all the atoms."
     other = SIX_DIGITS if coarse else other
-    one, two = places_of(table, best[1], atoms.ids, "an id of the dump of atoms", other).T
-    return one, two
+    return places_of(table, best[1], atoms.bodies.ids, "an id of the dump of atoms", other)
+
+
+# Columns of the fix: flag, force on the atom, contact point.
+WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
+# Largest distance of the foot on a wall outside a grain over its radius: rounding of text.
+FOOT_TOLERANCE = 1e-3
+
+
+def read_walls(
+    frame: DumpFrame, atoms: Atoms, columns: Mapping[str, str]
+) -> tuple[dict[str, NDArray[Any]] | None, Notes]:
+    """Columns of contacts with walls from the dump of atoms, and a note; None without any.
+
+    A fix f with the columns `f_f[1]` (in contact or not), `f_f[2], f_f[3]` (force on the atom),
+    `f_f[5], f_f[6]` (contact point) is a wall if its points lie within the grains.
+    """
+    mapped = [columns[name] for name in WALL_NAMES if name in columns]
+    found = [match for name in frame.names if (match := re.fullmatch(r"(f_\w+)\[\d+\]", name))]
+    places = (1, *(2 + axis for axis in atoms.axes), *(5 + axis for axis in atoms.axes))
+    each = {match[1]: [f"{match[1]}[{k}]" for k in places] for match in found}
+    sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
+    if mapped:
+        if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
+            where = f"--columns for the wall of {frame.where}"
+            expected = f"columns of the dump for {', '.join(WALL_NAMES)}"
+            raise InputError(where, ", ".join(mapped), expected, "Give all five.")
+        sets = {"wall": mapped}
+    walls, notes = [], []
+    for fix, names in sets.items():
+        flag, fx, fy, x, y = frame.read(names).columns(*names).T
+        grains = np.flatnonzero(flag > 0)
+        force = np.column_stack([fx, fy])[grains]
+        branch = atoms.bodies.x[grains] - np.column_stack([x, y])[grains]
+        length = np.hypot(*branch.T)
+        inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.bodies.radii[grains])
+        if (flag >= 0).all() and inside.all() and np.sum(force * branch) >= 0:
+            walls.append(np.column_stack([grains, force, branch]))
+            notes.append(f"{fix} ({counted(len(grains), 'contact')})")
+        elif mapped:
+            where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
+            expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"
+            raise InputError(where, "contact points beyond their grains", expected, remedy)
+    if not notes:
+        return None, ()
+    rows, said = np.concatenate(walls), (f"walls recognised: {', '.join(notes)}",)
+    own = {"id": atoms.bodies.ids[rows[:, 0].astype(np.int64)], **components("f@", rows[:, 1:3])}
+    return (own | components("branch_@", rows[:, 3:]) if len(rows) else None), said

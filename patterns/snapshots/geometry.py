@@ -56,8 +56,8 @@ class Bodies(NamedTuple):
     ids: Integers
     x: Floats
     radii: Floats
-    rotation: Floats | None
-    mass: Floats | None
+    rotation: Floats | None = None
+    mass: Floats | None = None
     motion: Floats | None = None  # (G, 3): velocity and spin
 
 

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from loops.shown import counted
 from patterns.snapshots.columns import NONE, check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     PAIR_REACH,
+    WALL_NAMES,
     Atoms,
     DumpFrame,
-    GrainPairs,
+    FoundContacts,
     Map,
-    Space,
     find_ids,
-    frame_of_pairs,
     frames_of_dumps,
     given_columns,
     is_dump,
-    normals,
-    pairs_of,
-    read_atoms,
-    space_of,
 )
-from patterns.snapshots.frame import Frame, Frames, Notes
-from patterns.snapshots.geometry import sample_rows
+from patterns.snapshots.frame import Frames, Notes
+from patterns.snapshots.geometry import Contacts, sample_rows
 from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table, listed
 
@@ -174,6 +165,7 @@ class ColumnSearch:
 
 MOST_COLUMNS = 100  # largest number of columns among which vectors are searched
 DAMPING = "forces of LAMMPS include damping: elastic and viscous parts can't be separated"
+NO_SHEAR = "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
 
 
 def is_lammps(path: Path, head: bytes) -> bool:
@@ -189,38 +181,28 @@ def lammps_frames(source: Source) -> Frames:
     """
     check_names(source.columns, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
 
-    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
-        atoms = read_atoms(own, source.columns)
-        space = space_of(own.box, atoms, source)
-        columns, pairs, normal, shear = guess_columns(local.read(), atoms, space, source.columns)
-        # On grain 2: the opposite of the forces on atom 1.
-        forces: dict[str, Floats] = {}
-        force_notes: Notes = ()
-        if normal is not None and shear is not None:
-            forces, force_notes = components("f@_on_2", -(normal + shear)), (DAMPING,)
-        elif normal is not None:
-            missing = (
-                "no tangential force (p1, p2) among the columns; --mu 0 for frictionless grains"
-            )
-            forces = {"fn": -np.einsum("ck,ck->c", normal, normals(pairs.d))}
-            force_notes = (DAMPING, missing)
-        walls, wall_notes = read_walls(own, atoms, source.columns)
-        if walls is None and not all(space.periodic):
-            wall_notes = ("no columns of walls: their forces are unknown",)
+    def find(table: Table, atoms: Atoms, frame: DumpFrame) -> FoundContacts:
+        columns, contacts, normal, shear = guess_columns(table, atoms, source.columns)
         found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
         shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)
         given = all(name in source.columns or name == column for name, column in found)
-        columns_note = f"columns{'' if given else ' guessed'}: {shown}"
-        columns_note += "" if given else "; give --columns to overrule"
-        said = (columns_note, *notes, *force_notes, *wall_notes)
-        return frame_of_pairs((own, local), atoms, space, pairs, forces, walls, said)
+        overrule = "" if given else "; give --columns to overrule"
+        notes: Notes = (f"columns{'' if given else ' guessed'}: {shown}{overrule}",)
+        # On grain 2: the opposite of the forces on atom 1.
+        forces: dict[str, Floats] = {}
+        if normal is not None and shear is not None:
+            forces, notes = components("f@_on_2", -(normal + shear)), (*notes, DAMPING)
+        elif normal is not None:
+            forces = {"fn": -np.einsum("ck,ck->c", normal, contacts.n)}
+            notes = (*notes, DAMPING, NO_SHEAR)
+        return FoundContacts(atoms, contacts, forces, notes)
 
-    return frames_of_dumps(source, read)
+    return frames_of_dumps(source, find)
 
 
 def guess_columns(
-    table: Table, atoms: Atoms, space: Space, given: Mapping[str, str]
-) -> tuple[Map, GrainPairs, Floats | None, Floats | None]:
+    table: Table, atoms: Atoms, given: Mapping[str, str]
+) -> tuple[Map, Contacts, Floats | None, Floats | None]:
     """Recognise the columns of a dump of contacts: ids of grains that touch, distances, forces.
 
     The normal force is a vector along the branch, the tangential one across it; sizes are others.
@@ -238,43 +220,36 @@ def guess_columns(
     ones, twos = ([columns[name]] if name in columns else free for name in ("id1", "id2"))
     choices = [(one, two) for one in ones for two in twos if one != two]
     expected = "patom1 and patom2 of 'compute property/local'"
-    ids = find_ids(table, atoms, space, columns, choices, expected, "")
+    pairs = find_ids(table, atoms, columns, choices, expected, "")
     search = ColumnSearch(table, columns)
-    pairs = _branches(search, atoms, space, *ids)
-    return columns, pairs, *_find_forces(search, pairs)
+    contacts = _branches(search, atoms, pairs)
+    return columns, contacts, *_find_forces(search, contacts.n)
 
 
-def _branches(
-    search: ColumnSearch, atoms: Atoms, space: Space, i: Integers, j: Integers
-) -> GrainPairs:
-    """Pairs with the images by the columns dx, dy, else with the nearest ones."""
-    near = pairs_of(atoms, space, i, j)
-    reach = atoms.radii[i] + atoms.radii[j]
+def _branches(search: ColumnSearch, atoms: Atoms, pairs: Integers) -> Contacts:
+    """Contacts with the images by the columns dx, dy, else with the nearest ones."""
+    contacts = atoms.contacts(search.table.path, pairs)
+    d, reach = contacts.d, contacts.length + contacts.overlap
+
+    def off(vector: Floats, sign: int, rows: Integers) -> Floats:
+        # A difference of whole cells is another image.
+        return np.hypot(*atoms.nearest(vector - sign * d[rows]).T) / reach[rows]
 
     def error(vector: Floats, rows: Integers) -> float:
-        # A difference of whole cells is another image; either sign is accepted.
         if (np.hypot(*vector.T) > 2 * PAIR_REACH * reach[rows]).any():
             return np.inf
-        off = [vector - sign * near.d[rows] for sign in (1, -1)]
-        off = [gap - space.shift(space.images(gap)) for gap in off]
-        return float(min((np.hypot(*gap.T) / reach[rows]).max() for gap in off))
+        return float(min(off(vector, sign, rows).max() for sign in (1, -1)))
 
-    if not search.find(("dx", "dy"), error, ""):
-        search.find_size("dist", np.hypot(*near.d.T))
-        return near
-    vector = search.vector(("dx", "dy"))
-    gap = vector - near.d
-    same = np.hypot(*(gap - space.shift(space.images(gap))).T) / reach
-    sign = 1.0 if same.max() <= TOLERANCE else -1.0
-    pairs = pairs_of(atoms, space, i, j, sign * vector)
-    search.find_size("dist", np.hypot(*pairs.d.T))
-    return pairs
+    if search.find(("dx", "dy"), error, ""):
+        vector = search.vector(("dx", "dy"))
+        sign = 1 if off(vector, 1, np.arange(len(d))).max() <= TOLERANCE else -1
+        contacts = atoms.contacts(search.table.path, pairs, sign * vector)
+    search.find_size("dist", contacts.length)
+    return contacts
 
 
-def _find_forces(search: ColumnSearch, pairs: GrainPairs) -> tuple[Floats | None, Floats | None]:
-    """Normal and tangential force on atom 1, None for what the dump lacks."""
-    n = normals(pairs.d)
-
+def _find_forces(search: ColumnSearch, n: Floats) -> tuple[Floats | None, Floats | None]:
+    """Normal and tangential force on atom 1, None for what the dump lacks; `n` are the normals."""
     normal, shear = None, None
     if search.find(("fx", "fy"), lambda v, rows: shares(v, n[rows])[1], "force"):
         normal = search.vector(("fx", "fy"))
@@ -301,50 +276,3 @@ def _find_forces(search: ColumnSearch, pairs: GrainPairs) -> tuple[Floats | None
     if np.sum((1.0 if push is None else push) * np.einsum("ck,ck->c", normal, n)) > 0:
         normal, shear = -normal, None if shear is None else -shear
     return normal, shear
-
-
-# Columns of the fix: flag, force on the atom, contact point.
-WALL_NAMES = ("wall_flag", "wall_fx", "wall_fy", "wall_x", "wall_y")
-# Largest distance of the foot on a wall outside a grain over its radius: rounding of text.
-FOOT_TOLERANCE = 1e-3
-
-
-def read_walls(
-    frame: DumpFrame, atoms: Atoms, columns: Mapping[str, str]
-) -> tuple[dict[str, NDArray[Any]] | None, Notes]:
-    """Columns of contacts with walls from the dump of atoms, and a note; None without any.
-
-    A fix f with the columns `f_f[1]` (in contact or not), `f_f[2], f_f[3]` (force on the atom),
-    `f_f[5], f_f[6]` (contact point) is a wall if its points lie within the grains.
-    """
-    mapped = [columns[name] for name in WALL_NAMES if name in columns]
-    found = [match for name in frame.names if (match := re.fullmatch(r"(f_\w+)\[\d+\]", name))]
-    places = (1, *(2 + axis for axis in atoms.axes), *(5 + axis for axis in atoms.axes))
-    each = {match[1]: [f"{match[1]}[{k}]" for k in places] for match in found}
-    sets = {fix: names for fix, names in each.items() if set(names) <= set(frame.names)}
-    if mapped:
-        if len(mapped) < len(WALL_NAMES) or not set(mapped) <= set(frame.names):
-            where = f"--columns for the wall of {frame.where}"
-            expected = f"columns of the dump for {', '.join(WALL_NAMES)}"
-            raise InputError(where, ", ".join(mapped), expected, "Give all five.")
-        sets = {"wall": mapped}
-    walls, notes = [], []
-    for fix, names in sets.items():
-        flag, fx, fy, x, y = frame.read(names).columns(*names).T
-        grains = np.flatnonzero(flag > 0)
-        force = np.column_stack([fx, fy])[grains]
-        branch = atoms.x[grains] - np.column_stack([x, y])[grains]
-        length = np.hypot(*branch.T)
-        inside = (length > 0) & (length <= (1 + FOOT_TOLERANCE) * atoms.radii[grains])
-        if (flag >= 0).all() and inside.all() and np.sum(force * branch) >= 0:
-            walls.append(np.column_stack([grains, force, branch]))
-            notes.append(f"{fix} ({counted(len(grains), 'contact')})")
-        elif mapped:
-            where, remedy = f"--columns for the wall of {frame.where}", "Correct the names."
-            expected = "flag, force on the atom and contact point of 'fix wall/gran ... contacts'"
-            raise InputError(where, "contact points beyond their grains", expected, remedy)
-    if not notes:
-        return None, ()
-    rows, said = np.concatenate(walls), (f"walls recognised: {', '.join(notes)}",)
-    own = {"id": atoms.ids[rows[:, 0].astype(np.int64)], **components("f@", rows[:, 1:3])}
-    return (own | components("branch_@", rows[:, 3:]) if len(rows) else None), said

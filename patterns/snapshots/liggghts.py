@@ -4,38 +4,31 @@ from __future__ import annotations
 
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from loops import InputError
-from loops.arrays import Floats
+from loops.arrays import Flags, Floats
 from patterns.snapshots.columns import NONE, check_names, components, names_beside
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     Atoms,
     DumpFrame,
-    GrainPairs,
+    FoundContacts,
     Map,
-    Space,
     find_ids,
     first_frame,
-    frame_of_pairs,
     frames_of_dumps,
     given_columns,
     is_dump,
-    normals,
-    pairs_of,
-    read_atoms,
-    space_of,
 )
 from patterns.snapshots.files import beside, head_of
-from patterns.snapshots.frame import Frame, Frames, Notes
+from patterns.snapshots.frame import Frames
+from patterns.snapshots.geometry import Contacts
 from patterns.snapshots.lammps import TOLERANCE, shares
 from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
-NO_WALLS = "contacts with walls are not in the dumps: their forces are missing from the stress"
 # Headers of LIGGGHTS give this many digits: the cell is known to 1e-6 of its size.
 COARSE = 9
 CELL_STEPS = 5  # steps of Newton's method for the cell; two are enough
@@ -76,68 +69,69 @@ def liggghts_frames(source: Source) -> Frames:
     """
     check_names(source.columns, (*ATOM_NAMES, *LIGGGHTS_NAMES))
 
-    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
-        atoms = read_atoms(own, source.columns)
-        space = space_of(own.box, atoms, source)
-        contacts = read_contacts(local.read(), atoms, space, dict(source.columns))
-        found = ", ".join(f"{name}={c}" for name, c in contacts.columns.items() if c != NONE)
-        said = (f"columns in the order of pair/gran/local: {found}", *notes)
-        box = own.box
-        if box is not None and box.digits < COARSE and source.cell is None and any(space.periodic):
-            space, note = finer_cell(atoms, space, contacts)
-            said = (*said, note)
-        pairs = pairs_of(atoms, space, contacts.pairs.i, contacts.pairs.j, contacts.pairs.d)
-        if not all(space.periodic):
-            said = (*said, NO_WALLS)
-        force = contacts.force
+    def find(table: Table, atoms: Atoms, frame: DumpFrame) -> FoundContacts:
+        columns = given_columns(table, source.columns, LIGGGHTS_NAMES)
+        contacts, first = recognised_pairs(table, atoms, columns)
+        force = _force(table, atoms.axes, contacts.n, columns, first + 3)
+        overlap = _overlap(table, contacts, columns, first + 3)
+        shown = ", ".join(f"{name}={column}" for name, column in columns.items() if column != NONE)
+        notes = [f"columns in the order of pair/gran/local: {shown}"]
+        box = frame.box
+        if box is not None and box.digits < COARSE and source.cell is None and any(atoms.periodic):
+            atoms, contacts, note = finer_cell(atoms, contacts, overlap)
+            notes.append(note)
         forces = {} if force is None else components("f@_on_2", -force)
-        return frame_of_pairs((own, local), atoms, space, pairs, forces, notes=said)
+        return FoundContacts(atoms, contacts, forces, tuple(notes))
 
-    return frames_of_dumps(source, read)
+    return frames_of_dumps(source, find)
 
 
-def finer_cell(atoms: Atoms, space: Space, contacts: DumpedContacts) -> tuple[Space, str]:
-    """The edges of a rectangular cell from the overlaps across its border.
+def finer_cell(
+    atoms: Atoms, contacts: Contacts, overlap: Floats | None
+) -> tuple[Atoms, Contacts, str]:
+    """Atoms and contacts with the edges of a rectangular cell from the overlaps across its border.
 
     Centres of a contact with images are `r1 + r2 - delta` apart: least squares for the lengths of
     the edges, by Newton's method from those of the header.
     """
     coarse = "cell from a header of six digits: branches across its border are as coarse"
-    across = np.flatnonzero(contacts.pairs.images.any(axis=1))
-    cell = space.cell
-    if cell is None or contacts.overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
-        return space, f"{coarse}; give --cell or dump delta"
-    i, j, images, _ = (values[across] for values in contacts.pairs)
-    length = atoms.radii[i] + atoms.radii[j] - contacts.overlap[across]
-    raw, edges = atoms.x[j] - atoms.x[i], np.diag(cell).copy()
+    across, cell = np.flatnonzero(_crosses(contacts)), atoms.cell
+    if cell is None or overlap is None or len(across) == 0 or cell[0, 1] or cell[1, 0]:
+        return atoms, contacts, f"{coarse}; give --cell or dump delta"
+    images = contacts.images[across]  # type: ignore[index]
+    raw, edges = contacts.d[across] - images @ cell.T, np.diag(cell).copy()
+    length = (contacts.length + contacts.overlap - overlap)[across]
     # An edge that no contact crosses stays as it is.
     crossed = images.any(axis=0)
     for _ in range(CELL_STEPS):
         d = raw + images * edges
-        slope = (normals(d) * images)[:, crossed]
-        edges[crossed] += np.linalg.lstsq(slope, length - np.hypot(*d.T), rcond=None)[0]
+        distance = np.hypot(*d.T)
+        slope = (d / np.where(distance > 0, distance, 1.0)[:, None] * images)[:, crossed]
+        edges[crossed] += np.linalg.lstsq(slope, length - distance, rcond=None)[0]
     misfit = np.abs(np.hypot(*(raw + images * edges).T) - length).max()
     change = np.abs(edges / np.diag(cell) - 1).max()
     if misfit > FIT * edges.max() or change > 1e-5:
-        return space, f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"
-    return Space(np.diag(edges), space.periodic), (
-        f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
-        f"which it fits to {misfit:.1g}: the header has six digits"
+        note = f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"
+        return atoms, contacts, note
+    atoms = atoms._replace(cell=np.diag(edges))
+    return (
+        atoms,
+        atoms.contacts(contacts.table.path, contacts.pairs, contacts.d),
+        (
+            f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
+            f"which it fits to {misfit:.1g}: the header has six digits"
+        ),
     )
 
 
-class DumpedContacts(NamedTuple):
-    """Columns by plain names, pairs, total force on atom 1 (C, 2) and overlaps (C,) or None."""
-
-    columns: Map
-    pairs: GrainPairs
-    force: Floats | None
-    overlap: Floats | None
+def _crosses(contacts: Contacts) -> Flags:
+    """(C,) whether a contact crosses the border of the cell."""
+    images = contacts.images
+    return np.zeros(len(contacts.d), bool) if images is None else np.asarray(images.any(axis=1))
 
 
-def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> DumpedContacts:
-    """Recognise ids, forces and overlaps among the columns of `pair/gran/local`."""
-    columns = given_columns(table, given, LIGGGHTS_NAMES)
+def recognised_pairs(table: Table, atoms: Atoms, columns: Map) -> tuple[Contacts, int]:
+    """Contacts by their ids among the columns of `pair/gran/local`, and the place of these."""
     # The flag of the periodic border follows the ids.
     places = [names for at in (0, 6, 12) if len(names := table.names[at : at + 3]) == 3]
     choices = [(a, b) for a, b, flag in places if np.isin(table.column(flag), (0, 1)).all()]
@@ -147,35 +141,30 @@ def read_contacts(table: Table, atoms: Atoms, space: Space, given: Map) -> Dumpe
         "ids in column 1, 7 or 13, the order of pair/gran/local: pos, vel, id, force, ... with "
         "'id' among them"
     )
-    ids = find_ids(table, atoms, space, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
-    pairs = pairs_of(atoms, space, *ids)
-    first = table.names.index(columns["id1"])
+    pairs = find_ids(table, atoms, columns, choices, expected, ",fx=COLUMN,fy=COLUMN")
+    first, bodies = table.names.index(columns["id1"]), atoms.bodies
     # Positions of both grains stand first, if velocities don't: these are the atoms' to rounding.
-    ends = ((0, pairs.i), (3, pairs.j)) if first >= 6 else ()
+    ends = zip((0, 3), pairs.T, strict=True) if first >= 6 else ()
     for at, index in ends:
         x = table.columns(*(table.names[at + k] for k in atoms.axes))
-        gap = x - atoms.x[index]
-        gap -= space.shift(space.images(gap))
-        off = np.hypot(*gap.T) / atoms.radii[index]
+        off = np.hypot(*atoms.nearest(x - bodies.x[index]).T) / bodies.radii[index]
         near = np.quantile(off, 0.5) <= 1
         if off.max() > TOLERANCE and (first == 12 or near):
             row = int(np.argmax(off))
             raise InputError(
                 f"{table.path}, row {row}",
                 f"position {x[row].tolist()}",
-                f"{atoms.x[index[row]].tolist()} of grain {atoms.ids[index[row]]} among the atoms",
+                f"{bodies.x[index[row]].tolist()} of grain {bodies.ids[index[row]]} among the "
+                "atoms",
                 "Take both dumps from one step of one run.",
             )
-    force = _force(table, atoms.axes, pairs, columns, first + 3)
-    return DumpedContacts(columns, pairs, force, _overlap(table, atoms, pairs, columns, first + 3))
+    return atoms.contacts(table.path, pairs), first
 
 
-def _force(
-    table: Table, axes: list[int], pairs: GrainPairs, columns: Map, first: int
-) -> Floats | None:
+def _force(table: Table, axes: list[int], n: Floats, columns: Map, first: int) -> Floats | None:
     """Total force on atom 1, None if there is none."""
     if "fx" not in columns and "fnx" not in columns:
-        _find_force(table, axes, pairs, columns, first)
+        _find_force(table, axes, n, columns, first)
     if NONE in (columns.get("fx"), columns.get("fnx")):
         return None
     names = FORCE_PARTS if "fnx" in columns else ("fx", "fy")
@@ -189,7 +178,7 @@ def _force(
     return np.asarray(vectors.reshape(len(table), -1, 2).sum(axis=1))
 
 
-def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, first: int) -> None:
+def _find_force(table: Table, axes: list[int], n: Floats, columns: Map, first: int) -> None:
     """Add the columns of the force to the map, recognised by their directions."""
     names, across = table.names, first + 3 - sum(axes)
     places = [at for at in (first, first + 3, first + 6) if at + 2 < len(names)]
@@ -202,7 +191,7 @@ def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, 
             f"zero, after x and y of the force in {' '.join(groups[0])}",
             "The columns are in another order: name them, --columns fx=COLUMN,fy=COLUMN.",
         )
-    kinds = [_kind(pairs, vector) for vector in vectors]
+    kinds = [_kind(n, vector) for vector in vectors]
     if kinds == ["oblique", "along", "across"]:
         off = np.hypot(*(vectors[0] - vectors[1] - vectors[2]).T)
         if off.max() > TOLERANCE * float(np.abs(vectors[0]).max()) >= np.median(off):
@@ -231,9 +220,9 @@ def _find_force(table: Table, axes: list[int], pairs: GrainPairs, columns: Map, 
         columns["fx"] = NONE
 
 
-def _kind(pairs: GrainPairs, vector: Floats) -> str:
+def _kind(n: Floats, vector: Floats) -> str:
     """Direction of vectors against the branches: along, across, oblique or zero."""
-    along, across = shares(vector, normals(pairs.d))
+    along, across = shares(vector, n)
     if along == across == 0:
         return "zero"
     return "along" if across <= TOLERANCE else "across" if along <= TOLERANCE else "oblique"
@@ -243,16 +232,12 @@ def _small(vector: Floats, scale: Floats) -> bool:
     return bool(np.abs(vector).max() <= TOLERANCE * np.abs(scale).max())
 
 
-def _overlap(
-    table: Table, atoms: Atoms, pairs: GrainPairs, columns: Map, first: int
-) -> Floats | None:
+def _overlap(table: Table, contacts: Contacts, columns: Map, first: int) -> Floats | None:
     """Overlaps of the contacts; their column is recognised by contacts that cross no border."""
     if columns.get("delta") == NONE:
         return None
-    inside = ~pairs.images.any(axis=1)
-    reach = atoms.radii[pairs.i] + atoms.radii[pairs.j]
-    expected = (reach - np.hypot(*pairs.d.T))[inside]
-    scale = atoms.radii.min()
+    inside = ~_crosses(contacts)
+    expected, scale = contacts.overlap[inside], contacts.bodies.radii.min()
     for name in [columns["delta"]] if "delta" in columns else table.names[first:]:
         values = table.column(name)
         if len(expected) and np.abs(values[inside] - expected).max() <= PRECISE * scale:
