@@ -22,9 +22,8 @@ from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath
 from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
-from studies.paths.followed import Followed
+from studies.paths.followed import Followed, follow_loop
 from studies.paths.options import LoopOptions, ProgrammeName, loop_options
-from studies.paths.polygon import follow_polygon, polygon_summary, polygon_tables
 from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, PLACE, STABILITY, loop_columns
@@ -172,11 +171,11 @@ def run_loop(
     summary: Summary = {"notes": list(snapshot.notes)}
     subject: Subject = loop_of_snapshot(snapshot, options.loop)
     tables, unit = {"closures": closures}, "force/length"
-    path = tried("path", lambda: follow_polygon(options))
+    path = tried("path", lambda: follow_loop(options))
     if path is not None:
-        configuration, summary = options.described(), polygon_summary(path)
+        configuration, summary = options.described(), path.summary()
         subject, unit = Scene(options.graph(), options.law()), "over $k_n$"
-        tables |= polygon_tables(path)
+        tables |= path.tables()
     domain = tried("domain", lambda: loop_domain(subject, options.closure))
     summary |= {"closures": known.to_dict("records"), "notes": summary["notes"] + notes}
     if domain is not None:

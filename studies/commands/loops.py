@@ -49,6 +49,17 @@ CONES = {
     "empty": "no unstable direction there",
     "ray": "second-order work vanishes in one direction",
 }
+# Values printed of an event.
+EVENT_VALUES = ("E1", "E2", "s1", "s2")
+# Lines of events, at most; beyond, one line for each kind.
+MOST_LINES = 40
+EVENT_WORDS = {
+    "det_K_zero": "det K = 0",
+    "det_Ks_zero": "det Ks = 0",
+    "opposite_contact": "opposite grains touch",
+    "programme_change": "next stage",
+    "control_limit": "limit of the control",
+}
 # Subspaces besides (11, 22), named where their verdict differs.
 WIDER = {"symmetric": "(11, 22, 12 + 21)", "full": "all four strain components"}
 
@@ -65,11 +76,10 @@ def diamond_command(
     own = {asked.alpha0_deg, asked.kappa, asked.phi_deg, asked.confine} != {None}
     out = out_or(writing.out, "diamond" if own else f"diamond-table{asked.table or 1}")
     with clock("grainloops diamond"):
-        from studies.paths.figures import run_diamond
+        from studies.paths.figures import run_paths
         from studies.paths.options import DiamondOptions
-        from studies.paths.polygon import event_words
 
-        summary = run_diamond(DiamondOptions(**asdict(asked)), out, **writing.files())
+        summary = run_paths(DiamondOptions(**asdict(asked)), out, **writing.files())
     check = summary["model"]["check"]
     apart = None
     if check is not None:
@@ -95,15 +105,13 @@ def polygon_command(
     named = f"loop-{asked.loop}-polygon" if asked.snapshot else named
     out = out_or(writing.out, named, asked.snapshot or asked.centres)
     with clock("grainloops polygon"):
-        from studies.paths.figures import run_comparison, run_polygon
+        from studies.paths.figures import run_paths
         from studies.paths.options import ComparisonOptions
 
         ratios = None if asked.kappa is None else (asked.kappa,)
-        orders, loops = _loops_of(asked, reading, (asked.closure,), ratios)
-        if compare is None:
-            summary = run_polygon(loops[0], out, **writing.files())
-        else:
-            summary = run_comparison(ComparisonOptions(orders, loops[0]), out, **writing.files())
+        orders, (loop, *_) = _loops_of(asked, reading, (asked.closure,), ratios)
+        options = loop if compare is None else ComparisonOptions(orders, loop)
+        summary = run_paths(options, out, **writing.files())
     lines = _polygon_lines(summary) if compare is None else printed("compare", summary)
     return answer(writing.json, out, lines, summary["notes"])
 
@@ -195,16 +203,51 @@ def _of_snapshot(path: Path, loop: int | None, words: Any, reading: OneReading) 
 
 
 def _polygon_lines(summary: Summary) -> list[str]:
-    from studies.paths.polygon import event_lines
-
     if not any(summary["states"].values()):
         return printed("no_path", summary)
     critical = "  ".join(
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()
     )
-    told = {"critical": critical, "listed": event_lines(summary), "more": state_lines(summary)}
+    told = {
+        "critical": critical,
+        "listed": event_lines(summary["events"]),
+        "more": state_lines(summary),
+    }
     return printed("polygon", summary | told)
+
+
+def event_lines(events: Sequence[dict[str, Any]]) -> list[str]:
+    """One line for the events of a kind at one state; beyond `MOST_LINES` one for each kind.
+
+    The loss of stability names its subspace; contacts, or pairs of grains that touch, are counted.
+    """
+    from loops.shown import counted
+
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for event in events:
+        place = (f"{event[key]:.8f}" for key in EVENT_VALUES)
+        groups.setdefault((event["kind"], event["subspace"] or "", *place), []).append(event)
+    if len(groups) > MOST_LINES:
+        places, groups = groups, {}
+        for (kind, subspace, *_), group in places.items():
+            groups.setdefault((kind, subspace), []).extend(group)
+    lines = []
+    for (kind, subspace, *_), group in groups.items():
+        pairs = kind == "opposite_contact"
+        count = len(group) if pairs else sum(len(event["contacts"]) for event in group)
+        values = []
+        for key in EVENT_VALUES:
+            start, end = (f"{event[key]:.8f}" for event in (group[0], group[-1]))
+            values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
+        told = f"  {counted(count, 'pair' if pairs else 'contact')}" if count else ""
+        lines.append(f"{event_words(kind):<22} {subspace:<10} {'  '.join(values)}{told}")
+    return lines
+
+
+def event_words(kind: str) -> str:
+    """Words for a kind of event."""
+    return EVENT_WORDS.get(kind, kind.replace("_", " "))
 
 
 def state_lines(summary: Summary) -> list[str]:

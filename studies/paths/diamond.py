@@ -1,13 +1,13 @@
-"""The diamond study: the path to A (isotropic strain) and B (drained), its tables and summary.
+"""The paper's diamond: the path to A (isotropic strain) and B (drained), its tables and summary.
 
 Strains and shear forces are those of the path; operators follow by the paper's closed forms.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pandas as pd
@@ -97,6 +97,8 @@ class FollowedDiamond(Followed):
     states: DiamondStates
     listed: tuple[tuple[str, int], ...]
 
+    area: ClassVar[str] = "L10 L20, twice the rhombus"
+
     @property
     def loop(self) -> DiamondParameters:
         """Shape, law and confinement."""
@@ -118,14 +120,6 @@ class FollowedDiamond(Followed):
         return self.states.material, self.states.geometric
 
     @cached_property
-    def energies(self) -> dict[str, Floats]:
-        """`work` from outside, `stored` in the contacts and `dissipated`, over `kn L10 L20`."""
-        path = self.path
-        stored = path.normal_energy + path.tangential_energy
-        given = {"work": path.work[:, 0], "stored": stored, "dissipated": path.work[:, 3]}
-        return {name: values / path.volume for name, values in given.items()}
-
-    @cached_property
     def beyond(self) -> DiamondStates | None:
         """State B with sliding contacts, as they are beyond it; None if the path has no B."""
         if "B" not in self.marks:
@@ -133,12 +127,6 @@ class FollowedDiamond(Followed):
         row, states = self.marks["B"], self.states
         at = (states.E1[row], states.E2[row], states.T[row])
         return diamond_states(self.loop, *at, sliding=True, added=states.added[row])
-
-    @cached_property
-    def generic(self) -> dict[str, Floats]:
-        """Tangent (R, 4, 4) of any loop applied to every state, by closure; NaN if not trusted."""
-        graph = self.graph_at(slice(None))
-        return {closure: self.tangents(graph, closure) for closure in get_args(Closure)}
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -162,6 +150,187 @@ class FollowedDiamond(Followed):
             **self.energies,
         }
         return pd.DataFrame(columns)
+
+    @cached_property
+    def ignored(self) -> FollowedDiamond | None:
+        """The path without added contacts, if they are added."""
+        if self.options.contact_on_touch != "add":
+            return None
+        return follow_diamond(replace(self.options, contact_on_touch="ignore"))
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Every table by its name."""
+        tables = {"path": self.table, "polar": self.polar_table()}
+        tables["path_dependence"] = path_dependence_table(self.loop)
+        if "A" in self.marks:
+            tables |= {f"{name}_A": table for name, table in self.snapshot("A").items()}
+        if self.ignored is not None:
+            both = {"ignored": self.ignored.table, "added": self.table}
+            joined = pd.concat(both, names=["opposite"])[ADDED_COLUMNS]
+            tables["added_contact"] = joined.reset_index("opposite").reset_index(drop=True)
+        return tables
+
+    def snapshot(self, name: str) -> dict[str, pd.DataFrame]:
+        """A named state as the two tables of a plain snapshot, `grains` and `contacts`."""
+        graph = self.graph_at(self.marks[name])
+        closed, state, x = graph.regime != Regime.OPEN, contact_state(graph), graph.x
+        branch, (i, j) = graph.branches[closed], graph.contacts[closed].T
+        shear = (state.shear_force[:, None] * state.t)[closed]
+        grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
+        contacts = {
+            **{"id1": i, "id2": j, "branch_x": branch[:, 0], "branch_y": branch[:, 1]},
+            **{"fn": state.normal_force[closed], "fsx": shear[:, 0], "fsy": shear[:, 1]},
+            **{"kn": 1.0, "ks": self.loop.kappa, "mu": self.loop.mu},
+        }
+        return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
+
+    def state(self, name: str) -> dict[str, Any]:
+        """A named state with its operators; B also as it is beyond, with sliding contacts."""
+        row, beyond = self.marks[name], self.beyond if name == "B" else None
+        values = {
+            **{key: float(self.table[key][row]) for key in (*STATE_VALUES, *self.energies)},
+            **self.closed_form(self.states.take([row]), self.graph_at(row)),
+            "gaps": [float(gap[row]) for gap in self.gaps],
+            "directions": self.degrees(name),
+        }
+        if beyond is not None:
+            ring = np.arange(len(self.path.contacts)) < 4
+            regime = np.where(ring, Regime.SLIDING, self.path.regime[row])
+            values["beyond"] = self.closed_form(beyond, self.graph_at(row).replace(regime=regime))
+        return values
+
+    def closed_form(self, state: DiamondStates, graph: GrainGraph) -> dict[str, Any]:
+        """Operators of one state with their spectra, cone and verdicts, and that of any loop."""
+        closure, parts = self.options.closure, (state.material[0], state.geometric[0])
+        A = self.tangents(graph, closure)
+        generic = {"closure": closure, "tangent": A}
+        return {
+            "regime": state.regime[0],
+            **operator_values(state.K[0], parts, np.stack([state.det_K, state.det_Ks])),
+            "generic": generic | {"verdict": verdict_values(judge(A, "symmetric"))},
+        }
+
+    def further(self) -> Summary:
+        """Keys of the summary of a diamond alone."""
+        table, loop = self.table, self.loop
+        # Files by the number of the paper's figure; those of Table 1 for other diamonds too.
+        stress, determinant = ("8", "9") if self.options.table == 2 else ("6", "7")
+        figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
+        figures |= {"10": "eigenvalues", **({"11": "polar"} if self.marks else {}), "12": "cone"}
+        added = {
+            "touching_strains": list(touching_strains(loop)),
+            "definite_ignored": definite_intervals(loop, added=False),
+            "definite_added": definite_intervals(loop, added=True),
+        }
+        return {
+            "events": [
+                {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
+                for kind, row in self.listed
+            ],
+            "end": {key: float(table[key].iloc[-1]) for key in (*STATE_VALUES, *self.energies)},
+            "added_contact": None if self.ignored is None else added,
+            "figures": figures,
+        }
+
+    def model(self) -> Summary:
+        """Degrees of freedom; with `--model full` the differences from the smallest model."""
+        model: Summary = super().model() | {"check": None}
+        if self.options.model == "full":
+            small, differences = follow_diamond(replace(self.options, model="auto")), {}
+            for name in (name for name in NAMED if name in self.marks and name in small.marks):
+                rows = self.marks[name], small.marks[name]
+                full, least = (
+                    np.array([path.E1[row], path.E2[row], path.s1[row], path.s2[row]])
+                    for path, row in zip((self, small), rows, strict=True)
+                )
+                differences[name] = float(np.abs(full - least).max())
+            check = {"status": self.path.status, "rows": len(self.path)}
+            model["check"] = check | {"differences": differences}
+        return model
+
+    def verification(self) -> dict[str, Any]:
+        """Differences of independent routes to the same numbers on a path.
+
+        The operator of any loop against (26), (38) against (26), (35), (36) against the
+        determinant, `min Re eig(K) - lambda_min(Ks)`, (41) against a root, work less stored energy
+        and heat.
+        """
+        loop, states, K, norm = self.loop, self.states, self.K, operator_norm(self.K)
+        graph, errors, untrusted = self.graph_at(slice(None)), [], {}
+        for closure in get_args(Closure):
+            generic = restrict(self.tangents(graph, closure), "diagonal")
+            error = operator_norm(generic - K) / norm
+            errors.append(float(np.nanmax(error)))
+            untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
+        rows = (self.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
+        closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
+        isotropic = operator_norm(closed - K[rows]) / norm[rows]
+        return {
+            "generic_vs_closed_form_max_relative": max(errors),
+            **untrusted,
+            "isotropic_vs_closed_form_max_relative": float(np.max(isotropic, initial=0.0)),
+            "det_K_max_difference": float(np.max(np.abs(np.linalg.det(K) - self.det_K))),
+            "bromwich_margin_min": float(np.min(bromwich_margin(K))),
+            "det_K_zero_by_root_difference": self.root_difference(),
+            "energy_balance_max_relative": self.energy_imbalance(),
+            "slope_at_A": self.slope_at_A(),
+            "states": len(K),
+        }
+
+    def root_difference(self) -> float | None:
+        """Difference of I from a root of det K under isotropic strain; None without I."""
+        at_I, loop, eps = self.marks.get("I"), self.loop, float(np.finfo(float).eps)
+        if at_I is None or loop.kappa == 0.0 or self.states.added[at_I].any():
+            return None
+
+        def det(E: float) -> float:
+            A = self.tangents(diamond(loop.alpha0, E1=E, E2=E), "affine")
+            return float(np.linalg.det(restrict(A, "diagonal")))
+
+        strain = float(self.E1[at_I])
+        exact = brentq(det, 0.0, 0.5 * (1.0 + strain), xtol=1e-15, rtol=4 * eps)
+        return abs(float(exact) - strain)
+
+    def energy_imbalance(self) -> float:
+        """Largest `|work - stored - dissipated|` over the largest work; 0 on an unloaded path."""
+        work, stored, heat = (self.energies[name] for name in ("work", "stored", "dissipated"))
+        largest = float(np.max(np.abs(work)))
+        return float(np.max(np.abs(work - stored - heat))) / largest if largest > 0.0 else 0.0
+
+    def slope_at_A(self) -> dict[str, float] | None:
+        """`ds1/dE1` where the drained test starts: of the path's own rates, and det K/K22 (33).
+
+        None where A is not reached, or the path opens or slides at once.
+        """
+        rows, path = self.loading, self.path
+        if "A" not in self.marks or len(self.stages) == 1 or self.loop.mu == 0.0 or not len(rows):
+            return None
+        rate = float(path.P_rate[rows[0], 0] / path.H_rate[rows[0], 0])
+        closed = float(drained_slope(self.K[rows[0]]))
+        return {"differences": rate, "closed_form": closed, "difference": abs(rate - closed)}
+
+    def notes(self) -> list[str]:
+        """Notes on grains that touch and part, and on the jump at B."""
+        loop, beyond, notes = self.loop, self.beyond, list[str]()
+        if min(touching_strains(loop)) < 0.0:
+            notes.append("opposite grains overlap from the start: below 30 or above 60 degrees")
+        if abs(np.sin(loop.alpha0) - np.cos(loop.alpha0)) <= TOUCHING_ATOL:
+            notes.append("at 45 degrees both pairs of opposite grains touch at the same strain")
+            if self.ignored is not None:
+                notes.append(
+                    "both contacts are added: their branches cross, the loop is not planar"
+                )
+        if "A" not in self.marks:
+            notes.append("the path ends where opposite grains touch, before A")
+        for axis, gap in enumerate(self.gaps, start=1):
+            # Between two rows by linear interpolation.
+            for k in np.flatnonzero((gap[:-1] < -TOUCHING_ATOL) & (gap[1:] > TOUCHING_ATOL)):
+                share = gap[k] / (gap[k] - gap[k + 1])
+                parting = self.E1[k] + share * (self.E1[k + 1] - self.E1[k])
+                notes.append(f"opposite grains on axis {axis} separate at E1 = {parting:.6f}")
+        if beyond is not None and self.det_Ks[self.marks["B"]] > 0.0 and beyond.det_Ks[0] < 0.0:
+            notes.append("det K and det Ks jump below zero at B, where the contacts start to slide")
+        return notes
 
 
 def follow_diamond(options: DiamondOptions) -> FollowedDiamond:
@@ -231,47 +400,6 @@ def on_axes(path: LoopPath, values: NDArray[np.generic]) -> Floats:
     return columns
 
 
-def diamond_tables(
-    found: FollowedDiamond, ignored: FollowedDiamond | None
-) -> dict[str, pd.DataFrame]:
-    """Every table by its name; `ignored` is the path without added contacts, if they are added."""
-    tables = {
-        "path": found.table,
-        "polar": found.polar_table(),
-        "path_dependence": path_dependence_table(found.loop),
-    }
-    if "A" in found.marks:
-        loop = snapshot_tables(found, found.marks["A"])
-        tables |= {f"{name}_A": table for name, table in loop.items()}
-    if ignored is not None:
-        both = {"ignored": ignored.table[ADDED_COLUMNS], "added": found.table[ADDED_COLUMNS]}
-        joined = pd.concat(both, names=["opposite"])
-        tables["added_contact"] = joined.reset_index("opposite").reset_index(drop=True)
-    return tables
-
-
-def snapshot_tables(found: FollowedDiamond, row: int) -> dict[str, pd.DataFrame]:
-    """The loop at a row as the two tables of a plain snapshot, `grains` and `contacts`."""
-    graph = found.graph_at(row)
-    closed, state, x = graph.regime != Regime.OPEN, contact_state(graph), graph.x
-    branch, (i, j) = graph.branches[closed], graph.contacts[closed].T
-    shear = (state.shear_force[:, None] * state.t)[closed]
-    grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
-    contacts = {
-        "id1": i,
-        "id2": j,
-        "branch_x": branch[:, 0],
-        "branch_y": branch[:, 1],
-        "fn": state.normal_force[closed],
-        "fsx": shear[:, 0],
-        "fsy": shear[:, 1],
-        "kn": 1.0,
-        "ks": found.loop.kappa,
-        "mu": found.loop.mu,
-    }
-    return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
-
-
 # ---- Fig. 4
 
 
@@ -304,165 +432,3 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
             y = found.y[:, -1].reshape(4, -1)
         columns[f"{route}_integrated"] = y[-1]
     return pd.DataFrame(columns)
-
-
-# ---- summary
-
-
-def diamond_summary(found: FollowedDiamond) -> Summary:
-    """Summary of the study; `states` are null where not reached, `added_contact` where none is."""
-    options, table, loop = found.options, found.table, found.loop
-    states: dict[str, Any] = dict.fromkeys(NAMED)
-    for name, row in found.marks.items():
-        states[name] = {
-            **{key: float(table[key][row]) for key in (*STATE_VALUES, *found.energies)},
-            **_operators(found, found.states.take([row]), found.graph_at(row)),
-            "gaps": [float(gap[row]) for gap in found.gaps],
-            "directions": found.degrees(name),
-        }
-    if found.beyond is not None:
-        row, ring = found.marks["B"], np.arange(len(found.path.contacts)) < 4
-        regime = np.where(ring, Regime.SLIDING, found.path.regime[row])
-        slides = found.graph_at(row).replace(regime=regime)
-        states["B"]["beyond"] = _operators(found, found.beyond, slides)
-    # Files by the number of the paper's figure; those of Table 1 for diamonds of other parameters.
-    stress, determinant = ("8", "9") if options.table == 2 else ("6", "7")
-    figures = {"4": "path_dependence", stress: "axial_stress", determinant: "determinant"}
-    figures |= {"10": "eigenvalues", **({"11": "polar"} if found.marks else {}), "12": "cone"}
-    added = {
-        "touching_strains": list(touching_strains(loop)),
-        "definite_ignored": definite_intervals(loop, added=False),
-        "definite_added": definite_intervals(loop, added=True),
-    }
-    return {
-        "parameters": options.described(),
-        "reference_area": {"value": options.volume, "of": "L10 L20, twice the rhombus"},
-        "states": states,
-        "events": [
-            {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
-            for kind, row in found.listed
-        ],
-        "end": {key: float(table[key].iloc[-1]) for key in (*STATE_VALUES, *found.energies)},
-        "model": model_summary(found),
-        "verification": verification(found),
-        "added_contact": added if options.contact_on_touch == "add" else None,
-        "figures": figures,
-        "notes": _notes(found),
-    }
-
-
-def _operators(found: FollowedDiamond, state: DiamondStates, graph: GrainGraph) -> dict[str, Any]:
-    """Operators of one state with their spectra, cone and verdicts, and that of any loop."""
-    closure, parts = found.options.closure, (state.material[0], state.geometric[0])
-    A = found.tangents(graph, closure)
-    return {
-        "regime": state.regime[0],
-        **operator_values(state.K[0], parts, np.stack([state.det_K, state.det_Ks])),
-        "generic": {
-            "closure": closure,
-            "tangent": A,
-            "verdict": verdict_values(judge(A, "symmetric")),
-        },
-    }
-
-
-# ---- verification
-
-
-def verification(found: FollowedDiamond) -> dict[str, Any]:
-    """Differences of independent routes to the same numbers on a path.
-
-    The operator of any loop against (26), (38) against (26), (35), (36) against the determinant,
-    `min Re eig(K) - lambda_min(Ks)`, (41) against a root, work less stored energy and heat.
-    """
-    loop, states, K, norm = found.loop, found.states, found.K, operator_norm(found.K)
-    errors, untrusted = [], {}
-    for closure, generic in found.generic.items():
-        error = operator_norm(restrict(generic, "diagonal") - K) / norm
-        errors.append(float(np.nanmax(error)))
-        untrusted[f"generic_{closure}_untrusted"] = int(np.count_nonzero(np.isnan(error)))
-    rows = (found.stage == "isotropic") & ~states.added.any(axis=1) & ~states.sliding
-    closed = isotropic_tangent(states.E1[rows], loop.alpha0, loop.kappa)
-    isotropic = operator_norm(closed - K[rows]) / norm[rows]
-    root, at_I = None, found.marks.get("I")
-    if at_I is not None and loop.kappa > 0.0 and not states.added[at_I].any():
-        strain = float(found.E1[at_I])
-
-        def det(E: float) -> float:
-            A = found.tangents(diamond(loop.alpha0, E1=E, E2=E), "affine")
-            return float(np.linalg.det(restrict(A, "diagonal")))
-
-        eps = float(np.finfo(float).eps)
-        exact = brentq(det, 0.0, 0.5 * (1.0 + strain), xtol=1e-15, rtol=4 * eps)
-        root = abs(float(exact) - strain)
-    return {
-        "generic_vs_closed_form_max_relative": max(errors),
-        **untrusted,
-        "isotropic_vs_closed_form_max_relative": float(np.max(isotropic, initial=0.0)),
-        "det_K_max_difference": float(np.max(np.abs(np.linalg.det(K) - found.det_K))),
-        "bromwich_margin_min": float(np.min(bromwich_margin(K))),
-        "det_K_zero_by_root_difference": root,
-        "energy_balance_max_relative": energy_imbalance(found),
-        "slope_at_A": slope_at_A(found),
-        "states": len(K),
-    }
-
-
-def energy_imbalance(found: FollowedDiamond) -> float:
-    """Largest `|work - stored - dissipated|` over the largest work; 0 on an unloaded path."""
-    work, stored, heat = (found.energies[name] for name in ("work", "stored", "dissipated"))
-    largest = float(np.max(np.abs(work)))
-    return float(np.max(np.abs(work - stored - heat))) / largest if largest > 0.0 else 0.0
-
-
-def slope_at_A(found: FollowedDiamond) -> dict[str, float] | None:
-    """`ds1/dE1` where the drained test starts: of the path's own rates, and det K/K22 (33).
-
-    None where A is not reached, or the path opens or slides at once.
-    """
-    rows = found.loading
-    if "A" not in found.marks or len(found.stages) == 1 or found.loop.mu == 0.0 or not len(rows):
-        return None
-    rate = float(found.path.P_rate[rows[0], 0] / found.path.H_rate[rows[0], 0])
-    closed = float(drained_slope(found.K[rows[0]]))
-    return {"differences": rate, "closed_form": closed, "difference": abs(rate - closed)}
-
-
-def model_summary(found: FollowedDiamond) -> Summary:
-    """Degrees of freedom; with `--model full` the differences from the smallest model."""
-    model = asdict(found.path.model)
-    if found.options.model == "auto":
-        return {**model, "check": None}
-    small = follow_diamond(replace(found.options, model="auto"))
-    differences = {}
-    for name in (name for name in NAMED if name in found.marks and name in small.marks):
-        ours, theirs = (
-            np.array([values[path.marks[name]] for values in (path.E1, path.E2, path.s1, path.s2)])
-            for path in (found, small)
-        )
-        differences[name] = float(np.abs(ours - theirs).max())
-    check = {"status": found.path.status, "rows": len(found.path), "differences": differences}
-    return {**model, "check": check}
-
-
-def _notes(found: FollowedDiamond) -> list[str]:
-    loop, notes = found.loop, []
-    if min(touching_strains(loop)) < 0.0:
-        notes.append("opposite grains overlap from the start: below 30 or above 60 degrees")
-    if abs(np.sin(loop.alpha0) - np.cos(loop.alpha0)) <= TOUCHING_ATOL:
-        notes.append("at 45 degrees both pairs of opposite grains touch at the same strain")
-        if found.options.contact_on_touch == "add":
-            notes.append("both contacts are added: their branches cross, the loop is not planar")
-    if "A" not in found.marks:
-        notes.append("the path ends where opposite grains touch, before A")
-    for axis in (1, 2):
-        # Between two rows by linear interpolation.
-        gap = found.table[f"gap_{axis}"].to_numpy()
-        for k in np.flatnonzero((gap[:-1] < -TOUCHING_ATOL) & (gap[1:] > TOUCHING_ATOL)):
-            share = gap[k] / (gap[k] - gap[k + 1])
-            parting = found.E1[k] + share * (found.E1[k + 1] - found.E1[k])
-            notes.append(f"opposite grains on axis {axis} separate at E1 = {parting:.6f}")
-    beyond = found.beyond
-    if beyond is not None and found.det_Ks[found.marks["B"]] > 0.0 and beyond.det_Ks[0] < 0.0:
-        notes.append("det K and det Ks jump below zero at B, where the contacts start to slide")
-    return notes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,16 +30,10 @@ from stability import (
     symmetric_spectrum,
 )
 from studies.output import Summary
-from studies.paths.diamond import FollowedDiamond, diamond_summary, diamond_tables, follow_diamond
-from studies.paths.followed import RADIUS, Followed, operator_diagram
-from studies.paths.options import ComparisonOptions, DiamondOptions, PolygonOptions
-from studies.paths.polygon import (
-    Compared,
-    compare_orders,
-    follow_polygon,
-    polygon_summary,
-    polygon_tables,
-)
+from studies.paths.diamond import FollowedDiamond, follow_diamond, path_dependence_table
+from studies.paths.followed import RADIUS, Followed, follow_loop, operator_diagram
+from studies.paths.options import ComparisonOptions, DiamondOptions, LoopOptions, PolygonOptions
+from studies.paths.orders import Compared, compare_orders
 from studies.study import Drawings, study
 from studies.style import (
     BLACK,
@@ -454,8 +447,8 @@ def draw_yield_and_peak(compared: Compared) -> Figure:
 @panel(4.6, 3.0)
 def draw_stress_strain(compared: Compared, ax: Axes) -> None:
     """Axial stress over axial strain, one curve per order; a ring where a path ends early."""
-    shades = colormaps[SEQUENTIAL](np.linspace(0.0, 0.92, len(compared.found)))
-    for order, found, shade in zip(compared.options.orders, compared.found, shades, strict=True):
+    shades = colormaps[SEQUENTIAL](np.linspace(0.0, 0.92, len(compared.paths)))
+    for order, found, shade in zip(compared.options.orders, compared.paths, shades, strict=True):
         ax.plot(found.E1, found.s1, color=shade, linewidth=1.1, label=f"{order}")
         if found.path.status != "finished":
             ax.plot(found.E1[-1], found.s1[-1], "o", color=shade, markerfacecolor="white")
@@ -470,16 +463,14 @@ def _order_axis(ax: Axes, orders: pd.Series) -> None:
 # ---- the diamond alone
 
 
-def diamond_figures(
-    found: FollowedDiamond, ignored: FollowedDiamond | None, path_dependence: pd.DataFrame
-) -> Drawings:
-    """Figures of the study with their names; `ignored` is the path without added contacts."""
-    yield "path_dependence", lambda: draw_path_dependence(path_dependence)
+def diamond_figures(found: FollowedDiamond) -> Drawings:
+    """Figures of the study with their names."""
+    yield "path_dependence", lambda: draw_path_dependence(path_dependence_table(found.loop))
     yield "axial_stress", lambda: draw_stress(found, ax=axes_or_new(None))
     yield from path_figures(found)
     if "A" in found.marks:
         yield "loop_A", lambda: draw_loops(found, ["A"])
-    if ignored is not None:
+    if (ignored := found.ignored) is not None:
         yield "added_contact", lambda: draw_added_contact(found, ignored)
 
 
@@ -604,31 +595,21 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     return fig
 
 
-def run_diamond(options: DiamondOptions, out: Path, **how: Any) -> Summary:
-    """Follow a diamond and write `summary.json`, tables and figures; return the summary."""
-    with study("diamond", out, options.described(), **how) as results:
-        found, ignored = follow_diamond(options), None
-        if options.contact_on_touch == "add":
-            ignored = follow_diamond(replace(options, contact_on_touch="ignore"))
-        tables = diamond_tables(found, ignored)
-        drawings = diamond_figures(found, ignored, tables["path_dependence"])
-        return results.write_results(tables, diamond_summary(found), drawings, "Diamond")
+def run_paths(
+    options: DiamondOptions | PolygonOptions | ComparisonOptions, out: Path, **how: Any
+) -> Summary:
+    """Follow a diamond, a loop or several orders; write `summary.json`, tables and figures."""
+    command, title, follow_all, figures = QUESTIONS[type(options)]
+    with study(command, out, options.described(), **how) as results:
+        followed = follow_all(options)
+        drawings, title = figures(followed), title.format(options)
+        return results.write_results(followed.tables(), followed.summary(), drawings, title)
 
 
-def run_polygon(options: PolygonOptions, out: Path, **how: Any) -> Summary:
-    """Follow a polygon and write `summary.json`, the tables `path` and `polar`, and figures."""
-    with study("polygon", out, options.described(), **how) as results:
-        found = follow_polygon(options)
-        tables, summary = polygon_tables(found), polygon_summary(found)
-        title = f"Loop of {options.order} grains"
-        return results.write_results(tables, summary, polygon_figures(found), title)
-
-
-def run_comparison(options: ComparisonOptions, out: Path, **how: Any) -> Summary:
-    """Follow loops of several orders and write `summary.json`, `compare`, `paths` and figures."""
-    described = options.described()
-    with study("polygon --compare", out, described, **how) as results:
-        compared = compare_orders(options)
-        tables = {"compare": compared.table, "paths": compared.curves()}
-        drawings = comparison_figures(compared)
-        return results.write_results(tables, compared.summary(), drawings, "Loops by order")
+# Command, title, what follows its loops, and figures, by the kind of options.
+QUESTIONS: dict[type, tuple[str, str, Any, Any]] = {
+    DiamondOptions: ("diamond", "Diamond", follow_diamond, diamond_figures),
+    PolygonOptions: ("polygon", "Loop of {.order} grains", follow_loop, polygon_figures),
+    LoopOptions: ("polygon", "Loop of {.order} grains", follow_loop, polygon_figures),
+    ComparisonOptions: ("polygon --compare", "Loops by order", compare_orders, comparison_figures),
+}

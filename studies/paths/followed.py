@@ -1,11 +1,11 @@
-"""A loop followed through its programme: rows, named states, operators, work in all directions."""
+"""One loop followed through its programme: named states, operators, its tables and summary."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from loops import (
 from loops.arrays import Flags, Floats, Integers
 from loops.closures import Closure
 from stability import (
+    COMPONENTS,
     RTOL,
     BranchFraction,
     DirectionalWork,
@@ -43,10 +44,11 @@ from stability import (
     unstable_fraction,
 )
 from stability import Path as LoopPath
-from studies.output import values_of
-from studies.paths.options import DiamondOptions, PolygonOptions
+from stability.path import describe
+from studies.output import Summary, definitions, values_of
+from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions, file_notes
+from studies.paths.thresholds import SUBSPACES, thresholds
 
-SUBSPACES = ("diagonal", "symmetric", "full")
 # States named in every study: det K = 0 in the confinement, its end, the first yield.
 NAMED = ("I", "A", "B")
 # A path of so many steps is given up with the status `lost`.
@@ -63,13 +65,15 @@ DIRECTIONS = 720
 FORCE_ATOL = 1e-12
 # Radius of a polar diagram where the second-order work is zero: 2 + w2 lies between 1 and 3.
 RADIUS = 2.0
-# Words of a cone without a width, and columns of one with it.
 # Degrees that rounding opens where a cone closes: the square root of some roundings.
 CLOSED = 1e-5
 # Share of a shear force that keeps its sign, and with it the side on which a contact slides.
 SIGN_ALONE = 1e-200
 # Grains with free spins up to which the parts of K are told: their systems are not sparse.
 MOST_SPLIT = 60
+# Most numbers in a list column of a table, grains times rows.
+MOST_NUMBERS = 100_000
+REGIME_NAMES = np.array([regime.name.lower() for regime in Regime])
 
 
 class Directions(NamedTuple):
@@ -91,13 +95,15 @@ class Followed:
     where it is not known.
     """
 
-    options: DiamondOptions | PolygonOptions
+    options: Any
     path: LoopPath
     stages: tuple[str, ...]
     marks: dict[str, int]
     K: Floats
     det_K: Floats
     det_Ks: Floats
+
+    area: ClassVar[str] = "the barely touching polygon"
 
     @property
     def E1(self) -> Floats:
@@ -167,8 +173,8 @@ class Followed:
         neighbour on the rising side, on the cubic through their values and slopes.
 
         >>> from studies.paths.options import PolygonOptions
-        >>> from studies.paths.polygon import follow_polygon
-        >>> found = follow_polygon(PolygonOptions(6, closure="traction"), ("diagonal",))
+        >>> from studies.paths.followed import follow_loop
+        >>> found = follow_loop(PolygonOptions(6, closure="traction"), ("diagonal",))
         >>> round(found.peak["E1"], 6)
         0.132639
         """
@@ -201,6 +207,14 @@ class Followed:
     def gaps(self) -> tuple[Floats, Floats] | None:
         """Gaps (R,) between opposite grains of a diamond; None for other loops."""
         return None
+
+    @cached_property
+    def energies(self) -> dict[str, Floats]:
+        """`work` from outside, `stored` in the contacts and `dissipated`, over kn and the area."""
+        path = self.path
+        stored = path.normal_energy + path.tangential_energy
+        given = {"work": path.work[:, 0], "stored": stored, "dissipated": path.work[:, 3]}
+        return {name: values / path.volume for name, values in given.items()}
 
     def broken(self, values: Floats) -> Floats:
         """One column or several with a NaN at each jump, which interrupts a drawn line."""
@@ -306,6 +320,192 @@ class Followed:
             columns[f"lambda_min_{subspace}"] = values[:, 0]
             columns[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
         return pd.DataFrame(columns)
+
+    @cached_property
+    def critical(self) -> dict[str, float | None]:
+        """Critical isotropic strain by subspace."""
+        return thresholds(self.options)
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """Table of the path, one row per state; work is over `kn` and the reference area."""
+        path, H, P = self.path, self.path.H, self.path.P
+        columns: dict[str, Any] = {
+            "stage": self.stage,
+            "parameter": path.parameter,
+            **{"E1": H[:, 0], "E2": H[:, 3], "H12": H[:, 1], "H21": H[:, 2]},
+            **{"s1": P[:, 0], "s2": P[:, 3], "s12": P[:, 1], "s21": P[:, 2]},
+            "N": list(path.normal_force),
+            "T": list(path.shear_force),
+            "regime": REGIME_NAMES[path.regime].tolist(),
+            "x": list(path.x[..., 0]),
+            "y": list(path.x[..., 1]),
+            **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
+               for j, b in enumerate(COMPONENTS)},
+            **part_columns(**dict(zip(("Kmat", "Kgeo"), self.split, strict=True))),
+            **self.plane,
+            **self.subspaces,
+            "work": self.energies["work"],
+            "dissipated": self.energies["dissipated"],
+            "energy_error": path.energy_error,
+            "imbalance": path.imbalance,
+        }  # fmt: skip
+        return pd.DataFrame(columns).iloc[self.written_rows()]
+
+    def written_rows(self) -> Integers:
+        """Rows of the table: all of the path; of large loops ends of stages and a selection."""
+        count, grains = self.path.x.shape[:2]
+        most = max(MOST_NUMBERS // grains, 2)
+        if count <= most:
+            return np.arange(count)
+        ends, picked = np.flatnonzero(np.diff(self.path.stage)), np.linspace(0, count - 1, most)
+        return np.unique(np.concatenate([picked.astype(int), ends, ends + 1]))
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables by name; none of a loop that takes no load."""
+        return {"path": self.table, "polar": self.polar_table()} if self.loaded else {}
+
+    def state(self, name: str) -> dict[str, Any]:
+        """A named state with its operators, and those beyond it where contacts start to slide."""
+        path, row, slides = self.path, self.marks[name], self.sliding(name)
+        beyond = None
+        if slides is not None and (slides.regime != path.regime[row]).any():
+            values = self.operators(self.tangents(slides), slides)
+            beyond = {"regime": REGIME_NAMES[slides.regime].tolist(), **values}
+        return {
+            **{key: float(getattr(self, key)[row]) for key in ("E1", "E2", "s1", "s2")},
+            "N": path.normal_force[row],
+            "T": path.shear_force[row],
+            "regime": REGIME_NAMES[path.regime[row]].tolist(),
+            **self.operators(path.A[row], self.graph_at(row)),
+            "beyond": beyond,
+            "directions": self.degrees(name),
+        }
+
+    def operators(self, A: Floats, graph: GrainGraph) -> dict[str, Any]:
+        """Operators of one state in (11, 22), and verdicts in every subspace."""
+        K = restrict(A, "diagonal")
+        determinants = np.linalg.det([[K], [symmetric_part(K)]])
+        values = operator_values(K, self.parts(graph), determinants)
+        return values | {"verdict": {name: verdict_values(judge(A, name)) for name in SUBSPACES}}
+
+    def event(self, event: Event) -> dict[str, Any]:
+        """An event as plain values; `subspace` is null where it depends on none."""
+        places = event.H[0], event.H[3], event.P[0], event.P[3]
+        return {
+            "kind": event.kind,
+            "subspace": event.subspace or None,
+            **dict(zip(("E1", "E2", "s1", "s2"), places, strict=True)),
+            "stage": self.stages[event.stage],
+            "parameter": event.parameter,
+            "contacts": list(event.contacts),
+            "detail": describe(event),
+        }
+
+    def summary(self) -> Summary:
+        """Summary without its provenance; `states` are null where not reached."""
+        first = ("start",) if "start" in self.marks else ()
+        states = dict[str, Any].fromkeys((*first, *NAMED))
+        return {
+            "parameters": self.options.described(),
+            "reference_area": {"value": float(self.path.volume), "of": self.area},
+            "states": states | {name: self.state(name) for name in self.marks},
+            "model": self.model(),
+            "verification": self.verification(),
+            "notes": self.notes(),
+            **self.further(),
+        }
+
+    def further(self) -> Summary:
+        """Keys of the summary of a polygon alone."""
+        path, loaded, reached = self.path, self.loaded, np.abs(self.E1).max()
+        ended = "" if path.status == "finished" else f"; {path.message}"
+        unloaded = "there is no path, the loop takes no load: no contact carries a force up to "
+        return {
+            "critical_strain": self.critical,
+            "events": [self.event(event) for event in path.events if loaded],
+            "peak": self.peak,
+            "status": path.status if loaded or path.status != "finished" else "no_load",
+            "message": path.message if loaded else f"{unloaded}E1 = {reached:.3g}{ended}",
+            "rows": len(path) if loaded else 0,
+            "definitions": definitions("polygon"),
+        }
+
+    def model(self) -> Summary:
+        """Degrees of freedom."""
+        return asdict(self.path.model)
+
+    def verification(self) -> dict[str, Any]:
+        """Critical strain on the path against its root, where passed; errors of energy, balance."""
+        path = self.path
+        differences: dict[str, float | None] = {}
+        for subspace, wanted in self.critical.items():
+            on_way = [
+                float(path.H[event.index, 0])
+                for event in path.events
+                if (event.kind, event.subspace, event.stage) == ("det_Ks_zero", subspace, 0)
+            ]
+            known = bool(on_way and wanted and "A" in self.marks)
+            differences[subspace] = abs(on_way[0] - (wanted or 0.0)) if known else None
+        imbalance = path.imbalance
+        return {
+            "critical_strain_path_against_root": differences,
+            "energy_error_max": float(np.abs(path.energy_error).max()),
+            "imbalance_max": float(np.nanmax(imbalance)) if np.isfinite(imbalance).any() else None,
+        }
+
+    def notes(self) -> list[str]:
+        """Notes of the file and of the path."""
+        path, rows, notes = self.path, self.loading, file_notes(self.options)
+        if not self.loaded:
+            return notes
+        lost = [name for name, strain in self.critical.items() if strain == 0.0]
+        notes += [f"unstable from the first load on in the subspace {name}" for name in lost]
+        written, s1 = len(self.written_rows()), self.s1[rows]
+        rises = len(rows) > 1 and s1.max() > s1[0] + STEP_ATOL
+        known = {
+            "no critical isotropic strain: isotropic strain changes this loop's shape; the events "
+            "say where stability is lost on the path": not self.options.keeps_shape,
+            f"the path ends early ({path.status}): {path.message}": path.status != "finished",
+            f"no peak: s1 {'still rises at the end' if rises else 'falls from A on'}": (
+                self.peak is None and len(rows) > 1
+            ),
+            "grains that are not in contact touch during the path and overlap from then on": (
+                path.of_kind("opposite_contact")
+            ),
+            f"the table holds {written} of {len(path)} rows of the path": written < len(path),
+            "other paths branch off: the path followed keeps the loop's symmetry": (
+                path.of_kind("branching")
+            ),
+        }
+        return [*notes, *(note for note, holds in known.items() if holds)]
+
+
+def follow_loop(options: PolygonOptions, subspaces: tuple[str, ...] = SUBSPACES) -> Followed:
+    """Confine a loop and load it; `marks` are I, A, B and end, of a snapshot's loop start too.
+
+    Spectral events are of the subspaces. A loop that takes no load has no marks.
+
+    >>> found = follow_loop(PolygonOptions(4, confine=0.2, end=0.25))
+    >>> [(event.kind, event.subspace) for event in found.path.events][:3]
+    [('det_Ks_zero', 'diagonal'), ('det_K_zero', 'diagonal'), ('det_Ks_zero', 'symmetric')]
+    """
+    path, stages = follow_path(options, subspaces)
+    marks, confined = dict[str, int](), np.flatnonzero(path.stage == 0)
+    if isinstance(options, LoopOptions):
+        marks["start"] = 0
+    elif options.confine > 0.0 and len(confined):
+        for event in path.of_kind("det_K_zero"):
+            if (event.subspace, event.stage) == (subspaces[0], 0) and not event.jump:
+                marks.setdefault("I", event.index)
+        marks["A"] = int(confined[-1])
+    slipped = first_yield(path, np.asarray(options.law().mu))
+    if slipped is not None:
+        marks["B"] = slipped.index
+    marks["end"] = len(path) - 1
+    with np.errstate(invalid="ignore"):
+        followed = Followed(options, path, stages, marks, path.K, path.det_K, path.det_Ks)
+    return followed if followed.loaded else replace(followed, marks={})
 
 
 def follow_path(

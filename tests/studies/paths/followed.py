@@ -2,7 +2,7 @@
 
 import functools
 
-from studies.paths.diamond import FollowedDiamond, diamond_summary, follow_diamond
+from studies.paths.diamond import FollowedDiamond, follow_diamond
 from studies.paths.options import DiamondOptions
 
 # Nobody writes into these: a test that spoils a path follows one of its own.
@@ -15,4 +15,4 @@ def followed(**options) -> FollowedDiamond:
 
 @functools.cache
 def summary_of(**options):
-    return diamond_summary(followed(**options))
+    return followed(**options).summary()

@@ -9,10 +9,6 @@ from loops import LinearFrictional, affine_tangent
 from patterns import diamond
 from patterns.diamond.states import added_critical_strain, definite_intervals, isotropic_tangents
 from stability import restrict, symmetric_spectrum
-from studies.paths.diamond import (
-    energy_imbalance,
-    verification,
-)
 from studies.paths.options import DiamondOptions
 from tests.studies.paths.followed import followed
 
@@ -144,7 +140,7 @@ def test_drained_stage_agrees_with_an_integration_in_forces(table):
 )
 def test_energy_balance_closes_with_contacts(arguments):
     path = added(**arguments)
-    assert energy_imbalance(path) < 5e-12
+    assert path.energy_imbalance() < 5e-12
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
     s2 = path.states.s2[path.stage == "drained"]
     np.testing.assert_allclose(s2, s2[0], rtol=1e-13)
@@ -153,7 +149,7 @@ def test_energy_balance_closes_with_contacts(arguments):
 @pytest.mark.parametrize("table", [1, 2])
 def test_tangents_with_contacts_are_those_of_a_graph_with_chords(table):
     path = added(table=table)
-    found = verification(path)
+    found = path.verification()
     assert found["generic_vs_closed_form_max_relative"] < 1e-13
     assert found["det_K_max_difference"] < 1e-13
     assert found["generic_affine_untrusted"] == found["generic_traction_untrusted"] == 0

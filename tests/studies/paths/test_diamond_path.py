@@ -8,11 +8,7 @@ from loops import Regime
 from patterns.diamond.closed_form import work_compress_then_shear
 from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
-from studies.paths.diamond import (
-    energy_imbalance,
-    path_dependence_table,
-    verification,
-)
+from studies.paths.diamond import path_dependence_table
 from studies.paths.options import DiamondOptions
 from tests.oracles.drained import drained_path
 from tests.studies.paths.followed import followed, summary_of
@@ -66,7 +62,7 @@ def test_point_B_to_20_digits(table):
 def test_slope_at_A_is_det_K_over_K22(table):
     path = followed(table=table)
     K = path.states.K[path.marks["A"]]
-    found = verification(path)["slope_at_A"]
+    found = path.verification()["slope_at_A"]
     assert found["closed_form"] == pytest.approx(np.linalg.det(K) / K[1, 1], rel=1e-12)
     assert found["difference"] < 1e-11
 
@@ -118,7 +114,7 @@ def test_without_lateral_force_yield_is_the_end_of_strain_control():
 @pytest.mark.parametrize("arguments", SWEEP, ids=str)
 def test_energy_balance_closes(arguments):
     path = followed(**arguments)
-    assert energy_imbalance(path) < 3e-14
+    assert path.energy_imbalance() < 3e-14
     assert np.all(np.diff(path.energies["dissipated"]) >= 0.0)
 
 
@@ -189,7 +185,7 @@ def beyond_yield_operator(path):
 
 @pytest.mark.parametrize("table", [1, 2])
 def test_generic_operator_agrees_on_the_whole_path(table):
-    found = verification(followed(table=table))
+    found = followed(table=table).verification()
     assert found["generic_vs_closed_form_max_relative"] < 2e-14
     assert found["det_K_max_difference"] < 1e-14
     assert found["bromwich_margin_min"] > -1e-15

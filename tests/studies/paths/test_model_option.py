@@ -3,7 +3,6 @@
 import pytest
 
 from loops import InputError
-from studies.paths.diamond import model_summary
 from studies.paths.options import DiamondOptions, PolygonOptions
 from tests.studies.paths.followed import followed
 
@@ -13,14 +12,14 @@ from tests.studies.paths.followed import followed
 )
 def test_all_freedoms_of_the_diamond_against_its_closed_forms(table, closure):
     path = followed(table=table, closure=closure, model="full")
-    found = model_summary(path)
+    found = path.model()
     assert (found["choice"], found["freedoms"]) == ("full", "8 of 8")
     assert sorted(found["check"]["differences"]) == ["A", "B", "I"]
     assert max(found["check"]["differences"].values()) < 1e-14
 
 
 def test_the_diamond_says_that_it_has_two_freedoms():
-    found = model_summary(followed(table=1))
+    found = followed(table=1).model()
     assert (found["symmetry"], found["freedoms"]) == ("D2 (order 4)", "2 of 8")
     assert (found["contact_orbits"], found["check"]) == ("1 of 4", None)
 

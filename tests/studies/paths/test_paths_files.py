@@ -12,14 +12,13 @@ from matplotlib.figure import Figure
 
 from loops import find_faces
 from patterns import read_snapshot
-from studies.paths.diamond import snapshot_tables
 from studies.paths.figures import (
     draw_cone,
     draw_operators,
     draw_polar,
     draw_stress,
     overlaps,
-    run_diamond,
+    run_paths,
 )
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
@@ -65,10 +64,10 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("diamond")
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
-        found = {1: (folder / "1", run_diamond(DiamondOptions(table=1), folder / "1"))}
+        found = {1: (folder / "1", run_paths(DiamondOptions(table=1), folder / "1"))}
     with pytest.MonkeyPatch.context() as patch:
         leave_undrawn(patch)
-        found[2] = folder / "2", run_diamond(DiamondOptions(table=2), folder / "2")
+        found[2] = folder / "2", run_paths(DiamondOptions(table=2), folder / "2")
     return found
 
 
@@ -103,7 +102,7 @@ def test_tables_carry_rows_and_provenance(written):
 def saved(tmp_path_factory):
     """Table 1 with its figures."""
     folder = tmp_path_factory.mktemp("saved") / "1"
-    run_diamond(DiamondOptions(table=1), folder)
+    run_paths(DiamondOptions(table=1), folder)
     return folder
 
 
@@ -130,7 +129,7 @@ def test_shear_forces_survive_the_way_through_a_snapshot(tmp_path):
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     sheared = replace(path.path, shear_force=0.01 * signs + 0.0 * path.path.shear_force)
     path = replace(path, path=sheared)
-    for name, columns in snapshot_tables(path, path.marks["A"]).items():
+    for name, columns in path.snapshot("A").items():
         pd.DataFrame(columns).to_csv(tmp_path / f"{name}.csv", index=False)
     shear = read_snapshot(tmp_path / "grains.csv").graph.shear_force
     np.testing.assert_allclose(shear, [0.01, -0.01, 0.01, -0.01], rtol=1e-14)

@@ -19,8 +19,9 @@ from patterns import loop_of_snapshot, read_snapshot, sample_path
 from patterns.diamond import DiamondParameters
 from stability import rates_at, restrict
 from stability.programmes import proportional_strain
-from studies.commands.loops import state_lines
-from studies.paths.figures import draw_operators, run_comparison, run_polygon
+from studies.commands.loops import event_lines, state_lines
+from studies.paths.figures import draw_operators, run_paths
+from studies.paths.followed import follow_loop
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -29,13 +30,7 @@ from studies.paths.options import (
     orders_of,
     ring_of_lengths,
 )
-from studies.paths.polygon import (
-    event_lines,
-    follow_polygon,
-    polygon_summary,
-    polygon_table,
-    thresholds,
-)
+from studies.paths.thresholds import thresholds
 from studies.style import axes_or_new
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.studies.paths.followed import followed, summary_of
@@ -85,12 +80,13 @@ def written(tmp_path_factory):
     parameters = PolygonOptions(6, kappa=0.2, phi_deg=5.0, closure="traction", confine=0.2)
     with pytest.MonkeyPatch.context() as patch:
         leave_files_empty(patch)
-        return folder, run_polygon(parameters, folder, csv=True)
+        return folder, run_paths(parameters, folder, csv=True)
 
 
 def test_files(written):
     folder, _ = written
-    written = {"summary.json", "path.parquet", "path.csv", "polar.parquet", "polar.csv"}
+    tables = {"path.parquet", "path.csv", "polar.parquet", "polar.csv"}
+    written = {"summary.json", "report.html", *tables}
     drawn = {f"{name}.png" for name in FIGURES}
     assert {file.name for file in folder.iterdir()} == written | drawn
     assert all((folder / name).stat().st_size > 500 for name in written)
@@ -163,7 +159,7 @@ def test_the_square_on_its_side_is_lost_in_shear_alone():
 
 def test_peak_of_the_drained_diamond_is_point_B():
     """All four contacts yield at B and the axial stress turns over: the closed path of Table 1."""
-    found = follow_polygon(PolygonOptions(4, confine=0.1, end=0.3), ("diagonal",))
+    found = follow_loop(PolygonOptions(4, confine=0.1, end=0.3), ("diagonal",))
     peak = found.peak
     exact = exact_drained_path(DiamondParameters(np.pi / 4, 0.2, np.radians(5.0), 0.1)).end
     assert peak["E1"] == pytest.approx(float(exact.E1), abs=1e-13)
@@ -174,11 +170,11 @@ def test_peak_of_the_drained_diamond_is_point_B():
 
 def test_peak_between_rows_of_an_undrained_path():
     parameters = PolygonOptions(4, phi_deg=90.0, kappa=0.2, programme="undrained", confine=0.05)
-    found = follow_polygon(parameters, ("diagonal",))
+    found = follow_loop(parameters, ("diagonal",))
     peak = found.peak
 
     def slope(end):
-        path = follow_polygon(
+        path = follow_loop(
             PolygonOptions(
                 4, phi_deg=90.0, kappa=0.2, programme="undrained", confine=0.05, end=end
             ),
@@ -192,7 +188,7 @@ def test_peak_between_rows_of_an_undrained_path():
 @pytest.mark.parametrize("programme", sorted({*get_args(ProgrammeName)} - {"proportional-strain"}))
 def test_programmes_hold_what_they_say(programme):
     given = PolygonOptions(5, programme=programme, confine=0.05, end=0.12, phi_deg=25.0)
-    found = follow_polygon(given, ("diagonal",))
+    found = follow_loop(given, ("diagonal",))
     path, A = found.path, found.marks["A"]
     H, P = path.H[A:], path.P[A:]
     area = (1 - H[:, 0]) * (1 - H[:, 3]) - H[:, 1] * H[:, 2]
@@ -228,7 +224,7 @@ def test_orders():
 @pytest.mark.slow
 def test_comparison(tmp_path, unsaved):
     shared = PolygonOptions(3, closure="traction", kappa=0.25, confine=0.05, end=0.2)
-    summary = run_comparison(ComparisonOptions((3, 4, 8), shared), tmp_path / "c")
+    summary = run_paths(ComparisonOptions((3, 4, 8), shared), tmp_path / "c")
     table = pd.read_parquet(tmp_path / "c" / "compare.parquet").set_index("order")
     critical = table["critical_strain_diagonal"]
     np.testing.assert_allclose(critical, [1.25 / 2.25, 0.2, 0.2], atol=1e-12)
@@ -244,18 +240,18 @@ def test_comparison(tmp_path, unsaved):
 
 
 def test_what_is_printed_and_tabled_of_a_large_loop_is_bounded(monkeypatch):
-    found = follow_polygon(PolygonOptions(6, confine=0.05, end=0.3), ("diagonal",))
-    monkeypatch.setattr("studies.paths.polygon.MOST_NUMBERS", 60)
-    table = polygon_table(found)
+    found = follow_loop(PolygonOptions(6, confine=0.05, end=0.3), ("diagonal",))
+    monkeypatch.setattr("studies.paths.followed.MOST_NUMBERS", 60)
+    table = found.table
     ends = {0, found.marks["A"], len(found.path) - 1}
     assert 10 <= len(table["E1"]) == len(table["N"]) <= 13 < len(found.path)
     assert {found.E1[row] for row in ends} <= set(table["E1"])
-    assert any("rows of the path" in note for note in polygon_summary(found)["notes"])
+    assert any("rows of the path" in note for note in found.summary()["notes"])
     place = {"subspace": None, "E2": 0.0, "s1": 0.0, "s2": 0.0, "contacts": [0, 1]}
     events = [{"kind": "yield", "E1": 0.1 + 0.001 * k, **place} for k in range(60)]
-    (line,) = event_lines({"events": events})
+    (line,) = event_lines(events)
     assert "E1 = 0.10000000 to 0.15900000" in line and line.endswith("120 contacts")
-    assert len(event_lines({"events": events[:30]})) == 30
+    assert len(event_lines(events[:30])) == 30
 
 
 # ---- unequal grains, other laws, loops of a snapshot
@@ -265,7 +261,7 @@ def test_unequal_radii_under_isotropic_strain():
     """N = (r_i + r_j) E over the mean diameter, whatever the shape, and P their virial."""
     radii = np.array([1.0, 0.8, 1.2, 0.9])
     given = PolygonOptions(4, radii=tuple(radii), confine=0.0, programme="isotropic", end=0.1)
-    path = follow_polygon(given, ("diagonal",)).path
+    path = follow_loop(given, ("diagonal",)).path
     sides = (radii + np.roll(radii, -1)) / (2 * radii.mean())
     assert path.normal_force[-1] == pytest.approx(0.1 * sides, abs=1e-13)
     x = given.graph().x
@@ -292,7 +288,7 @@ def test_spheres_have_their_threshold():
 
 @pytest.mark.slow
 def test_spheres_reach_their_threshold_on_the_way():
-    found = follow_polygon(spheres(), ("diagonal",))
+    found = follow_loop(spheres(), ("diagonal",))
     lost = found.path.of_kind("det_Ks_zero")[0].index
     assert found.E1[lost] == pytest.approx(LOST, abs=1e-10)
 
@@ -309,7 +305,7 @@ def test_a_loop_of_a_snapshot_starts_as_the_simulation_left_it():
     snapshot = read_snapshot(sample_path())
     loop = loop_of_snapshot(snapshot, 17)
     options = LoopOptions(5, confine=0.0, closure="traction", snapshot=snapshot, loop=17)
-    path = follow_polygon(options, ("diagonal",)).path
+    path = follow_loop(options, ("diagonal",)).path
     length, kn = 2 * loop.graph.radii.mean(), loop.law.kn.mean()
     # Overlaps of the file hold the forces to some 1e-10 of the mean, by which grains are moved.
     assert options.taken[2] < 1e-13
@@ -318,7 +314,7 @@ def test_a_loop_of_a_snapshot_starts_as_the_simulation_left_it():
     assert path.P[0] * kn == pytest.approx(love_weber_stress(loop.graph).ravel(), rel=1e-9)
     want = traction_tangent(loop.graph, loop.law).matrix
     assert path.A[0] * kn == pytest.approx(want, rel=1e-8, abs=1e-8 * kn)
-    assert polygon_summary(follow_polygon(options))["critical_strain"]["full"] is None
+    assert follow_loop(options).summary()["critical_strain"]["full"] is None
 
 
 def test_rounded_positions_are_moved_until_they_fit_the_forces():
@@ -338,7 +334,7 @@ def test_rounded_positions_are_moved_until_they_fit_the_forces():
 def pentagon():
     """A relaxed pentagon that ends with four contacts sliding."""
     given = PolygonOptions(5, kappa=0.3, phi_deg=20.0, closure="traction", end=0.3)
-    return follow_polygon(given, ("diagonal",))
+    return follow_loop(given, ("diagonal",))
 
 
 def test_polar_diagrams_have_the_regimes_that_directions_activate(pentagon):
@@ -364,7 +360,7 @@ def test_polar_diagrams_have_the_regimes_that_directions_activate(pentagon):
 
 
 def test_states_of_a_polygon_have_both_sides_of_the_first_yield(pentagon):
-    summary = polygon_summary(pentagon)
+    summary = pentagon.summary()
     states = summary["states"]
     assert list(states) == ["I", "A", "B", "end"] and states["I"] is None
     path, row = pentagon.path, pentagon.marks["B"]
@@ -383,12 +379,12 @@ def test_states_of_a_polygon_have_both_sides_of_the_first_yield(pentagon):
 
 def test_a_verdict_names_its_subspace():
     """Affine pentagons lose det Ks in all four components alone, at the first yield."""
-    found = follow_polygon(PolygonOptions(5, end=0.2))
+    found = follow_loop(PolygonOptions(5, end=0.2))
     lost = {event.subspace for event in found.path.events if event.kind == "det_Ks_zero"}
     share = found.subspaces.iloc[-1]
     assert lost == {"full"} and share["unstable_fraction_full"] > 0.0
     assert share["unstable_fraction_symmetric"] == share["unstable_fraction_diagonal"] == 0.0
-    lines = state_lines(polygon_summary(found))
+    lines = state_lines(found.summary())
     before, after = lines[0], next(line for line in lines if line.startswith("state end"))
     assert before.endswith(": stable in the normal strains (11, 22), no unstable direction there")
     assert after.endswith("direction there; unstable in all four strain components")
@@ -407,7 +403,7 @@ def test_the_parts_of_K_are_those_of_the_paper():
         np.testing.assert_allclose(material, found.states.material, rtol=0, atol=2e-15)
         np.testing.assert_allclose(geometric, found.states.geometric, rtol=0, atol=2e-15)
     given = PolygonOptions(5, kappa=0.3, phi_deg=20.0, end=0.45)
-    found = follow_polygon(given, ("diagonal",))
+    found = follow_loop(given, ("diagonal",))
     assert found.slides.any()
     graph, (_, geometric) = found.graph_at(len(found.path) - 1), found.split
     state, d0 = contact_state(graph), graph.reference_branches
@@ -419,7 +415,7 @@ def test_the_parts_of_K_are_those_of_the_paper():
 
 def test_stresses_say_the_area_that_they_are_over():
     """The rhombus of four grains, of which the paper takes twice the area."""
-    polygon = polygon_summary(follow_polygon(PolygonOptions(4, end=0.2), ("diagonal",)))
+    polygon = follow_loop(PolygonOptions(4, end=0.2), ("diagonal",)).summary()
     diamond = summary_of(table=1)
     areas = [summary["reference_area"]["value"] for summary in (polygon, diamond)]
     assert areas == [pytest.approx(1.0, rel=1e-15), pytest.approx(2.0, rel=1e-15)]
@@ -431,10 +427,10 @@ def test_a_state_with_many_contacts_at_yield_has_no_directions():
     """More than 256 combinations of regimes are not tried: nine contacts, each slides or sticks."""
     how = {"closure": "traction", "confine": 0.0, "programme": "isotropic", "end": 0.05}
     given = PolygonOptions(9, kappa=0.3, phi_deg=20.0, **how)
-    found = follow_polygon(given, ("diagonal",))
+    found = follow_loop(given, ("diagonal",))
     row, path = len(found.path) - 1, found.path
     slipping = 0.36397023426620234 * path.normal_force
     found = replace(found, path=replace(path, shear_force=slipping), marks={"end": row})
     assert found.directions == {} and found.degrees("end") is None
     assert len(found.polar_table()) == 0
-    assert state_lines(polygon_summary(found))[0].startswith("state end")
+    assert state_lines(found.summary())[0].startswith("state end")

@@ -1,0 +1,80 @@
+"""Loops of several orders, followed through the same programme."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from studies.output import Row, Summary, definitions, values_of
+from studies.paths.followed import Followed, first_yield, follow_loop
+from studies.paths.options import ComparisonOptions
+
+CURVES = ("E1", "E2", "s1", "s2", "det_K", "det_Ks")
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Loops of several orders, followed."""
+
+    options: ComparisonOptions
+    paths: tuple[Followed, ...]
+
+    @cached_property
+    def loops(self) -> list[dict[str, Any]]:
+        """Plain values of each loop."""
+        rows = []
+        for order, path in zip(self.options.orders, self.paths, strict=True):
+            slipped = first_yield(path.path, np.asarray(path.options.law().mu))
+            rows.append({
+                "order": order,
+                "critical_strain": path.critical,
+                "first_yield": path.event(slipped) if slipped and path.loaded else None,
+                "peak": path.peak,
+                **values_of(path.path, "status", "message"),
+                "end": {name: float(getattr(path, name)[-1]) for name in ("E1", "E2", "s1")},
+            })  # fmt: skip
+        return rows
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """One row per order; NaN where a loop has no such state."""
+        rows = []
+        for loop in self.loops:
+            row: Row = {"order": loop["order"]}
+            for subspace, strain in loop["critical_strain"].items():
+                row[f"critical_strain_{subspace}"] = np.nan if strain is None else strain
+            for name in ("first_yield", "peak"):
+                values = loop[name] or {}
+                row |= {f"{name}_{key}": values.get(key, np.nan) for key in ("E1", "E2", "s1")}
+            rows.append(row | {"end_E1": loop["end"]["E1"], "status": loop["status"]})
+        return pd.DataFrame(rows)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """A row per order; strains, stresses, determinants, smallest eigenvalue of Ks of paths."""
+        parts = []
+        for order, path in zip(self.options.orders, self.paths, strict=True):
+            columns = {"order": order, "stage": path.stage, **values_of(path, *CURVES)}
+            smallest = path.path.symmetric_eigenvalues[:, 0]
+            parts.append(pd.DataFrame(columns | {"lambda_min": smallest}))
+        return {"compare": self.table, "paths": pd.concat(parts, ignore_index=True)}
+
+    def summary(self) -> Summary:
+        """Summary of the study, without its provenance."""
+        early = [str(loop["order"]) for loop in self.loops if loop["status"] != "finished"]
+        notes = [f"paths that end before their target: orders {', '.join(early)}"] if early else []
+        return {
+            "parameters": self.options.described(),
+            "loops": self.loops,
+            "notes": notes,
+            "definitions": definitions("polygon", "compare"),
+        }
+
+
+def compare_orders(options: ComparisonOptions) -> Compared:
+    """Follow a loop of every order."""
+    loops = (options.of(order) for order in options.orders)
+    return Compared(options, tuple(follow_loop(loop, ("diagonal",)) for loop in loops))
