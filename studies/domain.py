@@ -59,6 +59,7 @@ from studies.present_domain import (
     loop_domain_figure,
     present_fan,
     strain_to,
+    stretches,
     virgin_domain,
 )
 from studies.study import Drawings, study
@@ -94,8 +95,6 @@ SLIDING_WORDS = {
     "frictional": r"contacts slide at $|T| = \mu N$",
 }
 PLANES = (("domain", "stress"), ("domain-strain", "strain"))
-# Distance of neighbours on a curve, over its extent, beyond which it jumps.
-CURVE_JUMP = 0.15
 
 
 def described(case: Case) -> dict[str, float]:
@@ -501,9 +500,9 @@ def domains_figure(
     regular = plane == ("s1", "s2") and all(
         loop.radii is None and not isinstance(loop, LoopOptions) for loop in parameters.loops
     )
-    factor = r"$/(2\tan(\pi/n))$" if regular else ""
+    over = r"$/(2\tan(\pi/n))$" if regular else ""
     unit = " over $k_n$ (–)" if plane == ("s1", "s2") else " (–)"
-    names = [f"${name[0]}_{name[1]}${factor}{unit}" for name in plane]
+    names = [f"${name[0]}_{name[1]}${over}{unit}" for name in plane]
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(orders)))
     for row, contacts in zip(panels, kinds, strict=True):
         for ax, closure in zip(row, closures, strict=True):
@@ -511,12 +510,13 @@ def domains_figure(
                 own = table[(table.contacts == contacts) & (table.closure == closure)
                             & (table.order == order) & (table.kappa == kappa)]  # fmt: skip
                 bound = domain_boundary(own)
-                values = bound[list(plane)].to_numpy()
                 # The force `s l0/(2 tan(pi/n))` of a contact across the axis of a regular loop.
-                values = values / (2.0 * np.tan(np.pi / order)) if regular else values
+                factor = 2.0 * np.tan(np.pi / order) if regular else 1.0
                 lost = bound.kind.isin(STABILITY_LIMITS).to_numpy()
-                ax.plot(*_pieces(values, lost), "-", color=colour, linewidth=1.0)
-                ax.plot(*_pieces(values, ~lost), ":", color=colour, linewidth=0.8)
+                for kept, style in ((lost, "-"), (~lost, ":")):
+                    for line in stretches(bound, list(plane), kept):
+                        look: Any = {"linewidth": 1.0, "solid_capstyle": "round"}
+                        ax.plot(*line.T / factor, style, color=colour, **look)
             ax.plot(0.0, 0.0, "P", color=BLACK, markersize=4)
             ax.set_title(f"{closure} closure, {SLIDING_WORDS.get(contacts, contacts)}")
             ax.set(xlabel=names[0], ylabel=names[1])
@@ -531,17 +531,6 @@ def domains_figure(
     key: Any = {"title": rf"$\kappa$ = {kappa:g}", "ncols": key_columns(figure, 7)}
     figure.legend(handles=handles, loc="outside lower center", **key)
     return figure
-
-
-def _pieces(points: Floats, kept: Any) -> tuple[Floats, Floats]:
-    """Coordinates of a curve, broken where points are left out and where it jumps."""
-    shown = np.where(kept[:, None], points, np.nan)
-    if not len(points):
-        return np.zeros(0), np.zeros(0)
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    jumps = np.flatnonzero(apart > CURVE_JUMP * np.ptp(points, axis=0).max(initial=0.0)) + 1
-    x, y = np.insert(shown, jumps, np.nan, axis=0).T
-    return x, y
 
 
 @styled()

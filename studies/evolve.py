@@ -160,7 +160,10 @@ class Evolution(Shown):
         changes = self.changes(name) if changes is None else changes
         driven = way.driven(way.parameter, way.stage)
         loops = change_table(changes, scene.faces, driven)
-        loops["open_from"], loops["back"] = openings(way, scene, driven)
+        opened = open_loops(way, scene)
+        some = opened.any(axis=0)
+        loops["open_from"] = np.where(some, driven[opened.argmax(axis=0)], np.nan)
+        loops["back"] = some & ~opened[-1]
         offsets, _, grains = loop_polygons(scene.graph, scene.faces)
         loops["grains"] = np.split(self.ids[grains], offsets[1:-1])
         return loops
@@ -420,16 +423,11 @@ def require_reach(asked: Programmed) -> None:
         raise InputError("--to", received, f"{expected}{asked.interval:g}", remedy)
 
 
-def openings(way: FollowedPath, scene: Scene, driven: Floats) -> tuple[Floats, Flags]:
-    """Return where a contact of each loop is open first; whether the loop is whole at the end.
-
-    The first is nan, and the second false, for a loop whose contacts are closed in every row.
-    """
+def open_loops(way: FollowedPath, scene: Scene) -> Flags:
+    """Return which loops have an open contact in each row, (R, L)."""
     contacts, faces = scene.graph.contact_count, scene.faces
-    closed = np.array([state.closed[:contacts] for state in way.states])
-    lost = np.array([loop_sums((~row).astype(float), faces) > 0 for row in closed])
-    first = np.where(lost.any(axis=0), driven[np.argmax(lost, axis=0)], np.nan)
-    return first, lost.any(axis=0) & ~lost[-1]
+    opened = (~state.closed[:contacts] for state in way.states)
+    return np.array([loop_sums(row.astype(float), faces) > 0 for row in opened])
 
 
 def major_axis(stress: Floats) -> int:

@@ -21,6 +21,7 @@ from studies.study import Drawings
 from studies.style import (
     BLUE,
     GREEN,
+    GREY,
     LIGHT_GREY,
     ORANGE,
     SEQUENTIAL,
@@ -59,7 +60,7 @@ def probability_map(found: Forecast, ax: Axes) -> None:
     values = found.loops["lost_probability"].to_numpy()
     driven, to = found.evolution.driven, found.evolution.to
     name = f"{driven[0]}_{{{driven[1:]}}}"
-    label = f"probability that the loop is lost up to $\\Delta {name}$ = {to:g}"
+    label = f"probability that a loop is lost\nup to $\\Delta {name}$ = {to:g}"
     draw, colours = loop_drawer(planar(found.evolution.scene)), mpl.colormaps[SEQUENTIAL]
     scale, shown = Normalize(0.0, 1.0), {"location": "bottom", "label": label}
     draw_scaled(draw, ax, values, colours, scale, **shown)
@@ -83,8 +84,9 @@ def reliability(known: Calibration, ax: Axes) -> None:
         ax.errorbar(said, true, error, fmt=mark, color=colour, markersize=3.5, linewidth=0.8,
                     label=KIND_WORDS[kind], clip_on=False)  # fmt: skip
         worst = max(worst, *zip(said, true, strict=True), key=lambda one: abs(one[1] - one[0]))
-    look: Any = {"textcoords": "offset points", "fontsize": 6, "va": "bottom"}
-    ax.annotate(f"{worst[0]:.2f}: {worst[1]:.2f} came true", worst, (4, 4), **look)
+    look: Any = {"textcoords": "axes fraction", "fontsize": 6, "va": "top"}
+    look["arrowprops"] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.5}
+    ax.annotate(f"{worst[0]:.2f}: {worst[1]:.2f}\ncame true", worst, (0.02, 0.98), **look)
     intervals = sum(known.provenance["series"].values())
     ax.set_title(f"{intervals} intervals of other samples")
     ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability (–)", ylabel="observed share (–)")

@@ -23,7 +23,7 @@ from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Averaging
 from studies.reading import read_planar, reading
 from studies.study import files_of, study
-from studies.style import BLUE, GREY, VERMILION, edge_ticks, new_panels, say_empty, styled
+from studies.style import BLUE, GREY, VERMILION, edge_ticks, figure_key, new_panels, styled
 
 # Steps of the isotropic compression before the programme.
 CONFINING_STEPS = 20
@@ -231,50 +231,44 @@ def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
 @styled()
 def draw_material(table: pd.DataFrame) -> Figure:
     """Draw stress ratio, volume change, second-order work and cone over the strain."""
-    figure, panels = new_panels(2, 2, 4.6)
-    looks: tuple[tuple[str, str, str, Any], ...] = (
-        ("mean", "mean of the loops", BLUE, {}),
-        ("single", "one loop alone", VERMILION, {"linestyle": "--", "linewidth": 1.0}),
-    )
-    quantities = (
-        ("stress_ratio", "stress ratio, along over across (–)"),
-        ("volume_change", "change of the area (%)"),
-        ("w2", "normalised second-order work $w_2$ (–)"),
-    )
+    table = table[table["stage"] == "programme"]
+    cones = table[table["cone_status"] == "open"]
+    figure, panels = new_panels(2, 2, 4.6) if len(cones) else new_panels(1, 3, 2.6)
     axes = panels.ravel()
-    for name, label, colour, line in looks:
-        run = table[(table["set"] == name) & (table["stage"] == "programme")]
-        strain = 100.0 * run["strain"]
-        for ax, (column, _) in zip(axes, quantities, strict=False):
-            scale = 100.0 if column == "volume_change" else 1.0
-            ax.plot(strain, scale * run[column], color=colour, label=label, **line)
-        ratio = run["stress_ratio"].to_numpy()
+    quantities = (
+        ("stress_ratio", 1.0, "stress ratio, along over across (–)"),
+        ("volume_change", 100.0, "change of the area (%)"),
+        ("w2", 1.0, "second-order work $w_2$ (–)"),
+    )
+    for name, label, colour, line in (
+        ("mean", "mean of the loops", BLUE, "-"),
+        ("single", "one loop alone", VERMILION, "--"),
+    ):
+        run = table[table["set"] == name]
+        strain, ratio = 100.0 * run["strain"], run["stress_ratio"].to_numpy()
+        look: Any = {"color": colour, "label": label}
+        for ax, (column, scale, _) in zip(axes, quantities, strict=False):
+            ax.plot(strain, scale * run[column], line, **look)
+            edge_ticks(ax, strain[run["failed"].diff() > 0], "a loop is lost", colour)
         if np.isfinite(ratio).any() and np.nanargmax(ratio) < len(run) - 1:
             peak = int(np.nanargmax(ratio))
             axes[0].plot(strain.iloc[peak], ratio[peak], "o", color=colour, markerfacecolor="white")
         # Cone of unstable directions of (11, 22), a band around its axis.
-        cone = run[run["cone_status"] == "open"]
+        cone = cones[cones["set"] == name]
         middle, half = cone["cone_axis_deg"], 0.5 * cone["cone_opening_deg"]
         for turn in (-180.0, 0.0, 180.0) if len(cone) else ():
             band = middle - half + turn, middle + half + turn
-            shown: Any = {"color": colour, "label": label if turn == 0.0 else None}
-            axes[3].fill_between(100.0 * cone["strain"], *band, alpha=0.3, linewidth=0, **shown)
-    for ax, (_, label) in zip(axes, quantities, strict=False):
+            axes[3].fill_between(
+                100.0 * cone["strain"], *band, color=colour, alpha=0.3, linewidth=0
+            )
+    for ax, (_, _, label) in zip(axes, quantities, strict=False):
         ax.set_ylabel(label)
-        lost = strain[run["failed"].diff() > 0]
-        for ax in axes[:3]:
-            edge_ticks(ax, lost, colour=colour)
     for ax in axes[1:3]:
         ax.axhline(0.0, color=GREY, linewidth=0.6)
-    axes[3].set_ylabel("strain directions, $W_2 < 0$ (degrees)")
-    axes[3].set_ylim(0.0, 180.0)
-    axes[3].set_yticks(range(0, 181, 45))
     for ax in axes:
-        ax.set_xlabel("axial strain since confinement (%)")
-        ax.set_xlim(0.0, axes[0].get_xlim()[1])
-    axes[0].legend(loc="best")
-    if axes[3].get_legend_handles_labels()[0]:
-        axes[3].legend(loc="best")
-    else:
-        say_empty(axes[3], "no direction of negative\nsecond-order work")
+        ax.set(xlabel="axial strain (%)", xlim=(0.0, axes[0].get_xlim()[1]))
+    if len(cones):
+        axes[3].set(ylabel="strain directions, $W_2 < 0$ (degrees)", ylim=(0.0, 180.0))
+        axes[3].set_yticks(range(0, 181, 45))
+    figure_key(figure, axes[0], ncols=3)
     return figure

@@ -26,6 +26,7 @@ from studies.paths.followed import Followed, follow_loop
 from studies.paths.options import LoopOptions, ProgrammeName, loop_options
 from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
+from studies.snapshot.summary import JUDGE_TITLES
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, PLACE, STABILITY, loop_columns
 from studies.study import Drawings
 from studies.study import study as results_in
@@ -219,6 +220,6 @@ def draw_closures(found: LoopStudy, ax: Axes) -> None:
         # In the packing the stated error is a share of the operator's norm.
         error = closures["error"].where(closures["closure"] != PLACE, 0.0)
         look: Any = {"fmt": marker, "color": colour, "label": label, "capsize": 2.0}
-        ax.errorbar(closures[name], closures["closure"], xerr=error, **look)
+        ax.errorbar(closures[name], closures["closure"].map(JUDGE_TITLES), xerr=error, **look)
     ax.set(xlabel="eigenvalues of $K_s$ over the mean $k_n$ (–)", ylim=(len(closures) - 0.5, -0.5))
     outer_legend(ax, "upper center", (0.5, 0.0), 4.5, ncols=3)

@@ -10,15 +10,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from loops.arrays import Floats
 from patterns import Snapshot
 from stability.packing import Probe, Sustained
+from studies.evolve import open_loops
 from studies.output import Summary
-from studies.snapshot.figures import draw_values, loop_drawer
+from studies.snapshot.figures import draw_scaled, draw_values, loop_drawer
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -44,6 +45,8 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
+# Directions below which no line joins their points.
+FEW_DIRECTIONS = 24
 # Volumes that change by less than this share of what is driven are rounding.
 ROUNDED_VOLUME = 1e-6
 # Loads below this share of the largest load are drawn at the centre.
@@ -110,11 +113,8 @@ def response_envelope(found: Probe, kn: float, ax: Axes) -> None:
     ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     unknown = int(np.count_nonzero(~found.determined))
-    if unknown:
-        told = f"no answer in\n{unknown} of {len(found.theta)} directions"
-        look: Any = {"ha": "right", "va": "bottom", "color": GREY, "fontsize": 7}
-        ax.text(1.0, 0.01, told, transform=ax.transAxes, **look)
-    outer_legend(ax, "lower center", (0.5, 1.0), 0.3, ncols=3, columnspacing=1.0)
+    told = f"no answer in {unknown} of {len(found.theta)} directions" if unknown else ""
+    outer_legend(ax, "lower center", (0.5, 1.0), 0.3, ncols=3, columnspacing=1.0, title=told)
 
 
 @panel(height=3.5, projection="polar")
@@ -126,7 +126,8 @@ def polar_work(found: Probe, ax: PolarAxes) -> None:
     theta, radius = found.theta, RADIUS + found.normalised
     if found.subspace == "diagonal":
         order = np.append(np.argsort(theta), np.argmin(theta))
-        ax.plot(theta[order], radius[order], "o-", color=BLUE, markersize=2.2, linewidth=1.0)
+        line = "o" if len(theta) < FEW_DIRECTIONS else "o-"
+        ax.plot(theta[order], radius[order], line, color=BLUE, markersize=2.2, linewidth=1.0)
     else:
         dots = ax.scatter(theta, radius, c=found.directions[:, 2], s=6, cmap=SEQUENTIAL)
         figure_of(ax).colorbar(
@@ -137,11 +138,11 @@ def polar_work(found: Probe, ax: PolarAxes) -> None:
     driven = "H" if found.control == "strain" else "P"
     ax.set_ylim(0.0, RADIUS + 1.05)
     polar_grid(ax, [1.0, 2.0, 3.0], ["−1", "0", "1"], 112.5)
-    note = f"; x: {len(unknown)} undetermined" if len(unknown) else ""
+    note = f"\n×: {len(unknown)} of {len(theta)} undetermined" if len(unknown) else ""
     share = f"{100 * found.unstable_fraction:.2g} %" if found.determined.any() else "unknown share"
     ax.set_title(
-        rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$, degrees{note}"
-        f"\n$w_2 < 0$ in {share} of directions"
+        rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$ (degrees)"
+        f"\n$w_2 < 0$ in {share} of directions{note}"
     )
 
 
@@ -184,9 +185,12 @@ def path_figures(
 ) -> Drawings:
     """Every figure of a path by name."""
     yield "stress_strain", lambda: stress_and_volume(tables, summary["driven"])
-    if summary["forecast"] is not None:
+    computed = tables.get("forecast", pd.DataFrame()).filter(regex="_(events|replay)$")
+    if computed.notna().any(axis=None):
         yield "forecast", lambda: dem_comparison_figure(tables, summary["driven"])
     yield "map", lambda: work_maps(snapshot, tables["loops"], summary)
+    if summary["opened"] and len(found.way.turns) > 1:
+        yield "back", lambda: loops_that_come_back(snapshot, found, tables)
 
 
 @styled()
@@ -195,7 +199,7 @@ def stress_and_volume(tables: dict[str, pd.DataFrame], driven: str) -> Figure:
     path, events = tables["path"], tables["events"]
     figure, ((stress, volume),) = new_panels(1, 2, 2.7)
     _draw_stresses(stress, path, driven)
-    volume.plot(path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
+    draw_cycle(volume, path["driven"], path["H11"] + path["H22"], color=BLUE, label="path")
     dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4}
     ring: dict[str, Any] = {"linestyle": "none", "marker": "o", "fillstyle": "none"}
     for name, look in (("replay", dots), ("dem", ring)):
@@ -231,7 +235,7 @@ def dem_comparison_figure(tables: dict[str, pd.DataFrame], driven: str) -> Figur
     for number, k in enumerate(np.flatnonzero(table["drop"])):
         look = {"color": GREY, "alpha": 0.25, "linewidth": 0}
         stress.axvspan(at[k], at[k + 1], label="_" * (number > 0) + "drop in the DEM", **look)
-    stress_label = f"$P_{{{driven[1:]}}}$ - {start:.4g} (force/length)"
+    stress_label = f"$P_{{{driven[1:]}}} - {start:.4g}$ (force/length)"
     for ax, label in ((stress, stress_label), (volume, CHANGE_OF_AREA)):
         over_driven(ax, driven, label, " from the start of the forecast")
     return figure
@@ -244,24 +248,33 @@ def _stress_looks(driven: str) -> dict[str, tuple[str, str]]:
 
 
 def _draw_stresses(ax: Axes, path: pd.DataFrame, driven: str) -> None:
-    """Changes of both normal stresses along the path, and of a shear stress that is driven.
-
-    Dots mark where a cycle turns.
-    """
-    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(path["driven"]))))
-    dots: Any = {"marker": "o", "markersize": 3.5, "markevery": turns}
+    """Changes of both normal stresses along the path, and of a shear stress that is driven."""
     for name, (colour, style) in _stress_looks(driven).items():
         start = path[name].iloc[0]
         label = f"${name[0]}_{{{name[1:]}}}$, from {start:.4g}"
-        ax.plot(path["driven"], path[name] - start, style, color=colour, label=label, **dots)
+        draw_cycle(ax, path["driven"], path[name] - start, style, color=colour, label=label)
     over_driven(ax, driven, "change of nominal stress\n(force/length)")
 
 
+def draw_cycle(ax: Axes, driven: Any, values: Any, style: str = "-", **look: Any) -> None:
+    """Draw a quantity over the driven one: dots where a cycle turns, arrows along its legs."""
+    x, y = np.asarray(driven), np.asarray(values)
+    ax.plot(x, y, style, **look)
+    turns = 1 + np.flatnonzero(np.diff(np.sign(np.diff(x))))
+    if len(turns):
+        ax.plot(x[turns], y[turns], "o", color=look["color"], markersize=3.5)
+    for leg in np.split(np.arange(len(x)), turns) if len(turns) else ():
+        at, to = leg[len(leg) // 2 + np.array([-1, 0])]
+        arrow = {"arrowstyle": "-|>", "color": look["color"], "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", (x[to], y[to]), (x[at], y[at]), arrowprops=arrow)
+
+
 def over_driven(ax: Axes, driven: str, label: str, since: str = "") -> None:
-    """Label axes over the driven component, with a key."""
+    """Label axes over the driven component, with a key if there are several curves."""
     ax.set(xlabel=driven_change(driven) + since, ylabel=label)
-    ax.ticklabel_format(axis="x", scilimits=(-3, 3))
-    ax.legend()
+    ax.ticklabel_format(scilimits=(-3, 3))
+    if len(ax.get_legend_handles_labels()[0]) > 1:
+        ax.legend()
 
 
 def driven_change(driven: str) -> str:
@@ -304,9 +317,28 @@ def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figu
     label = r"$W_2$ / mean $k_n$"
     draw_values(draw, work, loops["W2"].to_numpy() / summary["mean_kn"], label, signed=True)
     driven = summary["driven"]
-    begun = np.abs(loops["negative_from"].to_numpy())
-    label = f"size of {driven_change(driven)} where $W_2$ is first negative"
+    begun = loops["negative_from"].to_numpy()
+    label = f"{driven_change(driven)} where $W_2$ is first negative"
+    if not (begun > 0.0).any():
+        begun, label = -begun, f"$-${label}"
     draw_values(draw, first, begun, label)
+    return figure
+
+
+@styled()
+def loops_that_come_back(snapshot: Snapshot, found: Any, tables: dict[str, pd.DataFrame]) -> Figure:
+    """Loops that lose a contact in a cycle, some to have it again; their share along the cycle."""
+    figure, ((left, right),) = new_panels(1, 2, 3.0)
+    loops, share = tables["loops"], 100.0 * open_loops(found.way, found.scene).mean(axis=1)
+    number = np.select([loops["back"], loops["open_from"].notna()], [1, 2], 0)
+    colours = ListedColormap([LIGHT_GREY, GREEN, VERMILION])
+    bar = draw_scaled(loop_drawer(snapshot), left, number, colours, Normalize(-0.5, 2.5))
+    kinds = ("closed\nthroughout", "open,\nback", "open\nat the end")
+    counts = np.bincount(number, minlength=3)
+    bar.set_ticks(range(3), labels=[f"{k}: {n}" for k, n in zip(kinds, counts, strict=True)])
+    draw_cycle(right, tables["path"]["driven"], share, color=BLUE)
+    over_driven(right, found.driven, "loops with an open contact (%)")
+    right.set_ylim(bottom=0.0)
     return figure
 
 
@@ -367,7 +399,7 @@ def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
     size = np.sqrt(sum(paths[f"H{ij}"] ** 2 for ij in ("11", "12", "21", "22")))
     # The start is at minus infinity: a line from there would look like a snap.
     size = size.where(size > 0)
-    shown = set()
+    shown, ends = set(), []
     for angle, status in zip(np.degrees(found.theta), found.status, strict=True):
         own = paths["theta_deg"] == angle
         marker, colour, label = LOAD_LOOKS[status]
@@ -378,8 +410,14 @@ def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
         shown.add(status)
         end = size[own].iloc[-1], paths["load"][own].iloc[-1]
         ax.plot(*end, marker, color=colour, markersize=4)
-        look: Any = {"textcoords": "offset points", "fontsize": 6, "rotation": 60}
-        ax.annotate(f"{angle:.0f}°", end, (1, 3), **look)
+        ends.append((*end, f"{angle:.0f}°", status == "held"))
+    # Names stand above ends at the largest load, others on the right, apart from one another.
+    height = -np.inf
+    for strain, load, name, held in sorted(ends, key=lambda end: end[1]):
+        height = load if held else max(load, height + 0.045 * found.largest)
+        look: Any = {"ha": "center", "va": "bottom"} if held else {"ha": "left", "va": "center"}
+        place = (strain, load + 0.03 * found.largest) if held else (1.1 * strain, height)
+        ax.text(*place, name, fontsize=6, **look)
     ax.set(xlabel=r"strain $|H|$ (–)", ylabel="load (force/length)", xscale="log")
     ax.legend()
     return figure

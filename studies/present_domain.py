@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,6 +60,9 @@ ENDS: dict[str, tuple[str, str, str]] = {
 }
 # Programmes if none are asked for: of blocked spins and linear springs, and of others.
 MANY, FEW = 361, 61
+# The strain at the end of programmes jumps if its step is so many times that around, and more than
+# this share of the largest one.
+JUMP, LEAST_JUMP = 5.0, 0.02
 RAYS = 24  # programmes that are drawn as lines
 FINE = 1440  # directions of strain in which the work of an unstable state is looked at
 IDENTITY = np.eye(2)
@@ -302,7 +306,7 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
     if found.status == "unstable":
         _draw_present(found, ax, origin, IDENTITY if plane == "strain" else found.tangent)
     else:
-        _draw_ends(found, ax, origin, ["E1", "E2"] if plane == "strain" else ["s1", "s2"])
+        _draw_ends(found, ax, origin, plane)
     label = f"present state, {found.status}" if found.all_around else "no load"
     ax.plot(*origin, "P", color=BLACK, markersize=5, label=label)
     unit = " (–)" if plane == "strain" else f" ({found.stress_unit})"
@@ -317,30 +321,52 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
     return ax
 
 
-def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, names: list[str]) -> None:
-    """Ends of the programmes as a closed line, a fan of programmes, and the first yields."""
+def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, plane: str) -> None:
+    """Ends of the programmes as a line, the programmes where they are straight, first yields."""
+    names = ["E1", "E2"] if plane == "strain" else ["s1", "s2"]
     points, kind = found.rows[names].to_numpy(dtype=float), found.rows["kind"].to_numpy()
-    step = max(1, len(points) // RAYS)
-    rays = [np.stack([origin, point]) for point in points[::step]]
-    ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
-    known = np.isfinite(points).all(axis=1)
-    known &= np.roll(known, -1)
-    known[-1] &= found.all_around
+    if found.control == plane:  # in the other plane programmes are curves
+        rays = [np.stack([origin, point]) for point in points[:: max(1, len(points) // RAYS)]]
+        ax.add_collection(LineCollection(rays, colors=LIGHT_GREY, linewidths=0.5, zorder=0))
     for name, (colour, style, text) in ENDS.items():
-        runs = true_runs(known & (kind == name))
-        if runs:
-            # Joined, so that dashes go on from one programme to the next.
-            closed = np.vstack([points, points[:1]])
-            lines = [closed[run.start : run.stop + 1] for run in runs]
-            ax.add_collection(LineCollection(lines, colors=colour, linestyles=style,
-                                             linewidths=1.3))  # fmt: skip
+        if (kind == name).any():
+            lines: Any = stretches(found.rows, names, kind == name)
+            look: Any = {"colors": colour, "linestyles": style, "linewidths": 1.3}
+            ax.add_collection(LineCollection(lines, capstyle="round", **look))
             share = 100.0 * np.mean(kind == name)
-            ax.plot([], [], style, color=colour, label=f"{text} ({share:.0f} %)")
+            ax.plot([], [], style, color=colour, label=f"{text} ({share:.2g} %)")
     inside = found.yields[names].to_numpy(dtype=float)
     # Contacts that slide from the start yield in the present state itself.
-    inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.ptp(points[known])]
+    inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.nanmax(np.ptp(points, axis=0))]
     if len(inside):
         ax.plot(*inside.T, ".", color=GREEN, markersize=2.5, label="a contact yields")
+
+
+def goes_on(rows: pd.DataFrame) -> Flags:
+    """Whether the border of a domain goes on from each programme to the next one in a circle.
+
+    It is interrupted where programmes are missing or their ends unknown, and where the strain at
+    the end jumps: by far more than at the programmes around, and by more than a little.
+    """
+    reach, angle = (np.hypot(rows["E1"], rows["E2"]).to_numpy(), rows["programme_deg"].to_numpy())
+    step, turn = np.abs(np.roll(reach, -1) - reach), np.mod(np.roll(angle, -1) - angle, 360.0)
+    around = pd.Series(np.concatenate([step[-3:], step, step[:3]]))
+    usual = around.rolling(7, center=True, min_periods=1).median().to_numpy()[3 : 3 + len(step)]
+    least = LEAST_JUMP * np.nanmax(reach, initial=0.0)
+    on: Flags = (step <= JUMP * usual + least) & (turn < 1.5 * np.median(turn))
+    return on
+
+
+def stretches(rows: pd.DataFrame, names: list[str], kept: Flags) -> list[Floats]:
+    """Lines of the border of a domain through the programmes kept, each up to the next one.
+
+    A programme on its own, interrupted on both sides, is a dot.
+    """
+    points, on = rows[names].to_numpy(dtype=float), goes_on(rows)
+    closed = np.vstack([points, points[:1]])
+    alone = kept & ~on & ~np.roll(on, 1)
+    lines = [closed[run.start : run.stop + 1] for run in true_runs(kept & on)]
+    return lines + [points[[k, k]] for k in np.flatnonzero(alone)]
 
 
 def _draw_present(found: LoopDomain, ax: Axes, origin: Floats, map_strain: Floats) -> None:

@@ -18,6 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.projections.polar import PolarAxes
 
 from loops import InputError
@@ -33,6 +35,9 @@ LINE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 # Continuous maps that keep their order with any colour vision and in grey.
 SEQUENTIAL = "cividis"
 DIVERGING = "PuOr"
+
+# A white edge around letters over lines.
+WHITE_EDGE: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="white")]
 
 # Widths of one and of two columns of a journal, 86 and 178 mm, in inches.
 ONE_COLUMN = 86 / 25.4
@@ -208,6 +213,11 @@ def shade_sectors(ax: PolarAxes, ranges: Any, reach: float, alpha: float) -> Non
         ax.fill_between(arc, 0.0, reach, color=ORANGE, alpha=alpha, linewidth=0)
 
 
+def tick_labels(ticks: Any) -> list[str]:
+    """Numbers with a minus sign, not a hyphen."""
+    return [f"{tick:.3g}".replace("-", "\N{MINUS SIGN}") for tick in ticks]
+
+
 def key_columns(figure: Figure, wide: int) -> int:
     """Columns of a key below a figure: so many in two columns of a journal, two in one."""
     return wide if figure.get_figwidth() > 1.5 * ONE_COLUMN else min(wide, 2)
@@ -242,6 +252,9 @@ def drawn_file(
         canvas = FigureCanvasAgg(fig)
         if (engine := fig.get_layout_engine()) is not None:
             # By `savefig` everything would be drawn once more for the layout.
+            if any(ax.get_aspect() == 1.0 and ax.name == "rectilinear" for ax in fig.axes):
+                # With room for what axes of equal units need: their labels would be cut.
+                fig.set_layout_engine(engine := ConstrainedLayoutEngine(compress=True))
             engine.execute(fig)
             fig.set_layout_engine(None)
         if kind != "png":

@@ -15,7 +15,6 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from matplotlib.patheffects import withStroke
 
 from loops import Regime
 from loops.arrays import Floats, Integers, Regimes, true_runs
@@ -47,11 +46,14 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
+    WHITE_EDGE,
     axes_or_new,
+    figure_key,
     figure_of,
     key_columns,
     new_figure,
     new_panels,
+    outer_legend,
     panel,
     say_empty,
     styled,
@@ -62,12 +64,14 @@ SHARE_WORDS = {
     "unstable_deg": "$w_2 < 0$", "several_deg": "several solutions", "none_deg": "no solution"
 }  # fmt: skip
 HOLLOW: Any = {"markerfacecolor": "none", "markersize": 6}
+# Marks around a point, above those of the named states.
+RING: Any = {"markerfacecolor": "none", "zorder": 4}
 SUBSPACE_MARKERS = {"diagonal": "o", "symmetric": "x", "full": "+"}
 STRAIN_LABEL = r"axial strain $E_1$ (–)"
 DASHED: Any = (0, (4, 3))
 REGIME_COLOURS = {Regime.ELASTIC: BLUE, Regime.SLIDING: VERMILION, Regime.OPEN: LIGHT_GREY}
 REGIME_NAMES = {Regime.ELASTIC: "sticking", Regime.SLIDING: "sliding", Regime.OPEN: "open"}
-EVENT_MARKS = {"yield": ("v", "contacts yield"), "opening": ("D", "contacts open")}
+EVENT_MARKS = {"yield": ("v", 8, "contacts yield"), "opening": ("D", 6, "contacts open")}
 # Width of the largest force (points).
 FORCE_WIDTH = 4.0
 # Length of its arrow, in diameters of a grain.
@@ -130,12 +134,13 @@ def draw_stress(found: Followed, ax: Axes) -> None:
             ax.plot(E1, np.where(rows, found.s1, np.nan), color=colour, label=label)
     peak = found.peak
     if peak is not None:
-        ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, markerfacecolor="white", label="peak")
+        ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, label="peak", **RING | {"markersize": 11})
     if not diamond:  # whose B is the yield of all contacts
-        for kind, (marker, label) in EVENT_MARKS.items():
+        for kind, (marker, size, label) in EVENT_MARKS.items():
             at = [event.index for event in found.path.events if event.kind == kind]
             if at:
-                ax.plot(E1[at], found.s1[at], marker, color=GREY, markersize=3.5, label=label)
+                look = RING | {"markersize": size}
+                ax.plot(E1[at], found.s1[at], marker, color=GREY, label=label, **look)
     over_strain(found, ax, found.s1, "stress over $k_n$ (–)", 0.16)
     above: Any = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 2}
     ax.legend(**({"loc": "best"} if diamond else above))
@@ -175,8 +180,6 @@ def draw_cone(found: Followed, ax: Axes) -> None:
             label="instability cone" if first and np.isfinite(half).any() else None,
         )  # fmt: skip
         first = False
-    if not np.isfinite(half).any():
-        ax.set_title("no instability cone in (11, 22) on this path")
     direction = np.degrees(alpha_e(np.arctan2(found.direction[:, 1], found.direction[:, 0])))
     ax.plot(E1, direction, color=BLUE, label="loading direction")
     for name, row in found.marks.items():
@@ -185,7 +188,8 @@ def draw_cone(found: Followed, ax: Axes) -> None:
             write_above(ax, E1[row], name, fontweight="bold")
     ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
-    ax.legend(loc="lower left")
+    none = "" if np.isfinite(half).any() else "no instability cone in (11, 22) on this path"
+    outer_legend(ax, "lower center", (0.5, 1.0), 2.0, ncols=2, title=none)
 
 
 @panel(4.2, 2.8)
@@ -212,11 +216,10 @@ def over_strain(
         if marked is None or name in ("start", "end"):
             continue
         ax.plot(at, marked[row], "o", color=BLACK, zorder=3)
-        text = ax.annotate(
+        ax.annotate(
             name, (at, marked[row]), (0, 5), textcoords="offset points", fontweight="bold",
-            ha="center", va="bottom",
+            ha="center", va="bottom", path_effects=WHITE_EDGE,
         )  # fmt: skip
-        text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
     parts = [] if found.gaps is None else overlaps(found.E1, np.minimum(*found.gaps))
     for first, last in parts:
         ax.axvspan(first, last, color=LIGHT_GREY, alpha=0.45, linewidth=0.0, zorder=0)
@@ -272,8 +275,8 @@ def draw_polar_figure(found: Followed) -> Figure:
             dashed += ax.plot(*closed.T, color=ORANGE, linewidth=0.9, linestyle=style)
         told = [f"{words}: {degrees[kind]:.1f}°" for kind, words in SHARE_WORDS.items()
                 if kind == "unstable_deg" or degrees[kind] > 0.0]  # fmt: skip
-        look: Any = {"ha": "center", "va": "top", "color": GREY, "fontsize": 6}
-        ax.text(0.0, -0.2 * RADIUS, "\n".join(told), **look)
+        look: Any = {"ha": "center", "va": "top", "color": BLACK, "fontsize": 6}
+        ax.text(0.0, -0.2 * RADIUS, "\n".join(told), path_effects=WHITE_EDGE, **look)
         ax.label_outer()
     if dashed:
         words = "regimes that the direction activates", "contacts at yield slide in every direction"
@@ -298,8 +301,9 @@ def draw_polar(diagram: PolarDiagram, ax: Axes, name: str = "") -> None:
         ax.fill(*outline.T, facecolor=VERMILION, alpha=0.35, linewidth=0.0)
     ax.plot(*circle.T, color=GREY, linewidth=0.8, linestyle=(0, (3, 2)))
     ax.plot(*closed.T, color=BLUE)
-    ax.text(0.0, 0.0, name, ha="center", va="center", fontweight="bold", color=BLACK)
-    ax.text(0.0, -0.93 * RADIUS, "$w_2 = 0$", ha="center", color=GREY, fontsize=6)
+    look: Any = {"ha": "center", "va": "center", "path_effects": WHITE_EDGE}
+    ax.text(0.0, 0.0, name, fontweight="bold", color=BLACK, **look)
+    ax.text(0.0, -0.93 * RADIUS, "$w_2 = 0$", color=GREY, fontsize=6, **look)
     ax.set(xlim=(-3.15, 3.15), ylim=(-3.15, 3.15), aspect="equal")
     ax.set(xticks=[-2, 0, 2], yticks=[-2, 0, 2])
     ax.set(xlabel=r"$(2 + w_2)\,\cos\alpha_E$ (–)", ylabel=r"$(2 + w_2)\,\sin\alpha_E$ (–)")
@@ -485,26 +489,23 @@ def draw_split(found: Followed) -> Figure:
         (r"$K_\mathrm{mat}$, of the contacts", BLUE, DASHED, material),
         (r"$K_\mathrm{geo}$, of their forces", VERMILION, DASHED, geometric),
     )
-    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        ax = axes[f"{i + 1}{j + 1}"]
+    for place, ax in axes.items():
         ax.axhline(0.0, color=GREY, linewidth=0.6)
-        for label, colour, _, part in named:
-            ax.plot(E1, found.broken(part[:, i, j]), color=colour, label=label)
-        ax.set(title=f"entry {i + 1}{j + 1} (–)", xlim=(0.0, None))
-        ax.set(xlabel=STRAIN_LABEL if i == 1 else "")
-    fig.legend(*axes["11"].get_legend_handles_labels(), loc="outside lower left", ncols=3)
-    # `K12 - K21` and its two sources, (29) and (30), (31).
-    ax = axes["n"]
-    ax.axhline(0.0, color=GREY, linewidth=0.6)
-    for label, colour, style, part in named:
-        skew = part[:, 0, 1] - part[:, 1, 0]
-        skew = np.where(np.abs(skew) <= RTOL * operator_norm(found.K), 0.0, skew)
-        ax.plot(E1, found.broken(skew), color=colour, linestyle=style, label=label)
-    for row in found.jumps:
-        ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0)
-    ax.set(title="nonsymmetry $K_{12} - K_{21}$ (–)", xlabel=STRAIN_LABEL, xlim=(0.0, None))
-    ax.margins(y=0.25)
-    ax.legend(loc="best")
+        for row in found.jumps:
+            ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0, label="regimes change")
+        for label, colour, style, part in named:
+            if place == "n":  # K12 - K21 and its two sources, (29) and (30), (31)
+                values = part[:, 0, 1] - part[:, 1, 0]
+                rounding = RTOL * operator_norm(found.K)
+                values = np.where(np.abs(values) <= rounding, 0.0, values)
+            else:
+                values = part[:, int(place[0]) - 1, int(place[1]) - 1]
+            ax.plot(E1, found.broken(values), color=colour, linestyle=style, label=label)
+        ax.set(title=f"entry {place} (–)", xlim=(0.0, None))
+        ax.set(xlabel=STRAIN_LABEL if place[0] != "1" else "")
+    axes["n"].set_title("nonsymmetry $K_{12} - K_{21}$ (–)")
+    axes["n"].margins(y=0.1)
+    figure_key(fig, axes["n"], ncols=key_columns(fig, 4))
     return fig
 
 
@@ -586,7 +587,7 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
         works.plot(table["alpha_deg"], table[route], color=colour, label=label)
         works.plot(
             table["alpha_deg"].iloc[points], table[f"{route}_integrated"].iloc[points], "o",
-            color=colour, markerfacecolor="white", markersize=3.5,
+            color=colour, markerfacecolor="white", markersize=3.5, clip_on=False,
         )  # fmt: skip
     works.plot([], [], "o", color=GREY, markerfacecolor="white", label="rate law integrated")
     works.set(xlabel=r"turn $\alpha$ (degrees)", ylabel=r"work over $k_n l^2$ (–)", xlim=(0, 45))

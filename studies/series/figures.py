@@ -72,6 +72,7 @@ from studies.style import (
     panel,
     say_empty,
     styled,
+    tick_labels,
     write_animation,
 )
 
@@ -119,7 +120,8 @@ def orders_over_strain(evolution: pd.DataFrame) -> Figure:
             values = _column(evolution, f"{kind}_{3 + n}")
             ax.plot(strain, values, marker=marker, color=colour, label=f"order {group}")
         ax.set(xlabel=strain_label, title=title)
-    figure.axes[0].set(ylabel="share of the loops", ylim=(0, None))
+        ax.locator_params(axis="x", nbins=6)
+    figure.axes[0].set(ylabel="share of the loops (–)", ylim=(0, None))
     figure_key(figure, at="upper center", ncols=3)
     return figure
 
@@ -135,7 +137,7 @@ def fates_over_strain(evolution: pd.DataFrame, ax: Axes) -> None:
         ax.bar(place, share, 0.6, bottom=bottom, color=colour, label=name)
         bottom = bottom + share
     born = 100 * _column(evolution, "born")[1:] / total
-    ax.plot(place, born, "x", color=VERMILION, label="born, over\nearlier loops")
+    ax.plot(place, born, "x", color=VERMILION, clip_on=False, zorder=3, label="born")
     if not bottom.any() and not born.any():
         say_empty(ax, "every loop survived every interval")
     # Fewer than four bars keep the width of four.
@@ -143,7 +145,7 @@ def fates_over_strain(evolution: pd.DataFrame, ax: Axes) -> None:
     ax.set(xlim=(place[0] - wide, place[-1] + wide), ylim=(0, None))
     ax.set_xticks(place[:: len(place) // 12 + 1])
     ax.set(xlabel="interval, by its later snapshot", ylabel="share of the earlier loops (%)")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="did not survive")
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 @panel(4.6, 3.9)
@@ -349,18 +351,23 @@ def _balance(ax: Axes, table: pd.DataFrame) -> None:
     ax.plot([0, top], [0, top], color=GREY, linewidth=0.8, label="balance")
     for order, colour in MERGED.items():
         rows = merged == order
-        ax.errorbar(
-            closed[rows], opened[rows], np.sqrt(opened[rows]), np.sqrt(closed[rows]), fmt="o",
-            color=colour, markersize=3.5, elinewidth=0.6,
-            label=f"order {order}{'+' if order == last else ''}",
-        )  # fmt: skip
+        x, y = closed[rows], opened[rows]
+        if len(x):
+            # Below zero there are no counts.
+            dy, dx = ([np.minimum(np.sqrt(n), n), np.sqrt(n)] for n in (y, x))
+            ax.errorbar(
+                x, y, dy, dx, fmt="o", color=colour, markersize=3.5, elinewidth=0.6,
+                label=f"order {order}{'+' if order == last else ''}",
+            )  # fmt: skip
     for m, n, x, y, p in zip(
         table["order_1"], table["order_2"], closed, opened, table["balance_p"], strict=True
     ):
         if p < 0.01 and x > 0 and y > 0:
             ax.annotate(f"{m}+{n}", (x, y), (3, 3), textcoords="offset points", color=BLACK,
                         fontsize=6)  # fmt: skip
-    ax.set(xscale="symlog", yscale="symlog", xlim=(0, top), ylim=(0, top), aspect="equal")
+    # Whole points at zero, where the scale is linear.
+    limits = -0.3, top
+    ax.set(xscale="symlog", yscale="symlog", xlim=limits, ylim=limits, aspect="equal")
     ticks = [0] + [k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000) if k <= top]
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_ticks(ticks if len(ticks) < 9 else [0, *(10**k for k in range(5) if 10**k <= top)])
@@ -415,9 +422,10 @@ def buckling(found: Summary, ax: Axes) -> None:
     looks = {"lost": ("o", VERMILION, "lost"), "negative_W2": ("s", BLUE, "survive with $W_2 < 0$")}
     for k, (name, (marker, colour, label)) in enumerate(looks.items()):
         shares = [found[place][name] for place in places]
-        mean, error = ([100.0 * one[key] for one in shares] for key in ("mean", "std_error"))
+        mean, error = np.array([[one["mean"], one["std_error"]] for one in shares], float).T * 100
+        mean[np.isnan(error)] = np.nan  # of one loop
         ax.errorbar(at + 0.16 * k - 0.08, mean, error, fmt=marker, color=colour, label=label)
-    named = [f"{place}\n{found[place]['loops']} loops,\nmean order {found[place]['mean_order']:.2f}"
+    named = [f"{place}\n{{loops}} loops,\nmean order {{mean_order:.2f}}".format(**found[place])
              for place in places]  # fmt: skip
     ax.set_xticks(at, labels=named)
     ax.set(ylabel="share of the loops (%)", xlim=(-0.5, len(places) - 0.5))
@@ -429,7 +437,7 @@ def regions_over_intervals(table: pd.DataFrame) -> Figure:
     """Shares of the loops lost, and of the others with negative work, by interval and region."""
     shares = {"survived": "lost (%)", "negative": "survive with $W_2 < 0$ (%)"}
     shown = [name for name in shares if name in table]
-    figure, (panels,) = new_panels(1, len(shown), 2.7)
+    figure, (panels,) = new_panels(1, len(shown), 2.7, ONE_COLUMN * len(shown))
     every = table[table["orders"] == "all"]
     for k, (place, rows) in enumerate(every.groupby("place", sort=False)):
         for ax, name in zip(panels, shown, strict=True):
@@ -564,7 +572,7 @@ def animate_series(
         bar = figure.colorbar(colours, ax=axes[1], shrink=0.75, extend="both")
         low, high = colours.get_clim()
         ticks = [low, 0.0, 0.5 * high, high]
-        bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
+        bar.set_ticks(ticks, labels=tick_labels(ticks))
         bar.set_label(r"smallest eigenvalue of $K_s$ / mean $k_n$")
     return write_animation(folder, figure, map(show, rest), source)
 
@@ -602,7 +610,7 @@ def work_signs(increments: Mapping[str, Any]) -> Figure:
     for ax in axes[1]:
         ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
     for ax in axes[:, 0]:
-        ax.set_ylabel("survived loops")
+        ax.set_ylabel("number of survived loops")
     figure_key(figure, ncols=2)
     return figure
 
@@ -706,10 +714,11 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
     for ax, (title, values) in zip(axes, panels.items(), strict=True):
         draw(ax, values, palette, scale)
         ax.set_title(title)
+        ax.label_outer()
     colours = ScalarMappable(scale, palette)
     bar = figure_of(axes[0]).colorbar(colours, ax=axes, shrink=0.75, extend="both")
     ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low < tick < high]
-    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks], minor=False)
+    bar.set_ticks(ticks, labels=tick_labels(ticks), minor=False)
     bar.minorticks_off()
     bar.set_label(r"non-affinity, $|\varepsilon_l - \varepsilon|\,/\,|\varepsilon|$")
     handle = Patch(color=LIGHT_GREY, label="carries no force; did not survive the interval")

@@ -16,7 +16,6 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -66,6 +65,7 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
+    WHITE_EDGE,
     figure_of,
     key_columns,
     new_panels,
@@ -75,6 +75,7 @@ from studies.style import (
     polar_grid,
     say_empty,
     styled,
+    tick_labels,
 )
 
 # A function (axes, values of the loops, colour map, scale) that draws the loops.
@@ -98,8 +99,8 @@ PLACE_COLOURS = (VERMILION, BLUE, GREEN, PURPLE, ORANGE)
 CLOSURE_COLOURS = {"affine": BLUE, "traction": VERMILION, PLACE: BLUE}
 # Whole numbers up to which each has its own colour.
 MOST_STEPS = 12
-# Axes below which a rose has coarse bins.
-FEW_AXES = 200
+# Axes below which there is no rose, or one with coarse bins.
+LEAST_AXES, FEW_AXES = 50, 200
 # Width of these bins (degrees); it divides 180.
 COARSE_BIN = 20.0
 # Number of segments that are joined to one line with gaps.
@@ -168,14 +169,13 @@ def draw_values(
     unit, top = linear_part(known)
     low = -top if signed or (known < 0).any() else float(known.min(initial=top))
     scale = SymLogNorm(unit, vmin=low, vmax=top) if signed else Normalize(low, top)
-    ticks = np.linspace(low, top, 5)
-    if signed:
-        decades = unit * 10.0 ** np.arange(np.log10(top / unit) + 1e-9)
-        ticks = np.concatenate([-decades[::-1], [0.0], decades])
     colours = mpl.colormaps[DIVERGING if low < 0 else SEQUENTIAL]
     bar = draw_scaled(draw, ax, values, colours, scale, label=label, extend="both")
-    bar.set_ticks(ticks.tolist(), labels=[f"{tick:.2g}" for tick in ticks])
-    bar.ax.minorticks_off()
+    if signed:
+        decades = unit * 10.0 ** np.arange(np.log10(top / unit) + 1e-9)
+        ticks = [*-decades[::-1], 0.0, *decades]
+        bar.set_ticks(ticks, labels=tick_labels(ticks))
+        bar.ax.minorticks_off()
 
 
 def draw_scaled(
@@ -275,7 +275,7 @@ def snapshot_figures(
         yield "eigenvalues", lambda: eigenvalue_distribution(table, groups)
         if "region" in table:
             yield "regions", lambda: regions_figure(table, draw, groups, unstable)
-        if any(unstable[judge].any() for judge in rose_judges(table)):
+        if rose_judges(table, unstable):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary:
             at_rest, share = summary["packing_at_rest"], surroundings_share(table)
@@ -301,14 +301,15 @@ def order_bars(summary: Summary, ax: Axes) -> None:
             for kind in ("unstable_loops", "undetermined_loops")
         )
         lost = number * unstable * (1 - unknown)
-        label = f"unstable, in number\n({JUDGE_TITLES[judge]})"
+        count = round(float(np.sum(lost)) * summary["loops"])
+        label = f"unstable: {count}\n({JUDGE_TITLES[judge]})"
         ax.bar(orders - 0.2, lost, 0.4, color=VERMILION, label=label)
         if unknown.any():
             ax.bar(orders - 0.2, number * unknown, 0.4, bottom=lost, color="none", hatch="/////",
                    edgecolor=GREY, linewidth=0.4, label="without a verdict")  # fmt: skip
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")
-    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
+    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops (–)")
     ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
@@ -340,7 +341,7 @@ def eigenvalue_distribution(table: Columns, groups: Groups) -> Figure:
         ax.set_title(f"{JUDGE_TITLES[judge]}{state}\n{told}")
         ax.set_xlabel(r"$\lambda_{\min}(K_s)$ / mean $k_n$")
         ax.axvspan(low, 0.0, color=LIGHT_GREY, alpha=0.5, linewidth=0, zorder=0)
-    axes[0].set(ylim=(0, 1), ylabel="share of the loops below")
+    axes[0].set(ylim=(0, 1), ylabel="share of the loops below (–)")
     order_key(figure, table["order"])
     return figure
 
@@ -357,12 +358,12 @@ def linear_part(values: Floats) -> tuple[float, float]:
 def both_signs(ax: Axes, axis: str, values: Floats) -> float:
     """Make an axis, x or y, logarithmic but for its middle, with few ticks; return its low end."""
     unit, _ = linear_part(values)
-    low, high = 1.2 * np.nanmin(values, initial=0.0), 1.2 * np.nanmax(values, initial=unit)
+    low, high = 2.0 * np.nanmin(values, initial=0.0), 2.0 * np.nanmax(values, initial=unit)
     powers = np.arange(1 + np.log10(max(-low, high) / unit))
-    decades = unit * 10.0 ** powers[:: 1 if len(powers) < 4 else 2]
+    decades = unit * 10.0 ** powers[slice(None) if len(powers) < 4 else slice(1, None, 2)]
     ticks = [tick for tick in (*-decades[::-1], 0.0, *decades) if low <= tick <= high]
     getattr(ax, f"set_{axis}scale")("symlog", linthresh=unit)
-    getattr(ax, f"set_{axis}ticks")(ticks, labels=[f"{tick:g}" for tick in ticks])
+    getattr(ax, f"set_{axis}ticks")(ticks, labels=tick_labels(ticks))
     getattr(ax, f"set_{axis}lim")(low, high)
     return float(low)
 
@@ -497,16 +498,17 @@ def draw_errors(ax: Axes, found: Columns, **look: Any) -> None:
     ax.errorbar(both, density, error, elinewidth=0.7, **look)
 
 
-def rose_judges(table: Columns) -> tuple[str, ...]:
-    """Judges whose unstable loops have a rose: the packing at rest, else both closures."""
-    return (PLACE,) if main_judge(table) == PLACE else CLOSURES
+def rose_judges(table: Columns, unstable: dict[str, Flags]) -> list[str]:
+    """Judges whose unstable loops have a rose: the packing at rest, else closures; if not few."""
+    judges = (PLACE,) if main_judge(table) == PLACE else CLOSURES
+    return [judge for judge in judges if np.count_nonzero(unstable[judge]) >= LEAST_AXES]
 
 
 @styled()
 def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) -> Figure:
     """Directions of the unstable loops: axis of compression of the softest mode, long axis."""
     figure, (axes,) = new_panels(1, 2, 4.2, subplot_kw={"projection": "polar"})
-    unstable = {judge: judged[judge] for judge in rose_judges(table) if judged[judge].any()}
+    unstable = {judge: judged[judge] for judge in rose_judges(table, judged)}
     compression = "softest compression", "{}_soft_angle", "soft_angle"
     parts = compression, ("long axis", "orientation", "long_axis")
     for ax, (title, column, key) in zip(axes, parts, strict=True):
@@ -533,8 +535,12 @@ def unstable_rose(table: Columns, judged: dict[str, Flags], summary: Summary) ->
 
 @styled()
 def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) -> Figure:
-    """Loops cut out against in place, unstable ones by band, the surroundings' share."""
-    figure, ((left, middle, right),) = new_panels(1, 3, 2.9)
+    """Unstable loops by band, if known; loops cut out against in place; surroundings' share."""
+    shares = [one for one in (at_rest["stuck"], *at_rest["bands"]) if one and one["count"]]
+    figure, (axes,) = new_panels(1, 3 if shares else 2, 2.9)
+    left, right = axes[-2:]
+    if shares:
+        unstable_by_band(axes[0], shares)
     alone, inside = table[f"{FREE}_lambda_min"], verdicts(table, PLACE)
     where = "in its packing, at rest"
     if not at_rest["judged"]:
@@ -548,7 +554,6 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
     for line in (left.axhline, left.axvline):
         line(0.0, color=GREY, linewidth=0.6)
     left.set(xlabel="cut out, spins free", ylabel=where)
-    unstable_by_band(middle, at_rest)
     left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
     order_key(figure, table["order"])
     order = table["order"]
@@ -563,15 +568,14 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
         for ax in (left, right):
             say_empty(ax, "no loop judged in its packing")
     right.axhline(1.0, color=GREY, linewidth=0.6)
-    right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings")
+    right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings (–)")
     right.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     right.set_title(r"$1 - \mathrm{tr}\,A_\mathrm{loop} / \mathrm{tr}\,A_\mathrm{in}$")
     return figure
 
 
-def unstable_by_band(ax: Axes, at_rest: Summary) -> None:
+def unstable_by_band(ax: Axes, shares: list[Summary]) -> None:
     """Share of unstable loops at rest by the contacts that slide, and of confirmed ones."""
-    shares = [one for one in (at_rest["stuck"], *at_rest["bands"]) if one and one["count"]]
     names = [f"{1 - one['band']:.2g}" if "band" in one else "none" for one in shares]
     unstable, error = (
         100 * np.array([one[key] for one in shares]) for key in ("mean", "std_error")
@@ -581,13 +585,9 @@ def unstable_by_band(ax: Axes, at_rest: Summary) -> None:
     ax.bar(at, unstable, 0.6, yerr=error, color=SKY, ecolor=GREY, label="if all of them slide")
     ax.bar(at, confirmed, 0.6, color=VERMILION, label="confirmed")
     ax.set_xticks(at, names)
-    ax.set(xlabel="contacts within this share\nof their limit", ylabel="% of the loops")
-    ax.set_title("unstable loops at rest")
-    if not shares:
-        say_empty(ax, "withheld")
-        return
+    ax.set(xlabel="contacts within this share\nof their limit", ylabel="unstable loops at rest (%)")
     ax.set_ylim(bottom=0)
-    ax.legend(loc="upper left")
+    outer_legend(ax, "lower left", (0.0, 1.0), 0.3)
 
 
 def draw_bars(ax: Axes, density: Floats, colour: str, label: str, *, filled: bool) -> None:
@@ -607,6 +607,6 @@ def finish_rose(ax: PolarAxes, title: str, unit: str) -> None:
     # The grid is drawn above the bars, which would hide the numbers.
     ax.set_axisbelow(False)
     for label in ax.get_yticklabels():
-        label.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+        label.set_path_effects(WHITE_EDGE)
     ax.set_title(f"{title}\n{unit}")
     outer_legend(ax, "upper center", (0.5, 0.0), 2.5)

@@ -10,7 +10,7 @@ import pytest
 import grainloops as gl
 from studies.domain import LoopDomainParameters, loop_domains
 from studies.paths.options import PolygonOptions
-from studies.present_domain import ENDS, loop_domain_figure
+from studies.present_domain import ENDS, goes_on, loop_domain_figure, stretches
 from tests.command import run
 
 KAPPA, START = 0.2, 0.3
@@ -56,13 +56,16 @@ def test_every_programme_ends_once_and_is_counted(pentagon):
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
-def test_the_boundary_is_closed_and_its_line_says_what_ended_it(pentagon, plane):
+def test_the_boundary_goes_around_and_its_line_says_what_ended_it(pentagon, plane):
     ax = gl.plot.domain(pentagon, plane=plane, ax=matplotlib.figure.Figure().add_subplot())
-    lines = [path.vertices for drawn in ax.collections[1:] for path in drawn.get_paths()]
-    assert sum(len(line) - 1 for line in lines) == 72
+    # Programmes are straight in the plane of strains.
+    border = ax.collections[1:] if plane == "strain" else ax.collections
+    lines = [path.vertices for drawn in border for path in drawn.get_paths()]
+    # At 239 degrees it jumps by a fifth, from det Ks = 0 to where a programme has no continuation.
+    assert sum(len(line) - 1 for line in lines) == 71
     ends = {tuple(point) for line in lines for point in (line[0], line[-1])}
     # Each line begins where another one ends.
-    assert len(lines) == 1 or len(ends) <= len(lines) + 1
+    assert len(ends) <= len(lines) + 1
     words = [text.get_text() for text in ax.get_legend().get_texts()]
     shares = [float(word.split("(")[1].split(" ")[0]) for word in words if "%" in word]
     assert sum(shares) == pytest.approx(100.0, abs=1.5)
@@ -181,10 +184,57 @@ def test_programmes_of_a_loop_without_load_end_once_each(square):
 def test_the_figure_of_a_loop_without_load_has_its_fan_and_an_open_boundary(square, plane):
     figure = loop_domain_figure(square, plane)
     for ax, (contacts, found) in zip(figure.axes, square.items(), strict=True):
-        fan, *boundary = ax.collections
-        assert all(np.array_equal(path.vertices[0], [0.0, 0.0]) for path in fan.get_paths())
+        boundary = list(ax.collections)
+        if plane == "strain":
+            fan = boundary.pop(0)
+            assert all(np.array_equal(path.vertices[0], [0.0, 0.0]) for path in fan.get_paths())
         lines = [path.vertices for drawn in boundary for path in drawn.get_paths()]
-        assert sum(len(line) - 1 for line in lines) == len(found.rows) - 1
+        # Of the sticking one the curve of det Ks ends far within the range, on either side.
+        jumps = 2 if "never" in contacts else 0
+        assert sum(len(line) - 1 for line in lines) == len(found.rows) - 1 - jumps
         words = [text.get_text() for text in ax.get_legend().get_texts()]
         assert words[-1] == "no load" and ax.get_legend().get_title().get_text() == contacts
     figure.draw_without_rendering()
+
+
+def border(reach, **changed):
+    """Ends of programmes all around at these strains, three to a degree."""
+    angle = np.linspace(0.0, 360.0, len(reach), endpoint=False)
+    turn = np.radians(angle)
+    ends = {"E1": reach * np.cos(turn), "E2": reach * np.sin(turn), "programme_deg": angle}
+    return pd.DataFrame(ends | changed)
+
+
+def test_no_line_crosses_a_notch_of_the_border():
+    """A notch of 3 programmes, one programme alone, one of unknown end, one that is missing."""
+    reach = 1.0 + 0.3 * np.cos(np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False))
+    reach[20:23] *= 0.8
+    reach[40] *= 1.2
+    reach[60] = np.nan
+    rows = border(reach).drop(index=70)
+    on = goes_on(rows)
+    stops = [19, 22, 39, 40, 59, 60, 69]
+    assert rows.index[~on].tolist() == stops
+    lines = stretches(rows, ["E1", "E2"], np.isfinite(rows["E1"]).to_numpy())
+    assert sum(len(line) - 1 for line in lines) == len(rows) - len(stops) + 1
+    # The programme alone is a dot.
+    assert [len(line) for line in lines if np.ptp(line) == 0.0 or (line[0] == line[-1]).all()] == [
+        2
+    ]
+
+
+@pytest.mark.parametrize("corner", [0.0, 0.5])
+def test_a_border_with_corners_goes_on(corner):
+    """Of a square, and of one whose sides are bent, every programme joins the next one."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    reach = 1.0 / np.maximum(np.abs(np.cos(turn)), np.abs(np.sin(turn)) * (1.0 + corner))
+    assert goes_on(border(reach)).all()
+
+
+@pytest.mark.slow
+def test_a_hexagon_is_lost_earlier_once_its_contacts_slide():
+    """The border of the sliding hexagon has one notch, across which there is no line."""
+    options = PolygonOptions(6, kappa=0.2, phi_deg=5.0, closure="affine")
+    _, _, alone = loop_domains(LoopDomainParameters((options,), directions=91))
+    never, slides = (~goes_on(found.rows) for found in alone.values())
+    assert never.sum() == 1 and slides.sum() == 2  # the open ends of the fan are one of them

@@ -69,7 +69,24 @@ def test_rose_of_contacts_is_a_density_and_its_second_harmonic(sample):
     np.testing.assert_allclose(numbers["second_order"], at, rtol=1e-4)
 
 
-def test_rose_of_unstable_loops(sample):
+@pytest.fixture
+def few(monkeypatch):
+    """Let a few loops have a rose."""
+    monkeypatch.setattr(figures, "LEAST_AXES", 1)
+
+
+def test_fewer_than_fifty_loops_have_no_rose(sample):
+    snapshot, table, summary = sample
+    unstable = judged(table)
+    assert [np.count_nonzero(unstable[judge]) for judge in ("affine", "traction")] == [0, 7]
+    assert "directions" not in dict(snapshot_figures(snapshot, table, summary))
+    unstable["affine"][:50] = True
+    assert figures.rose_judges(table, unstable) == ["affine"]
+    unstable["affine"][:50] = False
+    assert figures.rose_judges(table, unstable) == []
+
+
+def test_rose_of_unstable_loops(sample, few):
     _, table, summary = sample
     soft, long = unstable_rose(table, judged(table), summary).axes
     for ax in (soft, long):
@@ -120,7 +137,7 @@ def test_one_scale_for_both_signs(sample):
     assert said.get_text() == f"unstable (traction, spins blocked): {lost} of {len(table['loop'])}"
 
 
-def test_roses_of_few_loops_have_errors(sample):
+def test_roses_of_few_loops_have_errors(sample, few):
     """Of n axes in a bin the density is uncertain by one over the root of n."""
     _, table, summary = sample
     ax = unstable_rose(table, judged(table), summary).axes[0]

@@ -44,7 +44,7 @@ KEYS = [
 ]
 SUMMARY_KEYS = """grains contacts dangling_grains components vertices edges faces euler_ok
 coordination loops orders mean_order area_sum stress sliding_fraction unstable_loops""".split()
-FIGURES = ("map", "orders", "fabric", "chains", "eigenvalues", "directions")
+FIGURES = ("map", "orders", "fabric", "chains", "eigenvalues")
 FILES = {
     "loops.parquet",
     "orders.parquet",
@@ -371,7 +371,7 @@ def test_a_snapshot_without_loops_still_gives_its_counts(tmp_path):
 
 def test_the_page_holds_the_figures_and_the_map(results):
     text = (results / "report.html").read_text(encoding="utf-8")
-    assert text.count("data:image/png;base64,") == 6
+    assert text.count("data:image/png;base64,") == 5
     assert "<title>Loops of grains_periodic.parquet</title>" in text
     assert 'id="map-data-0"' in text
     assert "Love-Weber" in text
