@@ -14,12 +14,12 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
-from loops.arrays import Floats
+from loops.arrays import Flags, Floats
 from patterns import Snapshot
 from stability.packing import Probe, Sustained
 from studies.evolve import open_loops
 from studies.output import Summary
-from studies.snapshot.figures import draw_scaled, draw_values, loop_drawer
+from studies.snapshot.figures import bars_by_order, draw_scaled, draw_values, loop_drawer
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -45,6 +45,8 @@ from studies.style import (
 
 # The circle of w2 = 0 of the polar diagram (Nicot et al. 2016, Fig. 11).
 RADIUS = 2.0
+# Directions from which on an envelope is a line without dots.
+MOST_DOTS = 100
 # Directions below which no line joins their points.
 FEW_DIRECTIONS = 24
 # Volumes that change by less than this share of what is driven are rounding.
@@ -95,26 +97,52 @@ def response_envelope(found: Probe, kn: float, ax: Axes) -> None:
     else:
         answers = found.strain_rate * kn, found.elastic_strain * kn
         labels = r"$H'_{11}$ · mean $k_n$", r"$H'_{22}$ · mean $k_n$"
-    parts = [values[:, [0, 1], [0, 1]] for values in answers]
-    if found.subspace == "diagonal":
-        own, elastic = (np.vstack([part, part[:1]]) for part in parts)
-        ax.plot(*elastic.T, "--", color=GREY, linewidth=1.0, label="elastic")
-        ax.plot(*own.T, "o-", color=BLUE, markersize=2.2, linewidth=1.0, label="with sliding")
+    answer, elastic = (values[:, [0, 1], [0, 1]] for values in answers)
+    if found.softest is not None:
+        look: Any = {"color": VERMILION, "markersize": 5, "label": "softest direction"}
+        ax.plot(*answer[found.softest], "D", **look)
+    closed = [*range(len(answer)), 0] if found.subspace == "diagonal" else slice(None)
+    shear = None if found.subspace == "diagonal" else found.directions[:, 2]
+    unstable = found.normalised[closed] < 0.0
+    draw_envelope(ax, elastic[closed], answer[closed], unstable, labels, shear)
+    if unknown := int(np.count_nonzero(~found.determined)):
+        legend: Any = ax.get_legend()
+        legend.set_title(f"no answer in {unknown} of {len(found.theta)} directions")
+
+
+def draw_envelope(
+    ax: Axes,
+    elastic: Floats,
+    answer: Floats,
+    unstable: Flags,
+    labels: tuple[str, str],
+    shear: Floats | None = None,
+) -> None:
+    """Draw responses in all directions, those where all contacts stick, and unstable ones.
+
+    Directions on a circle make lines; others, on a sphere, are dots coloured by their shear part.
+    """
+    look: Any = {"color": GREY, "linewidth": 1.0, "label": "all contacts stick"}
+    if shear is None:
+        ax.plot(*elastic.T, "--", **look)
+        look = {"marker": "o", "markersize": 2.2} if len(answer) < MOST_DOTS else {}
+        sliding = "contacts slide as the direction requires"
+        ax.plot(*answer.T, color=BLUE, label=sliding, **look)
+        label = "negative second-order work" if unstable.any() else "_none"
+        negative = np.where(unstable[:, None], answer, np.nan)
+        ax.plot(*negative.T, color=VERMILION, linewidth=2.2, label=label, **look)
     else:
-        ax.plot(*parts[1].T, "o", color=LIGHT_GREY, markersize=2.2, label="elastic")
-        dots = ax.scatter(
-            parts[0][:, 0], parts[0][:, 1], c=found.directions[:, 2], s=6, cmap=SEQUENTIAL
-        )
+        ax.plot(*elastic.T, ".", **look)
+        x, y = answer.T
+        dots = ax.scatter(x, y, c=shear, s=6, cmap=SEQUENTIAL)
         figure_of(ax).colorbar(dots, ax=ax, shrink=0.7, label="shear part of the direction")
-    softest = found.softest
-    if softest is not None:
-        ax.plot(*parts[0][softest], "D", color=VERMILION, markersize=5, label="softest direction")
     ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
     ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    unknown = int(np.count_nonzero(~found.determined))
-    told = f"no answer in {unknown} of {len(found.theta)} directions" if unknown else ""
-    outer_legend(ax, "lower center", (0.5, 1.0), 0.3, ncols=3, columnspacing=1.0, title=told)
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.locator_params(nbins=4)
+    ax.ticklabel_format(scilimits=(-2, 3))
+    outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
 
 
 @panel(height=3.5, projection="polar")
@@ -149,20 +177,17 @@ def polar_work(found: Probe, ax: PolarAxes) -> None:
 @panel()
 def order_shares(orders: dict[str, dict[str, float]], ax: Axes) -> None:
     """Shares of the loops by order in area, in W2 (over the sum of sizes), in its negative part."""
-    size = sum(abs(row["W2_share"]) for row in orders.values())
     # Contacts in no loop or in only one are drawn before the triangles.
-    numbers = np.array([int(n) or 2 for n in orders])
-    for k, (name, colour, label) in enumerate(
-        (
-            ("area_share", SKY, "of the area"),
-            ("W2_share", BLUE, r"of $W_2$, over the sum of sizes"),
-            ("negative_share", VERMILION, "of its negative part"),
-        )
-    ):
-        values = [row[name] / (size if name == "W2_share" else 1.0) for row in orders.values()]
-        ax.bar(numbers + 0.27 * (k - 1), values, 0.27, color=colour, label=label)
+    numbers, table = np.array([int(n) or 2 for n in orders]), pd.DataFrame(orders).T
+    work = table["W2_share"] / table["W2_share"].abs().sum()
+    parts = {
+        "of the area": (SKY, table["area_share"]),
+        r"of $W_2$, over the sum of sizes": (BLUE, work),
+        "of its negative part": (VERMILION, table["negative_share"]),
+    }
+    bars_by_order(ax, numbers, parts)
     ax.axhline(0.0, color=GREY, linewidth=0.7)
-    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops of an order")
+    ax.set_ylabel("share of the loops of an order (–)")
     shown = numbers[:: len(numbers) // 13 + 1]
     ax.set_xticks(shown, labels=["none" if n == 2 else str(n) for n in shown])
     outer_legend(ax, "lower left", (0.0, 1.0), 0.3)

@@ -39,7 +39,7 @@ from patterns.snapshots.snapshot import SnapshotLoop
 from stability import COMPONENTS, Path, directional_work, plane_cone, restrict, symmetric_spectrum
 from stability.material import MaterialPath
 from stability.packing import HeldPacking, Probe
-from studies.packing_figures import response_envelope
+from studies.packing_figures import draw_envelope, response_envelope
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
 from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
@@ -51,10 +51,8 @@ from studies.style import (
     BLACK,
     BLUE,
     GREY,
-    LIGHT_GREY,
     LINE_COLOURS,
     ONE_COLUMN,
-    VERMILION,
     axes_or_new,
     edge_ticks,
     new_figure,
@@ -310,22 +308,12 @@ def plot_envelope(
         tangent = macroscopic_tangent(graph, law, closure, spins=spins, regime=regime)
         return np.asarray(directions @ restrict(tangent, "diagonal").T)
 
-    ax.plot(*rates(stuck).T, "--", color=GREY, linewidth=1.0, label="all contacts stick")
     answer = np.full((len(theta), 2), np.nan)
     for regime in np.unique(found.regime[found.status != "none"], axis=0):
         rows = (found.regime == regime).all(axis=1)
         answer[rows] = rates(regime)[rows]
-    ax.plot(*answer.T, color=BLUE, label="contacts slide as the direction requires")
-    unstable = np.where((found.work[:, 0] < 0.0)[:, None], answer, np.nan)
-    label = "negative second-order work" if np.isfinite(unstable).any() else "_none"
-    ax.plot(*unstable.T, color=VERMILION, linewidth=2.2, label=label)
-    ax.axhline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    ax.axvline(0.0, color=LIGHT_GREY, linewidth=0.7, zorder=0)
-    ax.set(xlabel="$P'_{11}$ (force / length)", ylabel="$P'_{22}$ (force / length)")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.locator_params(nbins=4)
-    ax.ticklabel_format(scilimits=(-2, 3))
-    outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
+    labels = "$P'_{11}$ (force / length)", "$P'_{22}$ (force / length)"
+    draw_envelope(ax, rates(stuck), answer, found.work[:, 0] < 0.0, labels)
     return ax
 
 

@@ -215,7 +215,7 @@ def shade_sectors(ax: PolarAxes, ranges: Any, reach: float, alpha: float) -> Non
 
 def tick_labels(ticks: Any) -> list[str]:
     """Numbers with a minus sign, not a hyphen."""
-    return [f"{tick:.3g}".replace("-", "\N{MINUS SIGN}") for tick in ticks]
+    return [f"{tick:.4g}".replace("-", "\N{MINUS SIGN}") for tick in ticks]
 
 
 def key_columns(figure: Figure, wide: int) -> int:
@@ -228,11 +228,6 @@ def edge_ticks(ax: Axes, at: Any, label: str = "", colour: str = GREY) -> None:
     if len(at):
         look: Any = {"color": colour, "markersize": 8, "label": label or "_", "clip_on": False}
         ax.plot(at, np.zeros(len(at)), "|", transform=ax.get_xaxis_transform(), **look)
-
-
-def say_empty(ax: Axes, why: str) -> None:
-    """Say in the middle of axes why they show nothing."""
-    ax.text(0.5, 0.5, why, transform=ax.transAxes, ha="center", va="center", color=GREY)
 
 
 def drawn_file(

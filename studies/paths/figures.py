@@ -55,7 +55,6 @@ from studies.style import (
     new_panels,
     outer_legend,
     panel,
-    say_empty,
     styled,
 )
 
@@ -94,7 +93,8 @@ def path_figures(found: Followed) -> Drawings:
     yield "determinant", lambda: draw_operators(found, "determinant")
     yield "eigenvalues", lambda: draw_operators(found, "eigenvalues")
     yield "split", lambda: draw_split(found)
-    yield "cone", lambda: draw_cone(found)
+    if (found.plane["cone_opening_deg"] > 0.0).any():
+        yield "cone", lambda: draw_cone(found)
     if found.directions:
         yield "polar", lambda: draw_polar_figure(found)
 
@@ -107,7 +107,8 @@ def polygon_figures(found: Followed) -> Drawings:
     yield "loop", lambda: draw_loops(found, ends)
     yield "stress_strain", lambda: draw_stress(found)
     yield from path_figures(found)
-    yield "unstable_fraction", lambda: draw_unstable_fraction(found)
+    if found.subspaces.filter(like="unstable_fraction").any(axis=None):
+        yield "unstable_fraction", lambda: draw_unstable_fraction(found)
 
 
 def comparison_figures(compared: Compared) -> Drawings:
@@ -188,8 +189,7 @@ def draw_cone(found: Followed, ax: Axes) -> None:
             write_above(ax, E1[row], name, fontweight="bold")
     ax.set(xlabel=STRAIN_LABEL, ylabel=r"$\alpha_E$ (degrees)", xlim=(0.0, None), ylim=(0.0, 180.0))
     ax.set_yticks(np.arange(0, 181, 45))
-    none = "" if np.isfinite(half).any() else "no instability cone in (11, 22) on this path"
-    outer_legend(ax, "lower center", (0.5, 1.0), 2.0, ncols=2, title=none)
+    outer_legend(ax, "lower center", (0.5, 1.0), 2.0, ncols=2)
 
 
 @panel(4.2, 2.8)
@@ -200,9 +200,6 @@ def draw_unstable_fraction(found: Followed, ax: Axes) -> None:
         share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
     over_strain(found, ax, None, "unstable directions of $K$ (%)")
-    if not any(np.any(table[f"unstable_fraction_{name}"] > 0.0) for name, *_ in SUBSPACE_LOOKS):
-        say_empty(ax, "no unstable direction on this path")
-        ax.set_ylim(top=10.0)
     ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])
     ax.legend(loc="best")
 
@@ -408,7 +405,7 @@ def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool)
 @panel(4.2, 2.8)
 def draw_critical_strain(compared: Compared, ax: Axes) -> None:
     """Critical isotropic strain over the order, by subspace, with the two thresholds."""
-    table, kappa = compared.table, compared.options.shared.kappa
+    kappa = compared.options.shared.kappa
     for label, level in (
         (r"$\kappa/(1+\kappa)$", kappa / (1 + kappa)),
         (r"$(1+\kappa)/(2+\kappa)$", (1 + kappa) / (2 + kappa)),
@@ -418,11 +415,10 @@ def draw_critical_strain(compared: Compared, ax: Axes) -> None:
             label, (1.0, level), (2, 0), xycoords=("axes fraction", "data"),
             textcoords="offset points", va="center", color=GREY,
         )  # fmt: skip
-    for subspace, colour, _, label in SUBSPACE_LOOKS:
-        marker, strain = SUBSPACE_MARKERS[subspace], table[f"critical_strain_{subspace}"]
-        ax.plot(table["order"], strain, marker, color=colour, label=label, **HOLLOW)
-    _order_axis(ax, table["order"])
-    ax.set(ylabel="critical isotropic strain (–)", ylim=(-0.02, None))
+    looks = {f"critical_strain_{name}": (SUBSPACE_MARKERS[name], colour, label)
+             for name, colour, _, label in SUBSPACE_LOOKS}  # fmt: skip
+    over_order(compared, ax, looks, "critical isotropic strain (–)")
+    ax.set_ylim(bottom=-0.02)
     beside = key_columns(figure_of(ax), 3)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=beside, columnspacing=1.0)
 
@@ -431,21 +427,24 @@ def draw_critical_strain(compared: Compared, ax: Axes) -> None:
 def draw_yield_and_peak(compared: Compared) -> Figure:
     """First yield and peak of the axial stress over the order: strain and stress."""
     fig, (axes,) = new_panels(1, 2, 2.6)
-    table = compared.table
-    for ax, key, label in zip(
-        axes, ("E1", "s1"), ("axial strain (–)", "axial stress (–)"), strict=True
-    ):
-        for name, mark, colour, said in (
-            ("first_yield", "o", BLUE, "first yield"),
-            ("peak", "x", VERMILION, "peak of $s_1$"),
-        ):
-            values = table[f"{name}_{key}"]
-            ax.plot(table["order"], values, mark, color=colour, label=said, **HOLLOW)
-        _order_axis(ax, table["order"])
-        ax.set(ylabel=label)
+    for ax, key, label in zip(axes, ("E1", "s1"), ("strain", "stress"), strict=True):
+        looks = {f"first_yield_{key}": ("o", BLUE, "first yield"),
+                 f"peak_{key}": ("x", VERMILION, "peak of $s_1$")}  # fmt: skip
+        over_order(compared, ax, looks, f"axial {label} (–)")
         ax.margins(y=0.15)
     ax.legend(loc="best")
     return fig
+
+
+def over_order(
+    compared: Compared, ax: Axes, looks: dict[str, tuple[str, str, str]], ylabel: str
+) -> None:
+    """Draw columns of the comparison over the order, each with its marker, colour and label."""
+    orders = compared.table["order"]
+    for column, (marker, colour, label) in looks.items():
+        ax.plot(orders, compared.table[column], marker, color=colour, label=label, **HOLLOW)
+    ticks = orders.to_numpy()[:: max(len(orders) // 10, 1)]
+    ax.set(xlabel="order of the loop, $n$", xticks=ticks, ylabel=ylabel)
 
 
 @panel(4.6, 3.0)
@@ -458,10 +457,6 @@ def draw_stress_strain(compared: Compared, ax: Axes) -> None:
             ax.plot(found.E1[-1], found.s1[-1], "o", color=shade, markerfacecolor="white")
     ax.set(xlabel="axial strain $E_1$ (–)", ylabel="axial stress $s_1$ (–)", xlim=(0.0, None))
     ax.legend(title="order", loc="center left", bbox_to_anchor=(1.0, 0.5))
-
-
-def _order_axis(ax: Axes, orders: pd.Series) -> None:
-    ax.set(xlabel="order of the loop, $n$", xticks=orders.to_numpy()[:: max(len(orders) // 10, 1)])
 
 
 # ---- the diamond alone
@@ -549,32 +544,26 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     Lines are (9) and (10), points the integrated rate law.
     """
     fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
-    # Routes of the centre of sphere 2 around sphere 1: A, B, C and A, D, C.
+    # Routes of the centre of sphere 2 around sphere 1, distance and angle.
     compression = float(table["compression"].iloc[0])
     alpha, start = np.radians(40.0), np.radians(20.0)
-    arc: Floats = start + np.linspace(0.0, alpha, 60)
-    for radius, colour in ((1.0, BLUE), (1.0 - compression, VERMILION)):
-        geometry.plot(radius * np.cos(arc), radius * np.sin(arc), color=colour)
-    ends = {"A": (1.0, arc[0]), "B": (1.0, arc[-1])}
-    ends |= {"D": (1.0 - compression, arc[0]), "C": (1.0 - compression, arc[-1])}
+    ends = {"A": (1.0, start), "B": (1.0, start + alpha)}
+    ends |= {"D": (1.0 - compression, start), "C": (1.0 - compression, start + alpha)}
     at = {name: (float(r * np.cos(a)), float(r * np.sin(a))) for name, (r, a) in ends.items()}
-    geometry.plot(*np.stack([at["B"], at["C"]]).T, color=BLUE)
-    geometry.plot(*np.stack([at["A"], at["D"]]).T, color=VERMILION)
+    along = np.linspace(0.0, 2.0, 121)
+    for route, colour in (("ABC", BLUE), ("ADC", VERMILION)):
+        r, a = (np.interp(along, range(3), [ends[name][k] for name in route]) for k in (0, 1))
+        geometry.plot(r * np.cos(a), r * np.sin(a), color=colour)
     for name in ("C", "D"):
         geometry.plot(*np.stack([np.zeros(2), at[name]]).T, color=GREY, linewidth=0.6, zorder=0)
     for centre, style in (((0.0, 0.0), "-"), (at["A"], "-"), (at["C"], "--")):
         circle = {"fill": False, "color": GREY, "linewidth": 0.8, "linestyle": style}
         geometry.add_patch(Circle(centre, 0.5, **circle))
-    geometry.plot(0.0, 0.0, "o", color=BLACK)
-    for name, offset in (("A", (6, -6)), ("B", (-1, 6)), ("C", (-11, 3)), ("D", (1, -11))):
-        geometry.plot(*at[name], "o", color=BLACK)
-        geometry.annotate(name, at[name], offset, textcoords="offset points", fontweight="bold")
-    geometry.annotate("O", (0, 0), (-9, -9), textcoords="offset points", fontweight="bold")
-    for text, place in (
-        ("sphere 1", (-0.05, -0.3)),
-        ("sphere 2", (at["A"][0] + 0.12, at["A"][1] - 0.28)),
-    ):
-        geometry.annotate(text, place, ha="center", color=GREY, fontsize=7)
+    offsets = {"A": (6, -6), "B": (-1, 6), "C": (-11, 3), "D": (1, -11), "O": (-9, -9)}
+    for name, offset in offsets.items():
+        place = at.get(name, (0.0, 0.0))
+        geometry.plot(*place, "o", color=BLACK)
+        geometry.annotate(name, place, offset, textcoords="offset points", fontweight="bold")
     middle = start + 0.5 * alpha
     geometry.annotate(r"$\alpha$", (0.27 * np.cos(middle), 0.27 * np.sin(middle)), ha="center")
     geometry.set(aspect="equal", xlim=(-0.6, 1.55), ylim=(-0.6, 1.35))

@@ -18,7 +18,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import MaxNLocator
 
 from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
@@ -64,13 +64,13 @@ from studies.style import (
     SKY,
     TWO_COLUMNS,
     VERMILION,
+    edge_ticks,
     figure_key,
     figure_of,
     key_columns,
     new_figure,
     new_panels,
     panel,
-    say_empty,
     styled,
     tick_labels,
     write_animation,
@@ -96,15 +96,6 @@ MOST_MAPS = 20
 MOST_SCENES = 60
 # Width of a panel of the animation, inches.
 PANEL_INCHES = 4.6
-# Predictors drawn from interval to interval; the figure of all predictors shows the others.
-FOLLOWED = {
-    "packing": (BLUE, "o"),
-    "own_motion": (GREEN, "^"),
-    "persistence": (VERMILION, "s"),
-    "traction_free": (ORANGE, "D"),
-    "order": (PURPLE, "v"),
-    "smallest_N": (SKY, "P"),
-}
 
 
 @styled()
@@ -138,8 +129,6 @@ def fates_over_strain(evolution: pd.DataFrame, ax: Axes) -> None:
         bottom = bottom + share
     born = 100 * _column(evolution, "born")[1:] / total
     ax.plot(place, born, "x", color=VERMILION, clip_on=False, zorder=3, label="born")
-    if not bottom.any() and not born.any():
-        say_empty(ax, "every loop survived every interval")
     # Fewer than four bars keep the width of four.
     wide = max(4 - np.ptp(place), 1) / 2
     ax.set(xlim=(place[0] - wide, place[-1] + wide), ylim=(0, None))
@@ -214,7 +203,7 @@ def stress_strain(evolution: pd.DataFrame) -> Figure:
 def probes_over_strain(evolution: pd.DataFrame) -> Figure:
     """Smallest second-order work and the share of unstable directions over the strain.
 
-    Hollow where directions are undetermined, with their number; a cross below where all are.
+    Hollow where directions are undetermined, with their number; a tick below where all are.
     """
     figure, ((left, right),) = new_panels(1, 2, 2.9)
     strain, strain_label = largest_strain(evolution)
@@ -238,11 +227,7 @@ def probes_over_strain(evolution: pd.DataFrame) -> Figure:
                     ha="center", va="bottom", fontsize=7,
                 )  # fmt: skip
         none = (undetermined > 0) & ~np.isfinite(values)
-        if none.any():
-            ax.plot(
-                strain[none], np.zeros(np.count_nonzero(none)), "x", color=GREY, clip_on=False,
-                transform=ax.get_xaxis_transform(), label="all directions undetermined",
-            )  # fmt: skip
+        edge_ticks(ax, strain[none], "all directions undetermined")
         if some.any() or none.any():
             ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))
         ax.set(xlabel=strain_label)
@@ -369,10 +354,9 @@ def _balance(ax: Axes, table: pd.DataFrame) -> None:
     limits = -0.3, top
     ax.set(xscale="symlog", yscale="symlog", xlim=limits, ylim=limits, aspect="equal")
     ticks = [0] + [k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000) if k <= top]
+    ticks = ticks if len(ticks) < 9 else [0, *(10**k for k in range(5) if 10**k <= top)]
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_ticks(ticks if len(ticks) < 9 else [0, *(10**k for k in range(5) if 10**k <= top)])
-        axis.set_major_formatter("{x:.0f}")
-        axis.set_minor_locator(NullLocator())
+        axis.set_ticks(ticks, labels=tick_labels(ticks))
     ax.set(xlabel="contacts that closed (splits)", ylabel="contacts that opened (mergers)")
 
 
@@ -388,7 +372,7 @@ def series_figures(
         yield "stress_strain", lambda: stress_strain(evolution)
     if "probe_w2" in evolution:
         yield "probes", lambda: probes_over_strain(evolution)
-    if len(evolution) > 1:
+    if evolution[[*FATE_COLOURS, "born"]].iloc[1:].any(axis=None):
         yield "fates", lambda: fates_over_strain(evolution)
     if "survival" in tables:
         yield "survival", lambda: survival_by_verdict(tables["survival"])
@@ -406,7 +390,6 @@ def series_figures(
     packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
     if packed:
         yield "skill_by_predictor", lambda: skill_by_predictor(tables["skill"])
-        yield "skill_by_interval", lambda: skill_by_interval(tables["skill"])
     if mapped is not None:
         if packed and np.isfinite(mapped.predicted["packing_nonaffinity"]).any():
             yield "nonaffinity_map", lambda: nonaffinity_map(mapped)
@@ -630,29 +613,29 @@ def work_map(mapped: MappedInterval, ax: Axes) -> None:
 
 @styled()
 def skill_by_predictor(table: pd.DataFrame) -> Figure:
-    """AUC of every predictor, one dot per interval and the mean of them, for each target."""
+    """AUC of every predictor, a dot an interval in its colour and the mean, for each target."""
     walked = set(table["predictor"])
     asked = {*EVENT_PREDICTORS, *INDICATORS}
     names = [name for name in PREDICTORS if name in walked or name not in asked]
     figure, axes = new_panels(2, 2, 4.6 if len(names) < 20 else 7.0, sharex=True, sharey=True)
-    axes = axes.ravel()
+    axes, after = axes.ravel(), table["snapshot_after"]
+    colours = ScalarMappable(Normalize(after.min(), after.max()), SEQUENTIAL)
     for ax, target in zip(axes, TARGETS, strict=True):
         for place, name in enumerate(names):
             auc = _of_predictor(table, "auc", target, name)
-            auc = auc[np.isfinite(auc)]
-            colour = FOLLOWED.get(name, (GREY, ""))[0]
-            ax.plot(auc, np.full(len(auc), place), "o", color=colour, alpha=0.35, markersize=3)
-            if not len(auc):
+            shade = colours.to_rgba(_of_predictor(table, "snapshot_after", target, name))
+            ax.scatter(auc, np.full(len(auc), place), s=8, color=shade, alpha=0.8)
+            if np.isfinite(auc).any():
+                mean = np.nanmean(auc)
+                ax.plot(mean, place, "|", color=VERMILION, markersize=9, markeredgewidth=1.6)
+            else:
                 ax.annotate(
                     "not applicable", (0.03, place), xycoords=("axes fraction", "data"),
                     va="center", color=GREY, fontsize=6,
-                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
                 )  # fmt: skip
-            if len(auc):
-                ax.plot(auc.mean(), place, "|", color=BLACK, markersize=9, markeredgewidth=1.6)
         past = _of_predictor(table, "auc", target, "persistence")
         if np.isfinite(past).any():
-            ax.axvline(np.nanmean(past), color=VERMILION, linestyle="--", linewidth=0.9)
+            ax.axvline(np.nanmean(past), color=VERMILION, linestyle="--", linewidth=0.9, zorder=0)
         ax.axvline(0.5, color=LIGHT_GREY, linewidth=0.9, zorder=0)
         base = _of_predictor(table, "base", target, "order")
         base = base[np.isfinite(base)]
@@ -662,33 +645,9 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
     axes[0].invert_yaxis()
     for ax in axes[2:]:
         ax.set_xlabel("AUC (bar: mean; dashed: persistence)")
-    return figure
-
-
-@styled()
-def skill_by_interval(table: pd.DataFrame) -> Figure:
-    """AUC of the main predictors from interval to interval, above the base rate."""
-    figure, axes = new_panels(2, 2, 4.4, sharex=True, sharey=True)
-    axes = axes.ravel()
-    for ax, target in zip(axes, TARGETS, strict=True):
-        for name, (colour, marker) in FOLLOWED.items():
-            auc = _of_predictor(table, "auc", target, name)
-            if np.isfinite(auc).any():
-                look: Any = {"marker": marker, "markersize": 3.5, "linewidth": 0.9}
-                after = _of_predictor(table, "snapshot_after", target, name)
-                ax.plot(after, auc, color=colour, label=PREDICTORS[name], **look)
-        after, base = (
-            _of_predictor(table, column, target, "order") for column in ("snapshot_after", "base")
-        )
-        ax.fill_between(after, base, color=LIGHT_GREY, step="mid", label="base rate", zorder=0)
-        ax.axhline(0.5, color=GREY, linewidth=0.7, zorder=0)
-        ax.set(title=TARGETS[target], ylim=(0, 1.02))
-    for ax in axes[2:]:
-        ax.set_xlabel("interval, by the snapshot that ends it")
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    for ax in axes[::2]:
-        ax.set_ylabel("AUC; share of the loops")
-    figure_key(figure, ncols=key_columns(figure, 4))
+    label = "interval, by its later snapshot"
+    bar = figure.colorbar(colours, ax=list(axes), shrink=0.5, label=label)
+    bar.locator = MaxNLocator(integer=True)
     return figure
 
 

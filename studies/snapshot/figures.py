@@ -73,7 +73,6 @@ from studies.style import (
     panel,
     panel_width,
     polar_grid,
-    say_empty,
     styled,
     tick_labels,
 )
@@ -267,33 +266,29 @@ def snapshot_figures(
     draw, groups = loop_drawer(snapshot), group_rows(table["order"])
     unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
     yield "map", lambda: loop_map(snapshot, table, draw)
-    yield "orders", lambda: order_bars(summary)
+    if summary["loops"]:
+        yield "orders", lambda: order_bars(summary)
     yield "fabric", lambda: draw_rose(snapshot)
     if links is not None and summary["loops"]:
-        yield "chains", lambda: chains_figure(table, draw, links, groups, unstable)
+        yield "chains", lambda: places_figure(table, draw, groups, unstable, links)
     if snapshot.mechanical and summary["loops"]:
         yield "eigenvalues", lambda: eigenvalue_distribution(table, groups)
         if "region" in table:
-            yield "regions", lambda: regions_figure(table, draw, groups, unstable)
+            yield "regions", lambda: places_figure(table, draw, groups, unstable)
         if rose_judges(table, unstable):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
-        if "in_packing" in summary:
-            at_rest, share = summary["packing_at_rest"], surroundings_share(table)
+        if "in_packing" in summary and np.isfinite(share := surroundings_share(table)).any():
+            at_rest = summary["packing_at_rest"]
             yield "in_packing", lambda: in_packing(table, groups, share, at_rest)
 
 
 @panel()
 def order_bars(summary: Summary, ax: Axes) -> None:
     """Share of the loops by order: in number, in area, and of unstable and unjudged ones."""
-    if summary["loops"] == 0:
-        ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops")
-        say_empty(ax, "no loops")
-        return
     orders = np.array([int(n) for n in summary["orders"]])
     number = np.array(list(summary["orders"].values())) / summary["loops"]
     area = np.array(list(summary["orders_area"].values()))
-    ax.bar(orders - 0.2, number, 0.4, color=SKY, label="in number")
-    ax.bar(orders + 0.2, area / area.sum(), 0.4, color=ORANGE, label="in area")
+    bars_by_order(ax, orders, {"in number": (SKY, number), "in area": (ORANGE, area / area.sum())})
     if "unstable_loops" in summary:
         judge = PLACE if summary.get("packing_at_rest", {}).get("judged") else "traction"
         unstable, unknown = (
@@ -309,9 +304,18 @@ def order_bars(summary: Summary, ax: Axes) -> None:
                    edgecolor=GREY, linewidth=0.4, label="without a verdict")  # fmt: skip
     mean = summary["mean_order"]
     ax.axvline(mean, color=GREY, linewidth=0.8, linestyle="--", label=f"mean order {mean:.2f}")
-    ax.set(xlabel="loop order (number of grains)", ylabel="share of the loops (–)")
+    ax.set_ylabel("share of the loops (–)")
     ax.xaxis.set_major_locator(MaxNLocator(12, integer=True))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+
+
+def bars_by_order(ax: Axes, orders: Any, parts: Mapping[str, tuple[str, Any]]) -> None:
+    """Bars of quantities beside one another over the order of the loops, by their labels."""
+    width = 0.8 / len(parts)
+    for k, (label, (colour, values)) in enumerate(parts.items()):
+        place = orders + width * (k - 0.5 * (len(parts) - 1))
+        ax.bar(place, values, width, color=colour, label=label)
+    ax.set_xlabel("loop order (number of grains)")
 
 
 @styled()
@@ -387,36 +391,29 @@ def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
 
 
 @styled()
-def chains_figure(
-    table: Columns, draw: Drawer, links: Floats, groups: Groups, unstable: dict[str, Flags]
+def places_figure(
+    table: Columns,
+    draw: Drawer,
+    groups: Groups,
+    unstable: dict[str, Flags],
+    links: Floats | None = None,
 ) -> Figure:
-    """Force chains over the loops; unstable loops beside chains and elsewhere."""
-    figure, (axes,) = new_panels(1, 2, 3.3, width_ratios=(1.1, 1))
-    left, right = axes
-    draw(left, np.zeros(len(table["order"])), ListedColormap([LIGHT_GREY]), Normalize(0.0, 1.0))
-    many = len(links) > VECTOR_LIMIT
-    lines = _joined(links) if many else list(links)
-    width = float(np.clip(60.0 / max(len(table["order"]), 1) ** 0.5, 0.3, 2.0))
-    look: Any = {"capstyle": "round", "rasterized": many}
-    drawn = LineCollection(lines, colors=BLUE, linewidths=1.2 * width, **look)
-    left.add_collection(drawn, autolim=False)
-    left.set_title("force chains")
-    near = table["chain_contacts"] > 0
-    compare_places(right, table, groups, unstable, {"beside": near, "elsewhere": ~near})
-    return figure
-
-
-@styled()
-def regions_figure(
-    table: Columns, draw: Drawer, groups: Groups, unstable: dict[str, Flags]
-) -> Figure:
-    """Loops by their region; unstable loops of each."""
+    """Loops by their region, or force chains over them; unstable loops of each place."""
     figure, ((left, right),) = new_panels(1, 2, 3.3, width_ratios=(1.1, 1))
-    names, number = np.unique(table["region"], return_inverse=True)
-    colours = ListedColormap([PLACE_COLOURS[k % len(PLACE_COLOURS)] for k in range(len(names))])
-    draw(left, number, colours, Normalize(-0.5, len(names) - 0.5))
-    left.set_title("regions")
-    places = {str(name): number == k for k, name in enumerate(names)}
+    if links is None:
+        names, number = np.unique(table["region"], return_inverse=True)
+        places = {str(name): number == k for k, name in enumerate(names)}
+        colours = [PLACE_COLOURS[k % len(PLACE_COLOURS)] for k in range(len(names))]
+        draw(left, number, ListedColormap(colours), Normalize(-0.5, len(names) - 0.5))
+    else:
+        near, many = table["chain_contacts"] > 0, len(links) > VECTOR_LIMIT
+        places = {"beside": near, "elsewhere": ~near}
+        draw(left, np.zeros(len(near)), ListedColormap([LIGHT_GREY]), Normalize(0.0, 1.0))
+        width = 1.2 * float(np.clip(60.0 / max(len(near), 1) ** 0.5, 0.3, 2.0))
+        look: Any = {"capstyle": "round", "rasterized": many, "linewidths": width}
+        lines = LineCollection(_joined(links) if many else list(links), colors=BLUE, **look)
+        left.add_collection(lines, autolim=False)
+    left.set_title("regions" if links is None else "force chains")
     compare_places(right, table, groups, unstable, places)
     return figure
 
@@ -558,15 +555,11 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
     order_key(figure, table["order"])
     order = table["order"]
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
-    if orders:
-        right.boxplot(
-            [share[(order == n) & np.isfinite(share)] for n in orders],
-            positions=orders, whis=(5, 95), showfliers=False, manage_ticks=False,
-            medianprops={"color": VERMILION},
-        )  # fmt: skip
-    else:
-        for ax in (left, right):
-            say_empty(ax, "no loop judged in its packing")
+    right.boxplot(
+        [share[(order == n) & np.isfinite(share)] for n in orders],
+        positions=orders, whis=(5, 95), showfliers=False, manage_ticks=False,
+        medianprops={"color": VERMILION},
+    )  # fmt: skip
     right.axhline(1.0, color=GREY, linewidth=0.6)
     right.set(xlabel="loop order (number of grains)", ylabel="share of the surroundings (–)")
     right.xaxis.set_major_locator(MaxNLocator(12, integer=True))

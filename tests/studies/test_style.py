@@ -40,9 +40,3 @@ def test_figures_take_the_width_that_was_asked_for():
 def test_another_word_is_refused():
     with pytest.raises(gl.InputError, match="figure width: got 'wide', expected single or double"):
         gl.plot.figure_width("wide")
-
-
-def test_an_empty_panel_says_why():
-    ax = style.new_figure().add_subplot()
-    style.say_empty(ax, "no loops")
-    assert [text.get_text() for text in ax.texts] == ["no loops"]

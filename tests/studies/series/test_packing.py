@@ -490,7 +490,7 @@ def test_figures_stand_on_the_page(result, tmp_path):
     predict(out, figures=True)
     summary = json.loads((out / "summary.json").read_text())
     page = (out / "report.html").read_text()
-    for name in ("skill_by_predictor", "skill_by_interval", "nonaffinity_map"):
+    for name in ("skill_by_predictor", "nonaffinity_map"):
         assert f"{name}.png" in summary["files"]
     assert page.count("Map of the non-affinity") == 2 and "packing_opening" in page
 

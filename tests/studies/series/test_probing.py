@@ -13,7 +13,7 @@ from tests.studies.series.test_packing import CELLS, PATHS, predict
 
 
 def test_undetermined_directions_are_marked():
-    """Hollow with their number where there are some, a cross where no direction is determined."""
+    """Hollow with their number where there are some, a tick where no direction is determined."""
     evolution = pd.DataFrame(
         {
             **dict.fromkeys(("H11", "H12", "H21"), [0.0] * 3),
@@ -27,7 +27,7 @@ def test_undetermined_directions_are_marked():
         (hollow,) = (line for line in ax.lines if line.get_markerfacecolor() == "white")
         assert hollow.get_xydata().tolist() == [[1e-5, pytest.approx(value)]]
         assert [text.get_text() for text in ax.texts] == ["3"]
-        (cross,) = (line for line in ax.lines if line.get_marker() == "x")
+        (cross,) = (line for line in ax.lines if line.get_marker() == "|")
         assert cross.get_xydata().tolist() == [[2e-5, 0.0]]
         assert len(ax.get_legend().get_texts()) == 2
     evolution["probe_undetermined"] = 0

@@ -27,7 +27,7 @@ def drawn_with():
             patch.setattr(figures, "VECTOR_LIMIT", limit)
             patch.setattr(figures, "JOINED", 20)
             groups, unstable = group_rows(table["order"]), unstable_loops(table, "traction")
-            figure = figures.chains_figure(table, draw, links, groups, {"traction": unstable})
+            figure = figures.places_figure(table, draw, groups, {"traction": unstable}, links)
         lines = [c for c in figure.axes[0].collections if isinstance(c, LineCollection)]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
