@@ -154,13 +154,19 @@ class Evolution(Shown):
         way, faces = self.ways[name] if name else self.way, self.scene.faces
         return [loop_changes(self.scene.graph, state, faces) for state in way.states[1:]]
 
+    def open_loops(self, way: FollowedPath) -> Flags:
+        """Return which loops have an open contact in each row of a way, (R, L)."""
+        contacts, faces = self.scene.graph.contact_count, self.scene.faces
+        opened = (~state.closed[:contacts] for state in way.states)
+        return np.array([loop_sums(row.astype(float), faces) > 0 for row in opened])
+
     def loops(self, name: str = "", changes: list[LoopRates] | None = None) -> pd.DataFrame:
         """Return a row a loop: its changes to the end of a way, the ids of its grains."""
         way, scene = self.ways[name] if name else self.way, self.scene
         changes = self.changes(name) if changes is None else changes
         driven = way.driven(way.parameter, way.stage)
         loops = change_table(changes, scene.faces, driven)
-        opened = open_loops(way, scene)
+        opened = self.open_loops(way)
         some = opened.any(axis=0)
         loops["open_from"] = np.where(some, driven[opened.argmax(axis=0)], np.nan)
         loops["back"] = some & ~opened[-1]
@@ -421,13 +427,6 @@ def require_reach(asked: Programmed) -> None:
         remedy = "Give a smaller strain, or larger intervals by --interval."
         received = "a strain of " + ", ".join(f"{turn:g}" for turn in asked.turns)
         raise InputError("--to", received, f"{expected}{asked.interval:g}", remedy)
-
-
-def open_loops(way: FollowedPath, scene: Scene) -> Flags:
-    """Return which loops have an open contact in each row, (R, L)."""
-    contacts, faces = scene.graph.contact_count, scene.faces
-    opened = (~state.closed[:contacts] for state in way.states)
-    return np.array([loop_sums(row.astype(float), faces) > 0 for row in opened])
 
 
 def major_axis(stress: Floats) -> int:

@@ -17,7 +17,6 @@ from matplotlib.projections.polar import PolarAxes
 from loops.arrays import Flags, Floats
 from patterns import Snapshot
 from stability.packing import Probe, Sustained
-from studies.evolve import open_loops
 from studies.output import Summary
 from studies.snapshot.figures import bars_by_order, draw_scaled, draw_values, loop_drawer
 from studies.study import Drawings
@@ -354,7 +353,7 @@ def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figu
 def loops_that_come_back(snapshot: Snapshot, found: Any, tables: dict[str, pd.DataFrame]) -> Figure:
     """Loops that lose a contact in a cycle, some to have it again; their share along the cycle."""
     figure, ((left, right),) = new_panels(1, 2, 3.0)
-    loops, share = tables["loops"], 100.0 * open_loops(found.way, found.scene).mean(axis=1)
+    loops, share = tables["loops"], 100.0 * found.open_loops(found.way).mean(axis=1)
     number = np.select([loops["back"], loops["open_from"].notna()], [1, 2], 0)
     colours = ListedColormap([LIGHT_GREY, GREEN, VERMILION])
     bar = draw_scaled(loop_drawer(snapshot), left, number, colours, Normalize(-0.5, 2.5))
