@@ -12,7 +12,7 @@ from loops.arrays import Floats, Integers
 from loops.compiled import load_ahead, use_compiled
 from patterns.snapshots.checked import Checked
 from patterns.snapshots.checks import check_state
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import Finding, finding
 from patterns.snapshots.forces import contacts_among, once, read_forces, redundant
 from patterns.snapshots.frame import Frame
 from patterns.snapshots.geometry import (
@@ -181,9 +181,8 @@ def _unused(columns: Sequence[str], known: bool) -> list[Finding]:
     """Finding on columns that were not used: a doubt where forces lack."""
     if not columns:
         return []
-    found = Finding("columns", len(columns), f"columns not used: {', '.join(columns)}")
-    remedy = "If they hold forces, name them: --columns fn=COLUMN,ft=COLUMN."
-    return [found.doubt("", remedy, not known)]
+    case = "ok" if known else "forces"
+    return [finding("columns", len(columns), case, names=", ".join(columns))]
 
 
 def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: bool) -> list[str]:

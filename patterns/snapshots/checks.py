@@ -13,7 +13,7 @@ import numpy as np
 from loops.arrays import Floats, Integers, in_threads, median, quantiles
 from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
-from patterns.snapshots.findings import Finding, few, power_of_ten, rounding
+from patterns.snapshots.findings import Finding, few, finding, power_of_ten, rounding, sentences
 from patterns.snapshots.missing import cell, lost_contacts, walls
 from patterns.snapshots.stiffness_checks import (
     needed_stiffness,
@@ -37,21 +37,17 @@ OTHER_UNITS = 1.5
 def distances(state: Checked) -> Finding:
     """Distances of the centres against the radii: diameters for radii, other units."""
     reach = median(state.length / state.reach)
-    says = f"centres in contact are {reach:.4g} times the sum of their radii apart (median)"
-    found = Finding("distances", reach, says)
-    remedy = "Give radii and positions in one unit of length."
+    case = "ok"
     if DIAMETERS[0] < reach < DIAMETERS[1]:
-        return found.error(": the radii look like diameters", "Halve the radii.")
-    if reach <= DIAMETERS[0] or reach > OTHER_UNITS:
-        unit = power_of_ten(reach)
-        cause = f"another unit, {unit} times as long" if unit else "another column or unit"
-        return found.error(f": the radii look like {cause}", remedy)
-    if reach > LOADED_APART:
-        cause = f": radii too small by {100 * (1 - 1 / reach):.2g} %, as those of images may be"
-        return found.doubt(cause, f"Multiply them by {reach:.4g} if they are measured. {remedy}")
-    if reach < SOFT_GRAINS:
-        return found.doubt(", which is far from touching", remedy)
-    return found
+        case = "diameters"
+    elif reach <= DIAMETERS[0] or reach > OTHER_UNITS:
+        case = "unit" if power_of_ten(reach) else "column"
+    elif reach > LOADED_APART:
+        case = "small"
+    elif reach < SOFT_GRAINS:
+        case = "far"
+    percent = 100 * (1 - 1 / reach)
+    return finding("distances", reach, case, unit=power_of_ten(reach), percent=percent)
 
 
 # Share of loaded contacts across a gap: clean none.
@@ -64,12 +60,9 @@ def touching(state: Checked) -> Finding | None:
     if len(gap) == 0:
         return None
     share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[state.loaded]))
-    which, causes = "contacts that carry load", "radii too small, or cohesion"
-    if not state.normal.any():
-        which, causes = "contacts", "radii too small, or pairs that don't touch"
-    found = Finding("touching", share, f"{100 * share:.3g} % of the {which} are apart")
-    cause = f": positions and contacts of different snapshots, {causes}"
-    return found.doubt(cause, "Take both tables from one snapshot.", share > GAPS)
+    case = "ok" if share <= GAPS else "loaded" if state.normal.any() else "all"
+    contacts = "contacts that carry load" if state.normal.any() else "contacts"
+    return finding("touching", share, case, percent=100 * share, contacts=contacts)
 
 
 # Directions of the file against the centres, in radians: 1e-9 if saved within a step.
@@ -86,13 +79,8 @@ def same_snapshot(state: Checked) -> Finding | None:
     off = median(turned / np.where(size > 0, size, 1.0) / state.length)
     coarse = 2 * rounding(state.x) / median(state.length)
     coarse += rounding(given) / (median(size) or 1.0)
-    says = f"contact directions differ from the lines of centres by {off:.2g} rad (median)"
-    return Finding("same_snapshot", off, says).doubt(
-        f", more than their precision, {coarse:.1g}: positions and contacts of different "
-        "snapshots, or positions that moved before they were saved",
-        "Take both tables from one snapshot.",
-        off > DIRECTIONS_OFF + ROUNDINGS * coarse,
-    )
+    case = "off" if off > DIRECTIONS_OFF + ROUNDINGS * coarse else "ok"
+    return finding("same_snapshot", off, case, coarse=coarse)
 
 
 # Numbers that stand for a missing value.
@@ -102,9 +90,8 @@ MISSING = (999.0, 9999.0, 99999.0, 999999.0, 1e30)
 def unbalanced(state: Checked) -> Finding:
     """Forces far beyond the others that their grains don't balance: missing values, failed fits."""
     rows = state.odd
-    found = Finding("unbalanced", len(rows), f"{len(rows)} forces stand out and have no balance")
     if not len(rows):
-        return found
+        return finding("unbalanced", 0)
     size = np.hypot(state.normal[rows], state.shear[rows])
     rows, typical = rows[np.argsort(-size)], median(np.hypot(state.normal, state.shear))
 
@@ -113,13 +100,10 @@ def unbalanced(state: Checked) -> Finding:
         force = f"(N = {state.normal[c]:.4g}, T = {state.shear[c]:.4g})"
         return f"{row}grains {state.names(np.array([c]))} {force}"
 
-    found = found._replace(says=f"{found.says}: {few(rows, each)}")
-    times = f", {size.max() / typical:.3g} times a typical one"
     each_part = np.abs([state.normal[rows], state.shear[rows]])
-    if np.isclose(each_part[..., None], MISSING, rtol=1e-9).any():
-        return found.error(f"{times}, as a missing value", "Give the force, or drop the row.")
-    remedy = "Correct or drop the rows: stress and balance hold them."
-    return found.doubt(f"{times}: a fit that failed, or another unit", remedy)
+    missing = np.isclose(each_part[..., None], MISSING, rtol=1e-9).any()
+    case, times = "missing" if missing else "failed", size.max() / typical
+    return finding("unbalanced", len(rows), case, each=few(rows, each), times=times)
 
 
 # Share of the forces along the branches: clean 0.97 to 1; exchanged components 0 to 0.3; signs -1.
@@ -131,24 +115,16 @@ def directions(state: Checked) -> Finding:
     normal, shear = state.judged
     size = float(np.hypot(normal, shear).sum())
     share = float(normal.sum()) / size
-    says = f"the component along the branch is {share:.3g} of the force, positive if it pushes"
-    found = Finding("directions", share, says)
     if share >= ALONG:
-        return found
+        return finding("directions", share)
     if share <= -ALONG:
-        return found.error(
-            ": they pull, as with tension positive, with forces on grain 1, or with id1 and id2 "
-            "exchanged",
-            "Change the sign of the forces, or exchange id1 and id2.",
-        )
+        return finding("directions", share, "pull")
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
     exchanged = 2 * n[:, 0] * n[:, 1] * normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * shear
     other = float(exchanged.sum()) / size
-    if abs(other) > 2 * ALONG:
-        return found.error(f": x and y exchanged give {other:.3g}", "Exchange fx and fy.")
-    remedy = "Check the columns of the force and of the ids."
-    return found.error(": forces of other contacts", remedy)
+    case = "exchanged" if abs(other) > 2 * ALONG else "others"
+    return finding("directions", share, case, other=other)
 
 
 # Share of the normal force that pulls: clean 0; damping in a flow 0.1 %.
@@ -166,21 +142,13 @@ def pulling(state: Checked) -> Finding:
         beyond = -state.normal > PULL * adhesion + rounding(state.normal)
         count = int(np.count_nonzero(beyond))
         most = float((-state.normal[adhesion > 0] / adhesion[adhesion > 0]).max(initial=0.0))
-        says = f"contacts pull with {most:.3g} of their adhesion at most, {count} with more than it"
-        return Finding("pulling", float(count), says).doubt(
-            f": between grains {state.names(np.flatnonzero(beyond))}",
-            "Check the adhesion, and that the forces are of this law.",
-            count > 0,
-        )
+        case, each = "beyond" if count else "adhesion", state.names(np.flatnonzero(beyond))
+        return finding("pulling", float(count), case, most=most, each=each)
     normal = state.judged[0]
     size = np.abs(normal)
     share = float(size[normal < 0].sum() / (float(size.sum()) or 1.0))
-    found = Finding("pulling", share, f"{100 * share:.3g} % of the normal forces is tension")
-    return found.doubt(
-        ": cohesion, damping, or rows whose grains are exchanged",
-        "The contact law here has no tension: expect errors.",
-        PULLING < share <= 0.5,
-    )
+    case = "tension" if PULLING < share <= 0.5 else "ok"
+    return finding("pulling", share, case, percent=100 * share)
 
 
 # Residual force on a grain over the mean force (root mean square): clean 0 to 0.065; a flow 0.28.
@@ -198,20 +166,10 @@ def balance(state: Checked) -> Finding | None:
     mean = state.mean_force
     both = normal + shear, normal - shear
     rest, other = (float(np.sqrt(np.einsum("gk,gk->", r, r) / inner)) / mean for r in both)
-    says = f"the resultant force on a grain is {rest:.2g} of the mean contact force"
-    found = Finding("balance", rest, says)
-    if rest <= BALANCE:
-        return found
-    if other < SHEAR_TURNED * rest and inner >= FEWEST:
-        return found.error(
-            f", and {other:.2g} with the opposite shear: shear forces on grain 1, or id1 and "
-            "id2 exchanged",
-            "Change the sign of the shear forces, or exchange id1 and id2.",
-        )
-    return found.doubt(
-        ": a flow, missing contacts or walls, or forces of other grains",
-        "Stability is defined for a state at rest.",
-    )
+    case = "ok" if rest <= BALANCE else "flow"
+    if rest > BALANCE and other < SHEAR_TURNED * rest and inner >= FEWEST:
+        case = "shear"
+    return finding("balance", rest, case, other=other)
 
 
 # Residual left at both grains when one contact is turned, over the change: clean 0.48 and more.
@@ -234,15 +192,7 @@ def one_contact_turned(state: Checked) -> Finding | None:
     size = np.hypot(*rest.T)
     least = max(JUDGED * median(size[state.inner]), WEAKEST * state.mean_force)
     rows = _turned(state, rest, least)
-    count = len(rows)
-    found = Finding(
-        "turned", count, f"{count} contacts balance their grains if their sign is changed"
-    )
-    return found.doubt(
-        f": the force, or its normal or shear part, between grains {state.names(rows)}",
-        "Change the sign of these forces, or export them again.",
-        count > 0,
-    )
+    return finding("turned", len(rows), "some" if len(rows) else "ok", each=state.names(rows))
 
 
 def _turned(state: Checked, rest: Floats, least: float) -> Integers:
@@ -278,29 +228,20 @@ def friction(state: Checked) -> Finding | None:
     """Shear against Coulomb's limit; friction that is an angle."""
     typical = median(state.mu)
     if DEGREES[0] < typical < DEGREES[1]:
-        found = Finding("friction", typical, f"mu is {typical:.4g}")
-        tangent = np.tan(np.radians(typical))
-        return found.doubt(", as an angle in degrees", f"Give its tangent, {tangent:.4g}.")
+        return finding("friction", typical, "degrees", tangent=np.tan(np.radians(typical)))
     rows = np.flatnonzero(state.loaded & (state.normal > 0))
     if len(rows) == 0 or not np.isfinite(state.mu).any():
         return None
     if state.cohesive:
         beyond = float(np.mean(np.abs(state.shear) > BEYOND_COULOMB * np.abs(state.strength)))
-        says = f"{100 * beyond:.3g} % of the contacts have |T| > cohesion + mu N"
-        return Finding("friction", beyond, says).doubt(
-            ": friction or cohesion too small, or forces of another law",
-            "Check mu, adhesion and cohesion.",
-            beyond > BEYOND_SHARE,
-        )
+        case = "cohesive_beyond" if beyond > BEYOND_SHARE else "cohesive"
+        return finding("friction", beyond, case, percent=100 * beyond)
     ratio, mu = np.abs(state.shear[rows]) / state.normal[rows], state.mu[rows]
     beyond = float(np.mean(ratio > BEYOND_COULOMB * mu))
     worst = float(np.divide(ratio, mu, out=np.zeros(len(mu)), where=mu > 0).max())
-    says = f"{100 * beyond:.3g} % of the loaded contacts have |T| > mu N, at most {worst:.3g} times"
-    return Finding("friction", beyond, says).doubt(
-        ": friction too small, or forces of another snapshot or law",
-        f"The forces need mu = {quantiles(ratio, [0.999])[0]:.3g}.",
-        beyond > BEYOND_SHARE,
-    )
+    case, needed = "beyond" if beyond > BEYOND_SHARE else "ok", quantiles(ratio, [0.999])[0]
+    values = {"percent": 100 * beyond, "worst": worst, "needed": needed}
+    return finding("friction", beyond, case, **values)
 
 
 # Contacts at one ratio |T|/N, to this share of it, slide.
@@ -334,15 +275,13 @@ def one_ratio(state: Checked) -> Finding | None:
     regular = 2 * (len(alike) + least) > len(rows)
     below = alike < AT_LIMIT[0]
     if regular or not below.any():
-        return Finding("one_ratio", 0.0, "no contacts below mu N share one ratio |T|/N")
+        return finding("one_ratio", 0.0)
     count = int(sharing[below].max())
     shared = float(alike[below][np.argmax(sharing[below])])
     there = (ratio >= shared) & (ratio <= (1 + ONE_RATIO) * shared)
     needed = shared * median(mu[rows[there]])
-    says = f"{counted(count, 'contact')} at |T| = {shared:.4g} mu N"
-    return Finding("one_ratio", shared, says).doubt(
-        ": they slide, and their mu is too large", f"The forces need mu = {needed:.4g} there."
-    )
+    contacts = counted(count, "contact")
+    return finding("one_ratio", shared, "shared", contacts=contacts, needed=needed)
 
 
 def sliding(state: Checked) -> Finding | None:
@@ -356,16 +295,12 @@ def sliding(state: Checked) -> Finding | None:
     ratio = np.abs(state.shear[rows]) / limit[rows]
     below, typical = ratio < AT_LIMIT[0], median(ratio)
     share = float(np.mean(below))
-    says = f"sliding contacts have |T| = {typical:.3g} mu N (median), {100 * share:.3g} % of them "
-    found = Finding("sliding", typical, f"{says}less than mu N")
+    case, needed = "ok", 0.0
     if share > FEW_BELOW:
-        needed = median(ratio[below]) * median(mu[rows[below]])
-        cause, remedy = "large", f"These need mu = {needed:.3g}."
+        case, needed = "large", median(ratio[below]) * median(mu[rows[below]])
     elif typical > AT_LIMIT[1]:
-        cause, remedy = "small", f"The forces need mu = {typical * median(mu[rows]):.3g}."
-    else:
-        return found
-    return found.doubt(f": mu too {cause}, or flags of another snapshot", remedy)
+        case, needed = "small", typical * median(mu[rows])
+    return finding("sliding", typical, case, percent=100 * share, needed=needed)
 
 
 # A contact without a flag counts as sliding from this share of mu N on, as Yade's own tables do.
@@ -381,12 +316,8 @@ def flags(state: Checked) -> Finding | None:
     at_limit &= np.abs(state.shear) >= SLIDING_SHARE * limit
     count = int(np.count_nonzero(at_limit))
     missing = int(np.count_nonzero(at_limit & ~state.sliding))
-    says = f"{missing} of {count} contacts at |T| = mu N are not flagged as sliding"
-    return Finding("flags", missing, says).doubt(
-        ": an empty column, or another mu",
-        "Leave out the column 'sliding': then it follows from the forces.",
-        missing >= AT_ONE_RATIO and 2 * missing > count,
-    )
+    case = "missing" if missing >= AT_ONE_RATIO and 2 * missing > count else "ok"
+    return finding("flags", missing, case, count=count)
 
 
 # Constraints over degrees of freedom: 1.03 and more where load is carried, 0.89 in a flow.
@@ -409,10 +340,7 @@ def jammed(state: Checked) -> Finding | None:
     slides = np.bincount(state.contacts[state.sliding].ravel(), minlength=len(degree))
     shared = (2 * degree - slides if rough else degree) / 2 + walls
     ratio = float(shared[held].sum() / ((3 if rough else 2) * np.count_nonzero(held)))
-    says = f"the contacts give {ratio:.3g} constraints per degree of freedom of the loaded grains"
-    cause = ": the sample isn't jammed, or contacts are missing"
-    remedy = "In a flow, loops carry load only briefly: take a snapshot at rest."
-    return Finding("jammed", ratio, says).doubt(cause, remedy, ratio < JAMMED)
+    return finding("jammed", ratio, "flow" if ratio < JAMMED else "ok")
 
 
 # Share of a typical overlap that the digits may leave open without a word.
@@ -421,20 +349,16 @@ OPEN_DIGITS = 0.01
 
 def unseen(state: Checked) -> Finding:
     """List the quantities that one snapshot cannot determine, such as kt."""
-    lines = ["one snapshot does not tell kt, two of them a small step apart do"]
+    untold, fit, percent = ["kt"], state.fit, 0.0
     if state.sliding is not None and not state.sliding.any():
-        lines.append("no contact slides: mu is not told")
-    fit = state.fit
+        untold.append("mu")
     if fit is None:
-        what = "stiffness, radii and missing contacts"
-        lines.append(f"no overlap is larger than the digits: {what} are not told")
+        untold.append("overlaps")
     elif state.rounded > OPEN_DIGITS * fit.typical:
-        share = 100 * state.rounded / fit.typical
-        lines.append(
-            f"the digits of centres and radii leave {share:.2g} % of a typical overlap open: "
-            "smaller faults of a radius, of one contact or by a missing contact are not told"
-        )
-    return Finding("unseen", len(lines), "; ".join(lines))
+        untold.append("digits")
+        percent = 100 * state.rounded / fit.typical
+    lines = "; ".join(sentences()["unseen"][one] for one in untold).format(percent=percent)
+    return finding("unseen", len(untold), untold=lines)
 
 
 def check_state(state: Checked) -> tuple[Finding, ...]:
@@ -445,8 +369,7 @@ def check_state(state: Checked) -> tuple[Finding, ...]:
     zero: list[Finding] = []
     known = state.forces_known or state.law is not None
     if known and not (state.normal.any() or state.shear.any()):
-        says = "all contact forces are zero"
-        zero.append(Finding("forces", 0.0, says, "doubt", "Export them."))
+        zero.append(finding("forces", 0.0, "zero"))
     elif state.law is not None:
         groups += [
             [unbalanced, balance, one_contact_turned, walls],
@@ -475,19 +398,12 @@ def same_force(name: str, column: Floats, used: Floats, scale: float, rows: Inte
     """Forces in a column of the file, of its `rows`, against those that are used."""
     off = np.abs(column - used) / (scale or 1.0)
     wrong = off > SAME_FORCE
-    says = (
-        f"{name} differs from the force that is used by at most {float(off.max()):.2g} mean forces"
-    )
-    found = Finding(name, float(off.max()), says)
-    if not wrong.any():
-        return found
-    turned = bool(median(np.abs(column + used)) <= SAME_FORCE * scale)
-    cause = "tension positive" if turned else "of other contacts, units or snapshots"
-    return found.doubt(
-        f", and more than {SAME_FORCE:g} in {np.count_nonzero(wrong)} rows, the first is "
-        f"{rows[wrong].min()}: {name} is {cause}",
-        "Correct one of the two.",
-    )
+    case, values = "ok", dict[str, object]()
+    if wrong.any():
+        case = "turned" if median(np.abs(column + used)) <= SAME_FORCE * scale else "other"
+        values = {"count": np.count_nonzero(wrong), "row": rows[wrong].min(), "limit": SAME_FORCE}
+    own = finding("same_force", float(off.max()), case, column=name, **values)
+    return own._replace(check=name)
 
 
 # Share of contacts in two rows: all where rows are of grains, but for some with fixed grains.
@@ -501,11 +417,7 @@ def repeated(same: int, turned: int, count: int, off: Floats, such: str = "") ->
     `off` (rows,) are the forces in such rows less those in the earlier one, in mean forces; `such`
     names the two rows that differ most.
     """
-    says = f"{same + turned} of {count} contacts are also in an earlier row"
-    found = Finding("repeated", (same + turned) / count, says)
-    wrong, such = int(np.count_nonzero(off > SAME_FORCE)), such and f", such as {such}"
-    if wrong:
-        cause = f", {wrong} of them with another force{such}"
-        return found.error(cause, "Keep one row of each contact.")
-    cause = f": rows of two processors, or files that were joined{such}"
-    return found.doubt(cause, "Dump each contact once.", same > 0 or turned < REPEATED * count)
+    rows, wrong = same + turned, int(np.count_nonzero(off > SAME_FORCE))
+    case = "force" if wrong else "joined" if same > 0 or turned < REPEATED * count else "ok"
+    values = {"rows": rows, "count": count, "wrong": wrong, "such": such and f", such as {such}"}
+    return finding("repeated", rows / count, case, **values)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -31,30 +34,29 @@ class Finding(NamedTuple):
     def __str__(self) -> str:
         return f"{self.says}. {self.remedy}"
 
-    def doubt(self, cause: str, remedy: str, holds: bool = True) -> Finding:
-        """The finding as a doubt with its likely cause, if `holds`."""
-        said = self._replace(says=f"{self.says}{cause}", severity="doubt", remedy=remedy)
-        return said if holds else self
 
-    def error(self, cause: str, remedy: str) -> Finding:
-        """The finding as an error, after which no result means anything."""
-        return self._replace(says=f"{self.says}{cause}", severity="error", remedy=remedy)
+@cache
+def sentences() -> dict[str, Any]:
+    """Sentences of the checks and of their cases, see findings.toml."""
+    return tomllib.loads((Path(__file__).parent / "findings.toml").read_text(encoding="utf-8"))
+
+
+def finding(check: str, number: float, case: str = "ok", **values: object) -> Finding:
+    """Finding of a check in a case of findings.toml, whose sentences show the values."""
+    common = sentences()[check]
+    own = {} if case == "ok" else common[case]
+    severity: Severity = "error" if "error" in own else "doubt" if "doubt" in own else "ok"
+    says = own.get("says", common.get("says")) + own.get(severity, "")
+    values["number"] = number
+    says, remedy = (words.format(**values) for words in (says, own.get("remedy", "")))
+    return Finding(check, number, says, severity, remedy)
 
 
 def crossings(graph: GrainGraph) -> Finding:
     """Finding on branches that cross: loops need a plane network."""
     count = len(find_crossings(graph, MOST_CROSSINGS))
-    found = Finding(
-        "crossings",
-        float(count),
-        counted(count, "pair of branches crosses", "pairs of branches cross"),
-    )
-    if not count:
-        return found
-    return found.error(
-        ": opposite grains of a loop overlap, or the cell is wrong",
-        "Give the right cell, or leave out one of each pair by --drop-crossings.",
-    )
+    pairs = counted(count, "pair of branches crosses", "pairs of branches cross")
+    return finding("crossings", float(count), "some" if count else "ok", pairs=pairs)
 
 
 def worst_severity(findings: Sequence[Finding]) -> Severity:

@@ -16,7 +16,7 @@ from loops.graph import reduced_cell
 from loops.shown import counted
 from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import Finding, finding
 from patterns.snapshots.tables import HUGE, Table, require_columns
 
 WALL = 1
@@ -211,9 +211,7 @@ def told_walls(
     x, radii = grains.columns("x", "y"), grains.column("radius")
     if not len(one) or median(_reach(x[two] - x[one], radii[one] + radii[two], cell)) > TOUCHING:
         return wall, [], []
-    found = Finding("type", float(wall.sum()), f"{wall.sum()} walls of type 1")
-    remedy = "Give --columns type=none if they are grains, type=type if they are walls."
-    return wall, [], [found.doubt(" are discs that touch the grains: walls, or a kind of", remedy)]
+    return wall, [], [finding("type", float(wall.sum()), "discs")]
 
 
 def read_bodies(

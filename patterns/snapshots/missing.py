@@ -10,7 +10,7 @@ from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.compiled import given, use_compiled
 from loops.shown import counted
 from patterns.snapshots.checked import ROUNDINGS, Checked
-from patterns.snapshots.findings import Finding, few, rounding
+from patterns.snapshots.findings import Finding, few, finding, rounding
 from patterns.snapshots.geometry import high_cell
 from patterns.snapshots.stiffness_checks import OF_GRAIN, wrong_radii
 
@@ -36,7 +36,7 @@ def lost_contacts(state: Checked) -> Finding | None:
     least = max(LOST_OVERLAP * typical, LOST_ROUNDINGS * state.rounded, gap, noise)
     pairs, overlap = overlapping_pairs(state.x, state.radii, repeated_cell(state), least)
     if len(pairs) == np.count_nonzero(state.overlap > least):
-        return Finding("lost", 0.0, "no pair of grains overlaps without a contact")
+        return finding("lost", 0.0, "none")
     # Of a wrong radius another check tells.
     fits = ~np.isin(pairs, wrong_radii(state)[0]).any(axis=1)
     pairs, overlap = pairs[fits], overlap[fits]
@@ -55,10 +55,9 @@ def lost_contacts(state: Checked) -> Finding | None:
 
     says = counted(len(lost), "pair of grains overlaps", "pairs of grains overlap")
     says += " and has no contact" if len(lost) == 1 else " and have no contact"
-    remedy = "Export these contacts too, or correct the radii or the cell."
-    if state.walls is not None and state.graph.cell is not None and all(state.periodic):
-        remedy += " Between walls the sample is periodic one way: --periodic x, or y."
-    return Finding("lost", len(lost), says).doubt(f": {few(lost, by)}", remedy, len(lost) > 0)
+    strip = state.walls is not None and state.graph.cell is not None and all(state.periodic)
+    case = "ok" if not len(lost) else "between_walls" if strip else "some"
+    return finding("lost", len(lost), case, pairs=says, each=few(lost, by))
 
 
 def repeated_cell(state: Checked) -> Floats | None:
@@ -153,15 +152,9 @@ def cell(state: Checked) -> Finding | None:
     if state.graph.cell is None or images is None:
         return None
     if not images.any():
-        says = f"none of {len(images)} contacts crosses the border of the cell"
-        found = Finding("cell", 0.0, says)
-        remedy = "Give the sample's own cell, or none (in a dump ff in place of pp)."
-        if state.walls is None or not len(state.walls[0]):
-            return found.doubt(": stresses are over the area of a cell that may be wrong", remedy)
-        count = len(state.walls[0])
-        return found.error(
-            f", and {count} with walls are known: the sample is between walls", remedy
-        )
+        known = 0 if state.walls is None else len(state.walls[0])
+        case = "walls" if known else "large"
+        return finding("cell", 0.0, case, count=len(images), walls=known)
     fit, inner = state.fit, np.asarray(~images.any(axis=1))
     wanted = np.full(len(inner), median(state.overlap[inner]) if inner.any() else np.nan)
     if fit is not None:
@@ -184,18 +177,13 @@ def cell(state: Checked) -> Finding | None:
         if abs(share) > EDGE_ERRORS * error:
             edges[k] = share
             worst = max(worst, abs(share) * size / median(np.abs(wanted)))
-    says = "contacts across the border of the cell overlap as the others do"
-    found = Finding("cell", worst, says)
     if not edges.any():
-        return found
+        return finding("cell", worst)
     long = " and ".join(f"{'xy'[k]} {100 * abs(s):.2g} % too {'long' if s > 0 else 'short'}"
                         for k, s in enumerate(edges) if s)  # fmt: skip
-    right = state.graph.cell * (1 - edges)
-    remedy = f"About {','.join(f'{value:.9g}' for value in right.ravel())} would fit."
-    found = found._replace(says=f"contacts across the border of the cell overlap by {worst:.2g} "
-                           "typical overlaps less or more than the others")  # fmt: skip
-    doubtful = found.error if worst > EDGE_SHIFT else found.doubt
-    return doubtful(f": the cell is along {long}", remedy)
+    right = ",".join(f"{value:.9g}" for value in (state.graph.cell * (1 - edges)).ravel())
+    case = "wrong" if worst > EDGE_SHIFT else "off"
+    return finding("cell", worst, case, long=long, right=right)
 
 
 # Resultant on a grain, in mean normal forces, that counts as pushing it: at rest 0.065 (root mean
@@ -213,7 +201,7 @@ FEWEST_BARE = 5
 def walls(state: Checked) -> Finding | None:
     """Grains at the outline that are pushed outward and have nothing that pushes back."""
     if state.graph.cell is not None and all(state.periodic):
-        return Finding("walls", 0.0, "no walls needed: the sample is periodic")
+        return finding("walls", 0.0, "periodic")
     force = np.add(*state.resultants)
     size = np.hypot(*force.T)
     mean = state.mean_force
@@ -224,21 +212,13 @@ def walls(state: Checked) -> Finding | None:
     outward = np.einsum("gk,gk->g", force[grains], state.x[grains] - centre) > 0
     grains = grains[outward][np.argsort(-size[grains[outward]])]
     known = 0 if state.walls is None else len(state.walls[0])
-    says = f"{known} contacts with walls are known" if known else "no walls known"
-    found = Finding("walls", len(grains), says)
     if len(grains) == 0:
-        held = "hold the sample" if known else "and none needed: no grain is pushed outward"
-        return found._replace(says=f"{says.removesuffix(' are known')} {held}")
-    if len(grains) < max(FEWEST_BARE, BARE_SHARE * count):
-        pushed_out = f"{len(grains)} of {count} grains out of balance are pushed outward"
-        return found._replace(says=f"{says}; {pushed_out}, too few for a missing wall")
-    named = few(state.ids[grains])
-    return found.doubt(
-        f", and {len(grains)} grains at the outline are pushed outward with nothing to push back, "
-        f"by up to {size[grains[0]] / mean:.3g} mean normal forces: grains {named}",
-        "Give the contacts with walls: rows of a body of type 1 with force and branch, or a table "
-        "walls_... beside the grains.",
-    )
+        return finding("walls", 0, "hold" if known else "none", count=known)
+    case = "few" if len(grains) < max(FEWEST_BARE, BARE_SHARE * count) else "missing"
+    words = f"{known} contacts with walls are known" if known else "no walls known"
+    most, each = size[grains[0]] / mean, few(state.ids[grains])
+    values = {"known": words, "pushed": count, "most": most, "each": each}
+    return finding("walls", len(grains), case, **values)
 
 
 def _stopped(state: Checked, grains: Flags, force: Floats) -> Flags:

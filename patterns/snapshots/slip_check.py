@@ -8,7 +8,7 @@ from loops import FrictionalLaw, Regime, contact_state
 from loops.arrays import Floats, Integers, median
 from loops.laws.frictional import of_tables
 from patterns.snapshots.checked import FEWEST
-from patterns.snapshots.findings import Finding
+from patterns.snapshots.findings import Finding, finding
 from patterns.snapshots.geometry import index_of
 from patterns.snapshots.snapshot import Snapshot
 
@@ -75,14 +75,9 @@ def check_kt(before: Snapshot, after: Snapshot) -> Finding | None:
     wrong = np.count_nonzero(np.abs(needed - factor * slip) > KT * np.abs(factor * slip))
     agreeing = max(1 - wrong / spare, 0.0)
     if agreeing < AGREEING:
-        says = f"T of {100 * agreeing:.3g} % of the contacts follows the motion since the snapshot "
-        return Finding("kt", agreeing, f"{says}before: the step is too long to check kt")
-    says = f"T changed by {factor:.4g} times kt times the slip since the snapshot before (median)"
-    return Finding("kt", factor, says).doubt(
-        f": kt is too {'small' if factor > 1 else 'large'}",
-        f"The forces need kt = {factor * median(kt):.4g}.",
-        abs(factor - 1) > KT,
-    )
+        return finding("kt", agreeing, "long", percent=100 * agreeing)
+    case = "ok" if abs(factor - 1) <= KT else "small" if factor > 1 else "large"
+    return finding("kt", factor, case, needed=factor * median(kt))
 
 
 def _moved(before: Snapshot, contacts: Integers, later: Floats) -> tuple[Integers, Floats, Floats]:

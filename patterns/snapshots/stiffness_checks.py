@@ -8,7 +8,7 @@ from loops.arrays import Floats, Integers, median
 from loops.laws.hertz_mindlin import HertzMindlin
 from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
-from patterns.snapshots.findings import NEAR_ROUND, Finding, few, power_of_ten, rounding
+from patterns.snapshots.findings import NEAR_ROUND, Finding, few, finding, power_of_ten, rounding
 
 # N over the force that kn and the overlap give, less one (median): clean 4e-5, which is damping in
 # a sample that moves; scatter and rounding of the file come on top.
@@ -25,38 +25,27 @@ def stiffness(state: Checked) -> Finding | None:
     secant = state.pressed[rows] / state.overlap[rows]
     raw, exceeds = median(secant / kn), median(kt / kn)
     off = abs(fit.ratio - 1) > STIFFNESS_OFF + fit.error
-    found = Finding("stiffness", raw, f"N is {raw:.4g} times kn times the overlap (median)")
-    if off and abs((shear_ratio := median(secant / kt)) - 1) < NEAR_ROUND < abs(exceeds - 1):
-        cause = f" and {shear_ratio:.4g} times kt times it: kn and kt exchanged"
-        return found.doubt(cause, "Exchange them.")
+    of_kt = median(secant / kt)
+    if off and abs(of_kt - 1) < NEAR_ROUND < abs(exceeds - 1):
+        return finding("stiffness", raw, "exchanged", of_kt=of_kt, hertz="")
     needed, power = _needed_stiffness(state, rows, secant)
-    modulus = f"E/(1 - nu^2) = {_needed_modulus(state, rows):.4g}" if off or power > 1 else ""
+    modulus = _needed_modulus(state, rows) if off or power > 1 else ""
     if power != fit.power and not state.goes_with_root(kn, rows):
-        return found.doubt(
-            ": N goes with the overlap to the power of 3/2, as in Hertz's law, and kn does not",
-            f"Give tangents, kn = {needed:.4g} (median), or --law hertz with {modulus}.",
-        )
-    if fit.power > 1:
-        found = found._replace(says=f"{found.says}, Hertz's tangents give {1 / fit.power:.4g}")
+        return finding("stiffness", raw, "root", needed=needed, modulus=modulus, hertz="")
+    hertz = f", Hertz's tangents give {1 / fit.power:.4g}" if fit.power > 1 else ""
     if off:
         unit = power_of_ten(fit.ratio)
         of_modulus = state.law is not None and state.law.of_moduli
-        stiff = "the modulus" if of_modulus else "kn"
         right = modulus if of_modulus else f"kn = {needed:.4g}"
         right += f" ({modulus})" if fit.power > 1 and not of_modulus else ""
-        cause = f"the forces are {fit.ratio:.4g} times what {stiff} and the overlaps give, or "
-        cause += f"{stiff} is {1 / fit.ratio:.4g} times what the forces and overlaps need"
-        return found.doubt(
-            f": {f'units differ by {unit}' if unit else cause}",
-            f"Forces and overlaps need {right}, or the forces divided by {fit.ratio:.4g}; one "
-            "snapshot does not tell which of the two.",
-        )
+        values = {"ratio": fit.ratio, "inverse": 1 / fit.ratio, "right": right, "unit": unit}
+        values |= {"stiff": "the modulus" if of_modulus else "kn", "hertz": hertz}
+        return finding("stiffness", raw, "unit" if unit else "scale", **values)
     if fit.power != state.power and not state.cohesive:
-        return found._replace(says=f"{found.says}: --law hertz for strains")
+        return finding("stiffness", raw, "strains", hertz=hertz)
     if exceeds > 1 + NEAR_ROUND:
-        found = Finding("stiffness", exceeds, f"kt is {exceeds:.4g} kn")
-        return found.doubt(": contacts are usually softer in shear", "Check kn and kt.")
-    return found
+        return finding("stiffness", exceeds, "shear")
+    return finding("stiffness", raw, hertz=hertz)
 
 
 def _needed_stiffness(state: Checked, rows: Integers, secant: Floats) -> tuple[float, float]:
@@ -66,12 +55,13 @@ def _needed_stiffness(state: Checked, rows: Integers, secant: Floats) -> tuple[f
     return median(secant) / (1.0 / power), power
 
 
-def _needed_modulus(state: Checked, rows: Integers) -> float:
-    """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median)."""
+def _needed_modulus(state: Checked, rows: Integers) -> str:
+    """`E/(1 - nu^2)` that forces and overlaps need under Hertz's law (median), for a sentence."""
     reduced = state.radii[state.contacts[rows]].prod(axis=1) / state.reach[rows]
     overlap = state.overlap[rows]
     share = 1.0 / HertzMindlin.overlap_power
-    return median(state.pressed[rows] / overlap / (share * np.sqrt(reduced * overlap)))
+    modulus = median(state.pressed[rows] / overlap / (share * np.sqrt(reduced * overlap)))
+    return f"E/(1 - nu^2) = {modulus:.4g}"
 
 
 def needed_stiffness(state: Checked) -> Finding | None:
@@ -80,11 +70,9 @@ def needed_stiffness(state: Checked) -> Finding | None:
     if len(rows) == 0:
         return None
     needed, power = _needed_stiffness(state, rows, state.pressed[rows] / state.overlap[rows])
-    says = f"forces and overlaps need kn = {needed:.4g} (median)"
     if power > 1:
-        modulus = _needed_modulus(state, rows)
-        says += f", tangents of Hertz's law with E/(1 - nu^2) = {modulus:.4g}"
-    return Finding("stiffness", needed, says)
+        return finding("stiffness", needed, "needed_hertz", modulus=_needed_modulus(state, rows))
+    return finding("stiffness", needed, "needed")
 
 
 # Overlaps off by a share of the larger one and of the typical one: clean 1e-3 at rest, most of it
@@ -133,16 +121,14 @@ def one_radius(state: Checked) -> Finding | None:
     if state.fit is None or len(state.contacts) < FEWEST:
         return None
     grains, change = wrong_radii(state)
-    says = f"{counted(len(grains), 'grain')} with a radius that does not fit its forces"
     old, ids = state.radii[grains], state.ids[grains]
     new, rows = old + change, range(len(grains))
     each = few(
         rows, lambda g: f"that of grain {ids[g]} is {old[g] / new[g]:.6g} times what they need"
     )
     right = few(rows, lambda g: f"grain {ids[g]} the radius {new[g]:.8g}")
-    return Finding("radius", len(grains), says).doubt(
-        f": {each}", f"Give {right}.", len(grains) > 0
-    )
+    case, named = "some" if len(grains) else "ok", counted(len(grains), "grain")
+    return finding("radius", len(grains), case, grains=named, each=each, right=right)
 
 
 def one_contact(state: Checked) -> Finding | None:
@@ -154,7 +140,6 @@ def one_contact(state: Checked) -> Finding | None:
     rows = np.flatnonzero(odd)
     # Of a wrong radius another check tells.
     rows = rows[~np.isin(state.contacts[rows], wrong_radii(state)[0]).any(axis=1)]
-    says = f"{counted(len(rows), 'contact')} with a kn that does not fit force and overlap"
     touches, kn = state.overlap > 0, state.stiffnesses[0]
     ratio = fit.needed / np.where(touches, state.overlap, 1.0)
 
@@ -163,8 +148,8 @@ def one_contact(state: Checked) -> Finding | None:
         return f"grains {state.names(np.array([c]))} ({what})"
 
     right = few(rows, lambda c: f"kn = {kn[c] * ratio[c]:.4g}" if touches[c] else "N = 0")
-    remedy = f"Correct N, kn or the overlap of these contacts: {right} would fit."
-    return Finding("kn", len(rows), says).doubt(f": {few(rows, each)}", remedy, len(rows) > 0)
+    case, named = "some" if len(rows) else "ok", counted(len(rows), "contact")
+    return finding("kn", len(rows), case, contacts=named, each=few(rows, each), right=right)
 
 
 # Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.
@@ -187,15 +172,10 @@ def radii(state: Checked) -> Finding | None:
     squares = [[overlap @ overlap, overlap @ reach], [overlap @ reach, reach @ reach]]
     slope, offset = np.linalg.lstsq(squares, [overlap @ needed, reach @ needed], rcond=None)[0]
     share = float(-offset / slope)
-    says = f"overlaps and forces fit radii {1 - share:.6g} times as large"
-    found = Finding("radii", share, says)
+    case = "ok"
     coarse = ROUNDINGS * rounding(state.x) / float(reach.mean())
-    if slope <= 0 or abs(share) <= RADII_OFF + coarse:
-        return found
-    without = median(np.abs(needed - overlap * median(needed / overlap)))
-    left = median(np.abs(needed - slope * overlap - offset * reach))
-    return found.doubt(
-        ": radii of another precision or unit, or forces that are not proportional to overlaps",
-        f"Divide the radii by {1 / (1 - share):.6g}, or give kn of each contact.",
-        bool(EXPLAINED * left < without),
-    )
+    if slope > 0 and abs(share) > RADII_OFF + coarse:
+        without = median(np.abs(needed - overlap * median(needed / overlap)))
+        left = median(np.abs(needed - slope * overlap - offset * reach))
+        case = "off" if EXPLAINED * left < without else "ok"
+    return finding("radii", share, case, times=1 - share, by=1 / (1 - share))

@@ -9,7 +9,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, median
 from patterns.snapshots.checks import SAME_FORCE
-from patterns.snapshots.findings import Finding, few
+from patterns.snapshots.findings import Finding, few, finding
 from patterns.snapshots.forces import Forces, resultants
 from patterns.snapshots.geometry import GEOMETRY_TOLERANCE, Contacts, index_of, refuse_unknown
 from patterns.snapshots.tables import Table
@@ -101,11 +101,8 @@ def _walls(
     if branch is None and point is None and normal is None and along is not None and along.any():
         normal = sign * along * np.sign(np.einsum("wk,wk->w", along, force))[:, None]
     if branch is None and point is None and normal is None:
-        names = "branch_x, branch_y, or the contact point cx, cy, or the normal nx, ny"
-        found = Finding("wall_branches", 0.0, f"{len(grain)} contacts with walls have no {names}")
-        return Walls(
-            None, len(grain), [], [found.doubt(": their forces are left out", "Add them.")]
-        )
+        unknown = finding("wall_branches", 0.0, "unknown", count=len(grain))
+        return Walls(None, len(grain), [], [unknown])
     given: list[tuple[str, Floats]] = []
     if branch is not None:
         given += [("", branch), ("turned: they point to the walls", -branch)]
@@ -131,8 +128,7 @@ def _walls(
         notes.append(f"branches of contacts with walls {words}")
     good = _fits(one, force, radii)
     walls = WallContacts(grain, force, one, stiff, kt, mu, flags)
-    finding = _branches(one, force, radii, good, bodies.ids[grain])
-    return Walls(walls, len(grain), notes, [finding])
+    return Walls(walls, len(grain), notes, [_branches(one, force, radii, good, bodies.ids[grain])])
 
 
 def _acts_on_walls(x: Floats, grain: Integers, force: Floats, resultant: Floats) -> bool:
@@ -157,14 +153,10 @@ def _fits(branch: Floats, force: Floats, radii: Floats) -> Flags:
 def _branches(branch: Floats, force: Floats, radii: Floats, good: Flags, ids: Integers) -> Finding:
     """Finding on branches of walls against the radii and the forces of their grains."""
     ratio = median(np.hypot(*branch.T) / radii)
-    says = f"branches of contacts with walls are {ratio:.4g} times the radii (median)"
-    found = Finding("wall_branches", ratio, says)
-    remedy = "Give the vector from the foot on the wall to the centre, and the force on the grain."
-    if good.all():
-        return found
+    case = "ok" if good.all() else "some" if good.mean() >= FITTING else "most"
     odd = ids[~good]
-    cause = f", {len(odd)} of {len(good)} not as long, or against the force: grains {few(odd)}"
-    return found.doubt(cause, remedy) if good.mean() >= FITTING else found.error(cause, remedy)
+    values = {"odd": len(odd), "count": len(good), "each": few(odd)}
+    return finding("wall_branches", ratio, case, **values)
 
 
 def height_between(x: Floats, walls: WallContacts | None, axis: int) -> float | None:
