@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from loops.errors import check_type
+
 # Seconds before the clock is first shown.
 CLOCK_PATIENCE = 2.0
 # Seconds between two changes of it.
@@ -17,20 +19,54 @@ COMPILING = "compiling kernels, once: about half a minute"
 CLEAR = "\r\x1b[K"
 
 
+# Seconds from which on work is long: an estimate is printed without a terminal too, after so many
+# seconds: the first part loads kernels.
+LONG, STEADY = 30.0, 5.0
+# Called with how many parts are done, the seconds that the others will take, and their number.
+Progress = Callable[[int, float, int], object]
+
+
+def paced(progress: Progress | None, count: int, done: int = 0) -> Callable[[], None]:
+    """Return a function to call after each of so many parts, some of which are `done` already."""
+    if progress is not None:
+        check_type("progress", progress, Callable, "Give a function, or leave it out.")
+    start, ended = time.monotonic(), 0
+
+    def after_one() -> None:
+        nonlocal ended
+        ended += 1
+        if progress is not None:
+            left = count - done - ended
+            progress(done + ended, left * (time.monotonic() - start) / ended, left)
+
+    return after_one
+
+
+def of_parts(tell: Callable[..., object], what: str) -> Progress:
+    """Return the `progress` of a command: parts done and the time left, on its clock."""
+
+    def progress(done: int, seconds: float, left: int) -> None:
+        others = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.0f} min"
+        tell(f"{done} of {done + left} {what}, about {others} left", long=seconds > LONG)
+
+    return progress
+
+
 @contextmanager
-def clock(name: str, *, line: bool = True) -> Iterator[Callable[[str], None]]:
+def clock(name: str, *, line: bool = True) -> Iterator[Callable[..., None]]:
     """Show on the last line of a terminal for how many seconds `name` has worked, if `line`.
 
     Nothing is shown in the first two seconds, without a terminal or with --quiet. The block gets a
-    function that adds a text to the line. While kernels are compiled, a line of its own says so,
-    without a terminal too.
+    function that adds a text to the line; without a terminal the first one of `long` work is
+    printed. While kernels are compiled, a line of its own says so, without a terminal too.
     """
-    done, text = threading.Event(), [""]
+    done, text, start = threading.Event(), [""], time.monotonic()
+    estimated = False
     quiet = os.environ.get("TTY_COMPATIBLE") == "0"
     shown = line and sys.stderr.isatty() and not quiet
 
     def show() -> None:
-        start, wait, said = time.monotonic(), CLOCK_PATIENCE, False
+        wait, said = CLOCK_PATIENCE, False
         while not done.wait(wait):
             from loops.compiled import compiling  # loads numpy
 
@@ -44,11 +80,19 @@ def clock(name: str, *, line: bool = True) -> Iterator[Callable[[str], None]]:
         if shown and wait == TICK:
             print(CLEAR, end="", file=sys.stderr, flush=True)
 
+    def tell(more: str, long: bool = False) -> None:
+        nonlocal estimated
+        steady = time.monotonic() - start > STEADY
+        if long and steady and not (shown or quiet or estimated):
+            estimated = True
+            print(f"{name}: {more}", file=sys.stderr, flush=True)
+        text[0] = f", {more}"
+
     thread = threading.Thread(target=show, daemon=True)
     if not quiet:
         thread.start()
     try:
-        yield lambda more: text.__setitem__(0, f", {more}")
+        yield tell
     finally:
         done.set()
         if not quiet:

@@ -15,7 +15,7 @@ of several orders over one another.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -49,6 +49,7 @@ from patterns.diamond.states import diamond_states
 from patterns.polygons import opposite_gap
 from stability import Stage, follow, programmes
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
+from studies.clock import Progress, paced
 from studies.output import Summary
 from studies.paths.options import LoopOptions, PolygonOptions, file_notes, inside
 from studies.present_domain import (
@@ -146,25 +147,36 @@ def require_odd(directions: int) -> None:
         raise InputError("--directions", received, expected, "Correct it.")
 
 
-def first_losses(case: Case, directions: int, *, friction: bool) -> tuple[Fan, FanLimits]:
+def first_losses(
+    case: Case, directions: int, *, friction: bool, after_one: Callable[[], object] = lambda: None
+) -> tuple[Fan, FanLimits]:
     """Losses of one diamond along its fan of programmes, whose P are the paper's stresses."""
     virgin, mu = diamond(case.alpha0), case.mu if friction else np.inf
     boundary = boundary_of(virgin, volume=2.0 * np.sin(2.0 * case.alpha0))
     loop = Scene(virgin, LinearFrictional(1.0, case.kappa, mu), boundary)
     programme = loop_fan(virgin.reference_branches, directions)
     fan = Fan(loop, "affine", "blocked", "strain", programme, REACH)
-    return fan, limits_along(fan)
+    return fan, limits_along(fan, after_one)
 
 
-def domain_table(cases: tuple[Case, ...], directions: int) -> pd.DataFrame:
+def domain_table(
+    cases: tuple[Case, ...], directions: int, progress: Progress | None = None
+) -> pd.DataFrame:
     """Losses of every diamond along its fan, with contacts that stick and with friction."""
-    parts = []
-    for case in cases:
-        for friction in (False, True) if np.isfinite(case.mu) else (False,):
-            losses = first_losses(case, directions, friction=friction)
-            name = "frictional" if friction else "sticking"
-            parts += [loss_table(case, *losses, kind, name) for kind in LOSSES]
+    parts, fans = [], [(case, friction) for case in cases for friction in _contacts(case)]
+    after_one = paced(progress, len(fans) * directions)
+    for case, friction in fans:
+        losses = first_losses(case, directions, friction=friction, after_one=after_one)
+        name = "frictional" if friction else "sticking"
+        parts += [loss_table(case, *losses, kind, name) for kind in LOSSES]
     return pd.concat(parts, ignore_index=True)
+
+
+def _contacts(loop: Case | PolygonOptions) -> tuple[bool, ...]:
+    """Whether contacts slide: never, and where they have friction; of a snapshot as they do."""
+    if isinstance(loop, LoopOptions):
+        return (True,)
+    return (False, True) if np.isfinite(loop.mu) else (False,)
 
 
 def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str) -> pd.DataFrame:
@@ -193,13 +205,15 @@ def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str
     return pd.DataFrame(columns)
 
 
-def run_domain(parameters: DomainParameters, out: Path, **files: Any) -> Summary:
+def run_domain(
+    parameters: DomainParameters, out: Path, progress: Progress | None = None, **files: Any
+) -> Summary:
     """Find the bifurcation domains of diamonds, and write the table, summary and figure.
 
     `files` are `force`, `csv` and `figures` of a study.
     """
     with study("domain", out, parameters.described(), **files) as results:
-        table = domain_table(parameters.cases(), parameters.directions)
+        table = domain_table(parameters.cases(), parameters.directions, progress)
         drawings = [("domain", lambda: domain_figure(table, parameters.cases()))]
         summary = domain_summary(table, parameters)
         title = "Bifurcation domains of diamonds"
@@ -361,18 +375,24 @@ def loop_fan(d0: Floats, directions: int) -> Floats:
 
 
 def loop_limits(
-    loop: PolygonOptions, control: Control, directions: int, *, friction: bool
+    loop: PolygonOptions,
+    control: Control,
+    directions: int,
+    *,
+    friction: bool,
+    after_one: Callable[[], object] = lambda: None,
 ) -> tuple[Fan, FanLimits]:
     """First limits of one loop along its fan."""
     graph, law = loop.graph(), loop.law()
     if isinstance(loop, LoopOptions):
-        return present_fan(graph, law, loop.closure, loop.spins, control, directions)
+        how: Any = loop.closure, loop.spins, control, directions, after_one
+        return present_fan(graph, law, *how)
     if not friction:
         law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
     around = loop_fan(graph.reference_branches, directions)
     whole = Scene(graph, law)
     fan = Fan(whole, loop.closure, loop.spins, control, around, FAN_REACH)
-    return fan, limits_along(fan)
+    return fan, limits_along(fan, after_one)
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
@@ -393,7 +413,7 @@ def unstable_share(fan: Fan, limits: FanLimits) -> float:
 
 
 def loop_domains(
-    parameters: LoopDomainParameters,
+    parameters: LoopDomainParameters, progress: Progress | None = None
 ) -> tuple[pd.DataFrame, list[dict[str, Any]], dict[str, LoopDomain]]:
     """Limits of every loop, contacts sticking and with friction; their counts and the shares.
 
@@ -401,28 +421,28 @@ def loop_domains(
     other one, by kind of contacts.
     """
     parts, loops, alone = [], [], {}
-    for loop in parameters.loops:
+    asked = parameters.control, parameters.directions
+    fans = [(loop, friction) for loop in parameters.loops for friction in _contacts(loop)]
+    after_one = paced(progress, len(fans) * parameters.directions)
+    for loop, friction in fans:
         own = isinstance(loop, LoopOptions)
-        for friction in (True,) if own else (False, True) if np.isfinite(loop.mu) else (False,):
-            fan, limits = loop_limits(
-                loop, parameters.control, parameters.directions, friction=friction
-            )
-            named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
-            parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
-            counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}
-            found = {kind: count for kind, count in counts.items() if count}
-            loops.append({**named, "limits": found})
-            if parameters.control == "strain" and not own:
-                loops[-1]["unstable_share"] = unstable_share(fan, limits)
-            if own:
-                present = domain_of(fan, limits, "over $k_n$")
-                loops[-1]["present_state"] = present.status
-                loops[-1]["negative_share"] = float((present.rows["start_w2"] < 0.0).mean())
-                counts = present.rows["kind"].value_counts().to_dict()
-                loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
-                alone[PRESENT] = present
-            elif len(parameters.loops) == 1:
-                alone[SLIDING_WORDS[named["contacts"]]] = virgin_domain(fan, limits)
+        fan, limits = loop_limits(loop, *asked, friction=friction, after_one=after_one)
+        named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
+        parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
+        counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}
+        found = {kind: count for kind, count in counts.items() if count}
+        loops.append({**named, "limits": found})
+        if parameters.control == "strain" and not own:
+            loops[-1]["unstable_share"] = unstable_share(fan, limits)
+        if own:
+            present = domain_of(fan, limits, "over $k_n$")
+            loops[-1]["present_state"] = present.status
+            loops[-1]["negative_share"] = float((present.rows["start_w2"] < 0.0).mean())
+            counts = present.rows["kind"].value_counts().to_dict()
+            loops[-1]["ended_by"] = {kind: counts[kind] for kind in sorted(counts)}
+            alone[PRESENT] = present
+        elif len(parameters.loops) == 1:
+            alone[SLIDING_WORDS[named["contacts"]]] = virgin_domain(fan, limits)
     filled = [part for part in parts if len(part)] or parts[:1]
     return pd.concat(filled, ignore_index=True), loops, alone
 
@@ -445,13 +465,15 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
     )
 
 
-def run_loop_domains(parameters: LoopDomainParameters, out: Path, **files: Any) -> Summary:
+def run_loop_domains(
+    parameters: LoopDomainParameters, out: Path, progress: Progress | None = None, **files: Any
+) -> Summary:
     """Find the bifurcation domains of loops, and write the table, summary and figures.
 
     `files` are `force`, `csv` and `figures` of a study.
     """
     with study("domain", out, parameters.described(), **files) as results:
-        table, loops, alone = loop_domains(parameters)
+        table, loops, alone = loop_domains(parameters, progress)
         found = {"directions": parameters.directions, "loops": loops}
         found["notes"] = file_notes(parameters.loops[0])
         tables = {"domain": table}

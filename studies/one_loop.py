@@ -20,6 +20,7 @@ from loops.shown import Shown, counted
 from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath
+from studies.clock import of_parts
 from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed, follow_loop
@@ -142,7 +143,7 @@ def run_loop(
     out: Path | None,
     *,
     in_packing: bool = True,
-    progress: Callable[[str], object] = lambda _: None,
+    progress: Callable[..., object] = lambda *_, **__: None,
     **how: Any,
 ) -> LoopStudy:
     """Study a loop of a snapshot, and write its report, tables and figures where `out` is given.
@@ -177,7 +178,8 @@ def run_loop(
         configuration, summary = options.described(), path.summary()
         subject, unit = Scene(options.graph(), options.law()), "over $k_n$"
         tables |= path.tables()
-    domain = tried("domain", lambda: loop_domain(subject, options.closure))
+    of_domain = of_parts(lambda text, **how: progress(f"its domain: {text}", **how), "programmes")
+    domain = tried("domain", lambda: loop_domain(subject, options.closure, progress=of_domain))
     summary |= {"closures": known.to_dict("records"), "notes": summary["notes"] + notes}
     if domain is not None:
         domain = replace(domain, stress_unit=unit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.progress import track
 
 from loops import (
     ContactLaw,
@@ -31,6 +29,7 @@ from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from stability import judge, normalised_second_order_work, restrict
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
+from studies.clock import Progress, paced
 from studies.output import words
 from studies.style import (
     BLACK,
@@ -130,6 +129,7 @@ def present_fan(
     spins: Spins,
     control: Control,
     directions: int,
+    after_one: Callable[[], object] = lambda: None,
 ) -> tuple[Fan, FanLimits]:
     """Limits of the programmes from the present state of a loop in all directions."""
     graph = graph.replace(x0=graph.x)
@@ -141,16 +141,16 @@ def present_fan(
     fan = Fan(loop, closure, spins, control, around, REACH_OVERLAPS * overlap)
     if present_tangent(fan)[1] == "unstable":
         return fan, FanLimits.none(fan)
-    return fan, limits_along(fan)
+    return fan, limits_along(fan, after_one)
 
 
 @one_blas_thread()
-def limits_along(fan: Fan) -> FanLimits:
-    """Return first limits along the programmes, with a progress bar."""
-    console, limits = Console(stderr=True), FanLimits.none(fan)
-    rows, hidden = range(len(fan.programme)), not console.is_terminal
-    for row in track(rows, "programmes", console=console, transient=True, disable=hidden):
+def limits_along(fan: Fan, after_one: Callable[[], object] = lambda: None) -> FanLimits:
+    """Return first limits along the programmes."""
+    limits = FanLimits.none(fan)
+    for row in range(len(fan.programme)):
         limits.follow(fan, row)
+        after_one()
     return limits
 
 
@@ -201,6 +201,7 @@ def loop_domain(
     spins: Spins = "blocked",
     control: Control = "strain",
     directions: int | None = None,
+    progress: Progress | None = None,
 ) -> LoopDomain:
     """Domain of one loop: what ends straight programmes from its present state, and where.
 
@@ -217,6 +218,9 @@ def loop_domain(
     directions : int
         Number of programmes in all directions, 3 or more; they end at a strain of five mean
         overlaps. If left out 361, or 61 (spins that turn, other laws).
+    progress : callable, optional
+        Called after each programme with how many are done, the seconds that the others will take
+        at their pace, and how many are left.
 
     Returns
     -------
@@ -248,7 +252,8 @@ def loop_domain(
     if scene.boundary.kind != "free":
         received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
         raise InputError("first argument", received, "one loop", remedy)
-    fan, limits = present_fan(scene.graph, scene.law, closure, spins, control, directions)
+    how: Any = closure, spins, control, directions, paced(progress, directions)
+    fan, limits = present_fan(scene.graph, scene.law, *how)
     return domain_of(fan, limits, "force/length")
 
 

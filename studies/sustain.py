@@ -26,6 +26,7 @@ from stability.packing.hold import HoldControl
 from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
 from stability.path import Path as LoadedPath
+from studies.clock import Progress
 from studies.frames import load_table, loop_work_table, order_work_table
 from studies.output import (
     Summary,
@@ -37,7 +38,7 @@ from studies.output import (
 )
 from studies.questions import Sustaining, taken
 from studies.reading import read_planar, reading
-from studies.series.workers import Store, in_directions, open_runner
+from studies.series.workers import Store, in_directions, open_runner, run_here
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study
 
@@ -57,6 +58,7 @@ def run_sustain(
     hold_stress: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    progress: Progress | None = None,
     **how: Any,
 ) -> Summary:
     """Find the loads that a snapshot sustains, write tables, figures and a report; the summary.
@@ -78,7 +80,8 @@ def run_sustain(
         with open_runner(workers, scheduler, []) as runner:
 
             def follow(directions: Floats, loading: Loading) -> list[LoadedPath]:
-                return in_directions(runner, partial(_load, scene, loading), directions, store)
+                load = partial(_load, scene, loading)
+                return in_directions(runner, load, directions, store, progress)
 
             found = sustain_packing(scene, **asked, follow=follow)
         tables = sustain_tables(found)
@@ -102,6 +105,7 @@ def sustain(
     most_snaps: int = 30,
     spread: bool = True,
     hold: HoldControl = "strain",
+    progress: Progress | None = None,
 ) -> Sustained:
     """Load a packing along directions of stress until its first large motion.
 
@@ -136,6 +140,9 @@ def sustain(
         fourteen times the cost.
     hold : {'strain', 'stress'}
         Whether the sample comes to rest at a fixed cell or at fixed stress.
+    progress : callable, optional
+        Called after each direction with how many are done, the seconds that the others will take
+        at their pace, and how many are left.
 
     Returns
     -------
@@ -168,7 +175,13 @@ def sustain(
     _followable(scene_of(scene), subspace)
     how: dict[str, Any] = {"subspace": subspace, "largest": largest, "interval": interval}
     how |= {"large": large, "most_snaps": most_snaps, "spread": spread}
-    return sustain_packing(scene_at_rest(scene, hold), directions, **how)
+    at_rest = scene_at_rest(scene, hold)
+
+    def follow(directions: Floats, loading: Loading) -> list[LoadedPath]:
+        load = partial(_load, at_rest, loading)
+        return in_directions(run_here, load, directions, None, progress)
+
+    return sustain_packing(at_rest, directions, follow=follow, **how)
 
 
 def _followable(scene: Scene, subspace: Subspace) -> None:

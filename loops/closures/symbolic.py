@@ -46,8 +46,8 @@ class SymbolicTangent(NamedTuple):
     values: dict[Any, float]
 
     def __repr__(self) -> str:
-        matrices = {name: getattr(self, name) for name in "ASKC"}
-        shown = [f"{name}: {M.shape}" for name, M in matrices.items() if M is not None]
+        named = {"A": self.A, "S": self.S, "K": self.K, "compliance C = K^-1": self.C}
+        shown = [f"{name}: {M.shape}" for name, M in named.items() if M is not None]
         return f"SymbolicTangent({', '.join(shown)}, symbols: {len(self.values)})"
 
 

@@ -233,7 +233,7 @@ def answered(
     writing: Writing,
     reading: Reading,
     *groups: Any,
-    progress: Callable[[Any], str] | None = None,
+    progress: Callable[[Any], Any] | None = None,
     unanswered: Callable[[dict[str, Any]], bool] | None = None,
     kept: str = "",
     clocked: bool = True,
@@ -251,7 +251,7 @@ def answered(
         options |= asdict(group)
     with clock(f"grainloops {command}", line=clocked) as tell:
         if progress is not None:
-            options["progress"] = lambda done: tell(progress(done))
+            options["progress"] = progress(tell)
         run = named(f"{PLACES.get(command, f'studies.{command}')}.run_{command}")
         try:
             summary = run(paths, out, **options, **writing.files(), **reading.how_of(first))

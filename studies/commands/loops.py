@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.clock import clock
+from studies.clock import clock, of_parts
 from studies.commands import (
     Answer,
     Force,
@@ -330,7 +330,7 @@ def domain_command(
     given, loop = _which_loop(asked, OF_DOMAIN), asked.loop
     out = out_or(writing.out, f"loop-{loop}-domain" if asked.snapshot else "domain", asked.snapshot)
     ratios, directions = numbers("--kappa", asked.kappa), asked.directions
-    with clock("grainloops domain"):
+    with clock("grainloops domain") as tell:
         from studies.domain import (
             PROGRAMMES,
             DomainParameters,
@@ -353,7 +353,7 @@ def domain_command(
             angles = numbers("--alpha0", asked.alpha0)
             count = PROGRAMMES if directions is None else directions
             parameters = DomainParameters(angles, ratios, asked.phi_deg, count)
-            summary = run_domain(parameters, out, **writing.files())
+            summary = run_domain(parameters, out, of_parts(tell, "programmes"), **writing.files())
             return answer(writing.json, out, _domain_lines(summary))
         if asked.alpha0 is not None:
             raise InputError("--alpha0", f"given with {given}", "diamonds alone", "Leave it out.")
@@ -365,7 +365,7 @@ def domain_command(
             directions = programmes_of(loops[0].spins, linear=linear)
         control: Any = asked.programmes
         wanted = LoopDomainParameters(tuple(loops), control, directions)
-        summary = run_loop_domains(wanted, out, **writing.files())
+        summary = run_loop_domains(wanted, out, of_parts(tell, "programmes"), **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from loops.errors import InputError
-from studies.clock import clock
+from studies.clock import clock, of_parts
 from studies.commands import (
     Answer,
     OneReading,
@@ -96,7 +96,7 @@ def probe_command(
     """
     return answered(
         *("probe", path, _probe_lines, writing, reading, asked, holding, sharing),
-        progress=lambda done: f"{done} of {asked.directions} directions",
+        progress=lambda tell: lambda done: tell(f"{done} of {asked.directions} directions"),
         unanswered=lambda summary: bool(summary["undetermined"] == summary["directions"]),
     )
 
@@ -130,7 +130,9 @@ def sustain_command(
     """
     kept = "finished directions are kept; the same command computes the others"
     own: Any = {"spread": not no_spread, "hold_stress": hold_stress, "kept": kept}
-    return answered("sustain", path, _sustain_lines, writing, reading, asked, sharing, **own)
+    parts = partial(of_parts, what="directions")
+    groups = writing, reading, asked, sharing
+    return answered("sustain", path, _sustain_lines, *groups, progress=parts, **own)
 
 
 def _lines(command: str, summary: Summary) -> list[str]:
@@ -169,8 +171,8 @@ def evolve_command(
     )
 
 
-def _reached(asked: Driving) -> Callable[[float], str]:
-    return lambda reached: f"{reached:.3g} of {asked.length:g}"
+def _reached(asked: Driving) -> Callable[[Any], Callable[[float], None]]:
+    return lambda tell: lambda reached: tell(f"{reached:.3g} of {asked.length:g}")
 
 
 def forecast_command(

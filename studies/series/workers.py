@@ -27,7 +27,7 @@ import scipy.linalg  # noqa: F401
 from loops import InputError
 from loops.arrays import Floats, available_cores
 from studies import environment
-from studies.clock import clock
+from studies.clock import Progress, clock, paced
 from studies.output import code_version, errors_of, write_whole
 
 Asked = TypeVar("Asked")
@@ -126,15 +126,18 @@ def in_directions(
     function: Callable[[Any], Answer],
     given: Sequence[Any] | Floats,
     store: Store | None = None,
+    progress: Progress | None = None,
 ) -> list[Answer]:
     """Answers for all directions, independent of the number of processes; a store keeps them."""
     found = {} if store is None else store.read(len(given))
+    after_one = paced(progress, len(given), len(found))
     left = [Direction(k, function, one) for k, one in enumerate(given) if k not in found]
     with closing(runner(_answer, left)) as answers:
         for number, answer in answers:
             if store is not None:
                 store.write(number, answer)
             found[number] = answer
+            after_one()
     return [found[k] for k in range(len(given))]
 
 

@@ -13,7 +13,7 @@ import pytest
 import grainloops as gl
 from loops.compiled import compiling, kernel
 from studies.cli import COMMANDS
-from studies.clock import clock
+from studies.clock import clock, of_parts, paced
 from studies.commands import Answer, out_or
 from tests.command import refusal, run
 
@@ -224,3 +224,45 @@ def compiled_anew(seconds: float) -> float:
 
     with event.install_listener("numba:compile", Slow()):
         return kernel(eval("lambda x: 2.0 * x"))(1.0)
+
+
+def test_the_time_left_is_told_after_some_seconds_of_long_work(monkeypatch, capsys):
+    """Forty parts, two of them done before: at the pace of the others, once that is steady."""
+    now = [0.0]
+    monkeypatch.setattr("studies.clock.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("studies.clock.CLOCK_PATIENCE", 60.0)
+    with clock("grainloops sustain") as tell:
+        after_one = paced(of_parts(tell, "directions"), 40, 2)
+        for _ in range(4):
+            now[0] += 2.0
+            after_one()
+    said = capsys.readouterr().err
+    assert said == "grainloops sustain: 5 of 40 directions, about 1 min left\n"
+    told = []
+    after_one = paced(lambda *given: told.append(given), 2)
+    for seconds in (3.0, 5.0):
+        now[0] += seconds
+        after_one()
+    assert told == [(1, 3.0, 1), (2, 0.0, 0)]
+    with pytest.raises(gl.InputError, match="progress: got 3, expected"):
+        paced(3, 2)
+
+
+def test_python_is_told_of_directions_and_programmes():
+    lattice = gl.GrainGraph(
+        x=[[0, 0], [1, 0], [0, 1], [1, 1]], radii=[0.5005] * 4,
+        contacts=[[0, 1], [1, 0], [2, 3], [3, 2], [0, 2], [2, 0], [1, 3], [3, 1]],
+        images=[[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [0, 1], [0, 0], [0, 1]],
+        cell=[[2, 0], [0, 2]], normal_force=[0.001] * 8,
+    )  # fmt: skip
+    scene, told = gl.Scene(lattice, gl.LinearFrictional(1.0, 0.5, 0.5)), []
+    how = {"largest": 0.002, "spread": False}
+    found = gl.sustain(scene, [[-1, 0], [1, 0]], **how, progress=lambda *now: told.append(now))
+    assert [(done, left) for done, _, left in told] == [(1, 1), (2, 0)]
+    assert found.limit[0] == gl.sustain(scene, [[-1, 0]], **how).limit[0]
+    one = gl.loop(gl.read_snapshot(SAMPLE), 62)
+    told.clear()
+    gl.loop_domain(one, "traction", directions=5, progress=lambda *now: told.append(now))
+    assert [(done, left) for done, _, left in told] == [(1, 4), (2, 3), (3, 2), (4, 1), (5, 0)]
+    with pytest.raises(gl.InputError, match="progress: got 3"):
+        gl.loop_domain(one, "traction", directions=5, progress=3)
