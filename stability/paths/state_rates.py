@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -60,12 +59,17 @@ class Answers:
         arrays = arrays_of(model, mode.regime, mode.side, programme, events)
         self.numbers, self.whole, self.p = arrays
         self.given = law_is_given(model)
-        self.contacts: Any = None
 
     @property
     def compiled(self) -> bool:
         """Whether kernels know all but null vectors."""
         return not self.given and type(self.programme) is Programme and self._by_ring
+
+    @cached_property
+    def contacts(self) -> ContactState:
+        """Contacts of the state with their forces."""
+        y = self.p.shared[0, : self.model.size]
+        return contacts_at(self.model, unpack(self.model, y), self.mode)
 
     @cached_property
     def _by_ring(self) -> bool:
@@ -84,7 +88,7 @@ class Answers:
             # Beside a singular state a trial may have left the numbers.
             return
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            self.contacts = contacts_at(self.model, unpack(self.model, y), self.mode)
+            vars(self).pop("contacts", None)
             if type(self.programme) is not Programme:
                 self._ask(ring.PLACE)
                 H, P = p.small[[ring.H, ring.P], :4]
