@@ -24,7 +24,6 @@ from stability.material.kernels import (
     SHEAR,
     STUCK,
     SUMS,
-    affine_sums,
     regime_sums,
     strained,
 )
@@ -104,9 +103,13 @@ class LoopBlock:
 
     @cached_property
     def columns(self) -> tuple[Floats, Floats]:
-        """Return the weights of contacts in `affine_sums`, (5, m), and in `regime_sums`, (1, m)."""
-        (x, y), density = self.branches.T, self.share * self.weight / self.size**2
-        columns = self.spread(density) * np.stack([x, y, x * x, x * y, y * y])
+        """Return the weights of contacts in stress and tangent, (m, 6), and in regimes, (1, m).
+
+        Those are the d_j, then the d_j d_l, times the densities.
+        """
+        d, density = self.branches, self.share * self.weight / self.size**2
+        outer = (d[:, :, None] * d[:, None]).reshape(-1, 4)
+        columns = self.spread(density)[:, None] * np.hstack([d, outer])
         return columns, (self.spread(self.weight) * self.part)[None]
 
     @cached_property
@@ -184,7 +187,10 @@ def affine(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) 
     strained(U, block.branches, end)
     answer = block.steps(start, end, old.shear_force)
     new.shear_force[:] = answer[:, SHEAR]
-    affine_sums(answer, block.columns[0], sums)
+    # Forces and k_ik, each times d_j and d_j d_l.
+    total = answer[:, FX:SHEAR] @ block.columns[0]
+    sums[:, P11:A11] = total[:, :2, :2].reshape(-1, 4)
+    sums[:, A11:STUCK] = total[:, 2:, 2:].reshape(-1, 2, 2, 2, 2).swapaxes(2, 3).reshape(-1, 16)
     regime_sums(answer, block.columns[1], sums)
     return sums
 

@@ -306,33 +306,6 @@ def strained(U: Floats, branches: Floats, out: Floats) -> None:
 
 
 @inlined_sum
-def affine_sums(answer: Floats, columns: Floats, sums: Floats) -> None:
-    """Add up forces and tangents (q, 8, m) of contacts in the sums (q, 24).
-
-    `columns` (5, m) are d_x, d_y, d_x^2, d_x d_y, d_y^2 times the weights of the contacts.
-    """
-    for q in range(len(answer)):
-        for k in range(2):
-            x, y = 0.0, 0.0
-            for c in range(columns.shape[1]):
-                x += answer[q, FX + k, c] * columns[0, c]
-                y += answer[q, FX + k, c] * columns[1, c]
-            sums[q, P11 + 2 * k] += x
-            sums[q, P11 + 2 * k + 1] += y
-        for k in range(4):
-            # A_ijkl: k_ik d_j d_l, so the row of ij and the column of kl.
-            at, xx, xy, yy = A11 + 8 * (k // 2) + 2 * (k % 2), 0.0, 0.0, 0.0
-            for c in range(columns.shape[1]):
-                xx += answer[q, KXX + k, c] * columns[2, c]
-                xy += answer[q, KXX + k, c] * columns[3, c]
-                yy += answer[q, KXX + k, c] * columns[4, c]
-            sums[q, at] += xx
-            sums[q, at + 1] += xy
-            sums[q, at + 4] += xy
-            sums[q, at + 5] += yy
-
-
-@inlined_sum
 def regime_sums(answer: Floats, share: Floats, sums: Floats) -> None:
     """Add up the regimes of contacts (q, 8, m) that have a `share` (q or 1, m)."""
     for q in range(len(answer)):

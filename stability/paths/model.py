@@ -11,9 +11,8 @@ from scipy.linalg import block_diag
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, boundary_vectors, polygon_area
 from loops.arrays import Flags, Floats, Integers
-from loops.assembly import motions
 from loops.closures import Closure, Spins
-from loops.closures.system import ClosureForm, closure_form, drive
+from loops.closures.system import ClosureForm, closure_form
 from loops.geometry import from_centroid, outward, reference_volume, require_loop
 from loops.graph import ContactState
 from loops.laws.compiled import pressed_contacts
@@ -175,13 +174,6 @@ class PathModel:
         x0, d0 = (self.x0, None) if self.closure == "traction" else (None, self.d0)
         volume = np.asarray(self.volume)
         return closure_form(self.spins, self.contacts, self.radii, volume, x0=x0, d0=d0)
-
-    @cached_property
-    def motion(self) -> Floats:
-        """(C, 4, 8 + m) motions of the contacts per unknown, see `Equations`."""
-        moving = motions(np.eye(self.form.size), self.form.ends)
-        prescribed = drive(self.form)
-        return np.concatenate([prescribed, np.zeros_like(prescribed), moving], axis=-1)
 
 
 def path_model(

@@ -142,13 +142,6 @@ def scales(model: PathModel) -> Floats:
     )
 
 
-def displacement_gradient(model: PathModel, place: Floats) -> Floats:
-    """(4,) `H`: as integrated, or of the polygon, `-(1/V0) sum u_i (x) b_i`."""
-    if model.closure == "affine":
-        return place
-    return -(place.T @ model.b).ravel() / model.volume
-
-
 def centres(model: PathModel, place: Floats) -> Floats:
     """(G, 2) centres; `x = (I - H) x0` under the affine closure."""
     if model.closure == "affine":
@@ -237,11 +230,6 @@ class Rates:
         kept = {"condition": self.condition, "trusted": self.trusted}
         values = {name: factor * value for name, value in vars(self).items() if name not in kept}
         return Rates(**values, **kept)  # type: ignore[arg-type]
-
-
-def path_stress(model: PathModel, contacts: ContactState) -> Floats:
-    """(4,) nominal stress `P = (1/V0) sum f (x) d0`."""
-    return (contacts.forces.T @ model.d0).ravel() / model.volume
 
 
 def shear_stiffness(model: PathModel, contacts: ContactState) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from loops.arrays import Floats
+from loops.assembly import motions
 from loops.closures.null_space import (
     AMBIGUITY_LIMIT,
     RESIDUAL_LIMIT,
@@ -30,9 +31,7 @@ from stability.paths.state import (
     centres,
     closest_pair,
     contacts_at,
-    displacement_gradient,
     pack,
-    path_stress,
     unpack,
 )
 from stability.programmes import Programme
@@ -138,13 +137,13 @@ class Answers:
         """Solve the closure system for rates and tangent; whether the rates have one answer."""
         model, p, contacts = self.model, self.p, self.contacts
         unit, solution, sided = model.stiffness, p.small[ring.SOLUTION], self._sided(contacts)
-        matrix, motion = closure_equations(model, p.small[ring.H, :4], sided, self.mode)
+        matrix, A = closure_equations(model, p.small[ring.H, :4], sided, self.mode)
         if what >= ring.VALUES:
-            A = p.small[ring.TANGENT : ring.TANGENT + 4, :4]
-            A[:] = unit * stress_of_strain(matrix)
+            tangent = p.small[ring.TANGENT : ring.TANGENT + 4, :4]
+            tangent[:] = unit * stress_of_strain(matrix)
             if model.mirrors:
                 # What is not a number stays so.
-                A[MIXED] -= A[MIXED]
+                tangent[MIXED] -= tangent[MIXED]
             solution[ring.BALANCE] = self._balance(matrix)
         fields = model.unknowns.fields
         system = self._controlled(matrix, model.unknowns)
@@ -159,7 +158,8 @@ class Answers:
         p.small[ring.H_RATE, :4], p.small[ring.P_RATE, :4] = z[:4], unit * z[4:8]
         solution[ring.PARAMETER_RATE] = solution[ring.PARAMETER_UNIT] * z[-1]
         solution[ring.CONDITION] = np.inf if found is None else float(found.condition)
-        moved = model.length * (motion @ z[:-1])
+        moved = A @ z[:4] + motions(z[8:-1, None], model.form.ends)[..., 0]
+        moved *= model.length
         spins = moved[:, 2:] / model.radii[model.contacts]
         _, b_i, b_j = model.law.shear_kinematics(contacts)
         p.table[:, ring.EN] = (contacts.n * moved[:, :2]).sum(axis=1)
@@ -211,15 +211,15 @@ class StateRates:
     programme: Programme
     gauge: Floats
 
-    @cached_property
+    @property
     def H(self) -> Floats:
         """(4,) displacement gradient."""
-        return displacement_gradient(self.model, self.state.place)
+        return self.solved.small[ring.H, :4]
 
-    @cached_property
+    @property
     def P(self) -> Floats:
         """(4,) nominal stress."""
-        return path_stress(self.model, self.contacts)
+        return self.solved.small[ring.P, :4]
 
     @cached_property
     def x(self) -> Floats:
@@ -294,19 +294,18 @@ def closure_equations(
 ) -> tuple[Floats, Floats]:
     """Equations (4 + m, 8 + m) of the closure in one state, see `loops.closures.system`.
 
-    Of the unknowns `(H', P'/kn, v)`; four equations of the control complete them. Also motions
-    (C, 4, 8 + m) of the contacts, branch rates and spins times radii, over the length scale.
+    Of the unknowns `(H', P'/kn, v)`; four equations of the control complete them. Also the motions
+    (C, 4, 4) of the contacts that `H'` prescribes.
     """
-    form, motion, n = model.form, model.motion, model.grain_count
+    form, n = model.form, model.grain_count
     if model.spins == "affine":
         # A loop that has collapsed to a line has no rotation: not a number, and not trusted.
         row = spin_of_gradient(np.eye(2) - H.reshape(2, 2))
         row = np.where(np.isfinite(row), row, np.nan)
         form = replace(form, spin=LoopSpin(row, np.zeros(4)))
-        motion = motion.copy()
-        motion[:, :, :4] = drive(form)
     S = contact_springs(contacts, model.law, mode.regime, model.spins) / model.stiffness
-    matrix = closure_matrix(form, S, motion[:, :, :4])
+    A = drive(form)
+    matrix = closure_matrix(form, S, A)
     felt = model.law.local_stiffness(contacts, mode.regime)[:, :, 1] != 0.0
     if model.spins == "free" and felt.any(axis=1).all():
         # On gear modes of all grains no moments act; those of a chain are loaded where it slides.
@@ -317,7 +316,7 @@ def closure_equations(
         for first in (4, 5):
             centres = slice(first, 4 + 2 * n, 2)
             matrix[centres, 4:][:, centres] += 1.0 / n
-    return matrix, motion
+    return matrix, A
 
 
 def stress_of_strain(matrix: Floats) -> Floats:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from loops.assembly import contact_kinematics
+from loops.assembly import contact_kinematics, motions
 from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
@@ -20,7 +20,6 @@ from stability.paths.state import (
     pack,
     pair_overlaps,
     pairs_in_reach,
-    path_stress,
     shear_stiffness,
 )
 from stability.paths.state_rates import StateRates, is_trusted, stress_of_strain
@@ -34,6 +33,14 @@ MIXED = np.array([0, 1, 1, 0]) != np.array([0, 1, 1, 0])[:, None]
 
 class PlainRates(StateRates):
     """Rates of a state by the closure system, see `loops.closures.system`."""
+
+    @cached_property
+    def H(self):
+        return displacement_gradient(self.model, self.state.place)
+
+    @cached_property
+    def P(self):
+        return stress_of(self.model, self.contacts)
 
     @cached_property
     def sided(self):
@@ -148,7 +155,9 @@ class Equations:
 
 def closure_equations(model, H, contacts, regime):
     """Equations of the model's closure in one state."""
-    form, motion = model.form, model.motion
+    form = model.form
+    moving, prescribed = motions(np.eye(form.size), form.ends), drive(form)
+    motion = np.concatenate([prescribed, np.zeros_like(prescribed), moving], axis=-1)
     if model.spins == "affine":
         # A loop that has collapsed to a line has no rotation: not a number, and not trusted.
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -277,7 +286,7 @@ def power(model, mode, contacts, rates):
     if sliding.any():
         elastic = -rates.shear_force / shear_stiffness(model, contacts)
         slipped = np.where(sliding, -T * (rates.ut - elastic), 0.0)
-    external = model.volume * (path_stress(model, contacts) @ rates.H)
+    external = model.volume * (stress_of(model, contacts) @ rates.H)
     return np.array([external, T @ rolled, -T @ shear, slipped.sum()])
 
 
@@ -289,3 +298,15 @@ def velocities(model, rates):
     # The ring's contacts come first, from grain to grain.
     velocity[1:] = np.cumsum(rates.motion[: model.grain_count - 1, :2], axis=0)
     return velocity - velocity.mean(axis=0)
+
+
+def displacement_gradient(model, place):
+    """(4,) `H`: as integrated, or of the polygon, `-(1/V0) sum u_i (x) b_i`."""
+    if model.closure == "affine":
+        return place
+    return -(place.T @ model.b).ravel() / model.volume
+
+
+def stress_of(model, contacts):
+    """(4,) nominal stress `P = (1/V0) sum f (x) d0`."""
+    return (contacts.forces.T @ model.d0).ravel() / model.volume

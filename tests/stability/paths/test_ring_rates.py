@@ -76,6 +76,8 @@ def lopsided(n, law):
 
 def compare(found, wanted, atol):
     """Rates to a share of the motion of the contacts, times the stiffness where they are forces."""
+    np.testing.assert_allclose(found.H, wanted.H, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(found.P, wanted.P, rtol=1e-14, atol=1e-16 * found.model.stiffness)
     rates, others = found.raw_rates, wanted.raw_rates
     assert rates.trusted == others.trusted
     if not others.trusted:

@@ -35,11 +35,9 @@ from stability.paths.state import (
     centres,
     contact_overlaps,
     contacts_at,
-    displacement_gradient,
     first_state,
     initial_state,
     pack,
-    path_stress,
     relative_displacements,
     shear_stiffness,
     start_mode,
@@ -47,7 +45,7 @@ from stability.paths.state import (
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.regimes import LEFT, OPEN, RIGHT, STICKS
-from tests.oracles.path_rates import power, velocities
+from tests.oracles.path_rates import displacement_gradient, power, stress_of, velocities
 
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
 CLOSURES = ("affine", "traction")
@@ -112,7 +110,7 @@ def test_forces_of_contacts_by_their_regime(length, kn):
     np.testing.assert_allclose(found.shear_force, wanted, rtol=1e-12, atol=1e-14 * kn * length)
     f = N[:, None] * found.n + wanted[:, None] * np.column_stack([-found.n[:, 1], found.n[:, 0]])
     P = sum(np.outer(one, d) for one, d in zip(f, model.d0, strict=True)) / model.volume
-    np.testing.assert_allclose(path_stress(model, found), P.ravel(), atol=1e-13 * kn)
+    np.testing.assert_allclose(stress_of(model, found), P.ravel(), atol=1e-13 * kn)
 
 
 def random_rates(model, rng, length, kn):
@@ -145,7 +143,7 @@ def test_powers_contact_by_contact(length, kn):
             sheared -= force * (contacts.t[c] @ rates.motion[c, :2] - spins)
             if regimes[c] == SLIDE:
                 slipped -= force * (rates.ut[c] + rates.shear_force[c] / law.kt[c])
-        work = model.volume * path_stress(model, contacts) @ rates.H
+        work = model.volume * stress_of(model, contacts) @ rates.H
         unit = kn * length**2
         wanted = np.array([work, turned, sheared, slipped]) / unit
         found = power(model, mode, contacts, rates) / unit
