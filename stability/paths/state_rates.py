@@ -147,17 +147,14 @@ class Answers:
             solution[ring.BALANCE] = self._balance(matrix)
         fields = model.unknowns.fields
         system = self._controlled(matrix, model.unknowns)
-        if not np.isfinite(system).all():
-            z, found = np.full(len(fields) + 1, np.nan), None
-        else:
-            scale, rhs = np.abs(system[-1]).max(), np.zeros((len(system), 1))
-            system[-1] /= scale
-            rhs[-1] = 1.0 / scale
-            found = solve_through_null_space(system, rhs, block_diag(fields[:8], 1.0))
-            z = block_diag(fields, 1.0) @ found.x[:, 0]
+        scale, rhs = np.abs(system[-1]).max(), np.zeros((len(system), 1))
+        system[-1] /= scale
+        rhs[-1] = 1.0 / scale
+        found = solve_through_null_space(system, rhs, block_diag(fields[:8], 1.0))
+        z = block_diag(fields, 1.0) @ found.x[:, 0]
         p.small[ring.H_RATE, :4], p.small[ring.P_RATE, :4] = z[:4], unit * z[4:8]
         solution[ring.PARAMETER_RATE] = solution[ring.PARAMETER_UNIT] * z[-1]
-        solution[ring.CONDITION] = np.inf if found is None else float(found.condition)
+        solution[ring.CONDITION] = found.condition
         moved = A @ z[:4] + motions(z[8:-1, None], model.form.ends)[..., 0]
         moved *= model.length
         spins = moved[:, 2:] / model.radii[model.contacts]
@@ -321,16 +318,11 @@ def closure_equations(
 
 def stress_of_strain(matrix: Floats) -> Floats:
     """(4, 4) stress over `kn` per strain; nan if not trusted."""
-    if matrix.shape == (4, 8):
-        # Affine, spins not free: they read A H' - P' = 0.
-        return matrix[:, :4].copy()
     moving = matrix[:, 4:]
     found = solve_through_null_space(moving, -matrix[:, :4], np.eye(4, moving.shape[1]))
     return found.x[:4] if is_trusted(found) else np.full((4, 4), np.nan)
 
 
-def is_trusted(found: LeastSquares | None) -> bool:
+def is_trusted(found: LeastSquares) -> bool:
     """Whether a solve has exactly one answer."""
-    if found is None:
-        return False
     return bool(found.residual <= RESIDUAL_LIMIT and found.ambiguity <= AMBIGUITY_LIMIT)

@@ -66,7 +66,7 @@ class PlainRates(StateRates):
         condition = np.inf if found is None else float(found.condition)
         return Rates(
             z[:4], z[4:8] * model.stiffness, parameter, *relative.T, N, T, motion, condition,
-            is_trusted(found),
+            found is not None and is_trusted(found),
         )  # fmt: skip
 
     @cached_property
