@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from loops import InputError
-from stability import COMPONENTS, Programme, Stage, programmes
+from loops import InputError, LinearFrictional, Scene, contact_state
+from patterns import regular_polygon
+from stability import COMPONENTS, Programme, Stage, follow, programmes
 
 ZERO = np.zeros(4)
 
@@ -144,3 +145,19 @@ def test_names_are_those_of_the_module_and_of_the_command():
         Stage("proportional-strain", "H11", 0.1)
     with pytest.raises(InputError, match="programme: got 3"):
         Stage(3, "H11", 0.1)
+
+
+@pytest.mark.parametrize(("length", "kn"), [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)])
+def test_a_control_may_join_stress_and_strain(length, kn):
+    """A loop between springs: `P11 + kn H11` grows by kn times the parameter, P22 stays."""
+    loop, law = regular_polygon(4), LinearFrictional(kn, 0.3 * kn, 0.2)
+    x = length * loop.x
+    graph = loop.replace(x=x, x0=x, radii=1.02 * length * loop.radii)
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    rows = np.diag([1.0, 0.0, 0.0, 1.0]), np.diag([kn, 1.0, 1.0, 0.0])
+    springs = programmes.combination(*rows, [kn, 0.0, 0.0, 0.0], "springs")
+    path = follow(Scene(graph, law), Stage(springs, "parameter", 0.01), closure="traction")
+    assert path.status == "finished" and path.H[-1, 0] > 1e-3
+    joined = path.P[:, 0] / kn + path.H[:, 0]
+    np.testing.assert_allclose(joined - joined[0], path.parameter, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(path.P[:, 3] / kn, path.P[0, 3] / kn, rtol=0, atol=1e-14)

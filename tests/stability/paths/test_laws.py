@@ -49,8 +49,7 @@ def test_spheres_lose_stability_at_their_threshold(order, poisson):
     assert lost_at(path) == pytest.approx(kappa / (kappa + 2 / 3), abs=1e-11)
 
 
-@pytest.mark.parametrize(("order", "k_r"), [(5, 0.03), (6, 0.3)])
-def test_rolling_resistance_gives_free_spins_their_threshold_back(order, k_r):
+def test_rolling_resistance_gives_free_spins_their_threshold_back(order=6, k_r=0.3):
     law = RollingResistance(LinearFrictional(kn=1.0, kt=KAPPA), k_r=k_r)
     path = follow(
         Scene(regular_polygon(order), law), isotropic(0.3), closure="traction", spins="free"

@@ -6,8 +6,6 @@ import pytest
 from loops import FrictionalLaw, InputError, LinearFrictional, Scene
 from patterns import diamond, random_loop, regular_polygon
 from stability import Stage, follow, programmes, rates_at
-from stability.paths.regimes import keeps_control
-from stability.regimes import INSIDE, STICKS, EdgeProblem, EdgeRates, agreeing
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")
@@ -172,60 +170,31 @@ def test_the_judged_tangent_is_the_full_one(subspace):
     assert largest_difference(small, full) < 1e-12
 
 
-QUARTER, HALF = np.array([[0.0, -1.0], [1.0, 0.0]]), -np.eye(2)
-MIRROR, DIAGONAL = np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
-KEPT = {
-    "isotropic strain": (programmes.isotropic_strain(), [True, True, True, True]),
-    "isotropic stress": (programmes.isotropic_stress(), [True, True, True, True]),
-    "drained": (programmes.drained_biaxial(), [False, True, True, False]),
-    "undrained": (programmes.undrained(), [False, True, True, False]),
-    "oedometric": (programmes.oedometric(axis=2), [False, True, True, False]),
-    "simple shear": (
-        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 0, 0]),
-        [False, True, False, False],
-    ),
-    "pure shear": (
-        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, 1, 0]),
-        [False, True, False, True],
-    ),
-    "rotation": (
-        programmes.combination(np.zeros((4, 4)), np.eye(4), [0, 1, -1, 0]),
-        [True, True, False, False],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", KEPT)
-def test_maps_that_keep_a_control(name):
-    programme, expected = KEPT[name]
-    maps = np.array([QUARTER, HALF, MIRROR, DIAGONAL])
-    assert keeps_control(programme, maps).tolist() == expected
-
-
-def test_a_turn_by_a_third_keeps_strain_control_but_not_stress_control_without_shear():
-    c, s = np.cos(2 * np.pi / 3), np.sin(2 * np.pi / 3)
-    third = np.array([[[c, -s], [s, c]]])
-    assert keeps_control(programmes.isotropic_strain(), third).tolist() == [True]
-    assert keeps_control(programmes.isotropic_stress(), third).tolist() == [False]
+@pytest.mark.parametrize(("length", "kn"), [(1e-3, 1e-3), (1.0, 1.0), (1e3, 1e3)])
+@pytest.mark.parametrize(
+    ("shear", "off", "symmetry"),
+    [
+        (0.0, 0.0, "D4 (order 8)"), (1e-18, 0.0, "D4 (order 8)"), (1e-10, 0.0, "none"),
+        (0.0, 5e-13, "D4 (order 8)"), (0.0, 5e-12, "D2 (order 4)"),
+    ],
+)  # fmt: skip
+def test_a_symmetry_is_kept_within_rounding_in_any_units(shear, off, symmetry, length, kn):
+    """A shear force of one contact breaks it, and strains that are not equal."""
+    square = regular_polygon(4, strain=0.05)
+    graph = square.replace(
+        x=length * square.x, x0=length * square.x, radii=0.5 * length * np.ones(4),
+        normal_force=kn * length * square.normal_force,
+        shear_force=kn * length * shear * np.array([1.0, 0.0, 0.0, 0.0]),
+    )  # fmt: skip
+    stage = Stage(programmes.proportional_strain(1.0, 1.0 + off), "H11", 1e-3)
+    path = follow(Scene(graph, LinearFrictional(kn, 0.2 * kn)), stage, closure="affine")
+    assert path.model.symmetry == symmetry
 
 
 def test_one_solve_where_no_contact_has_a_choice():
     loop = regular_polygon(6, strain=0.05)
     found = rates_at(Scene(loop, LAW), programmes.drained_biaxial(), closure="affine")
     assert (found.status, found.tried, found.combinations) == ("unique", 1, 1.0)
-
-
-def test_contacts_inside_their_cone_stick_whatever_the_rates():
-    """Three regimes of each contact are tried; the state refuses sliding, not the rates."""
-
-    class Trial:
-        edge = EdgeRates(np.zeros(2), np.array([5.0, -5.0]), np.full(2, np.inf))
-        vector = np.ones(1)
-        trusted = True
-
-    found = agreeing(EdgeProblem(np.tile(INSIDE, (2, 1)), lambda regimes: Trial()))
-    assert (found.status, found.tried, found.combinations) == ("unique", 9, 9.0)
-    assert found.taken.regimes.tolist() == [STICKS] * 2
 
 
 def test_an_unknown_model_is_refused():

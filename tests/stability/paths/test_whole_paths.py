@@ -16,14 +16,6 @@ ANSWERS = dict(everything())
 # several are equal, amplify it.
 NOISE = {"energy_error": 1e-9, "imbalance": 1e-12}
 SENSITIVE = {"condition": 1e-3, "eig_K_": 1e-5}
-# These take two thirds of the time; the other cases ask for the same things more cheaply.
-DEAR = (
-    "fan, hexagon", "fan, pentagon", "fan, pentagon affine", "path, branching",
-    "path, carries nothing", "path, collapse", "path, every step", "path, first touch relaxed",
-    "path, frictionless", "path, limit", "path, opens", "path, pentagon", "path, reversal",
-    "path, reversal traction", "path, square free", "path, touch add", "path, undrained",
-)  # fmt: skip
-NAMES = [pytest.param(each, marks=[pytest.mark.slow] * (each in DEAR)) for each in ANSWERS]
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +23,7 @@ def stored():
     return json.loads(WORDS.read_text()), np.load(NUMBERS)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ANSWERS)
 def test_paths_hold_what_they_held(name, stored):
     words, numbers = ANSWERS[name]()
     assert words == stored[0][name]
