@@ -10,7 +10,6 @@ import grainloops as gl
 from grainloops import hold, replay
 from loops import (
     CohesiveFrictional,
-    FrictionalLaw,
     HertzMindlin,
     LinearFrictional,
     RollingResistance,
@@ -24,24 +23,12 @@ from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_edge
 from tests.docs.pages import page
+from tests.laws import Power
 from tests.packings import LAW
 from tests.stability.packing.walled_packings import small_sample
 from tests.stability.test_every_law import REFUSED
 
 BAND = 1 - 1e-6
-
-
-class Power(FrictionalLaw):
-    """The law of `docs/first-steps.md`."""
-
-    def __init__(self, k, kt, mu, m):
-        self.k, self.kt, self.mu, self.m = k, kt, mu, m
-
-    def closed_force(self, state):
-        return self.k * state.overlap**self.m
-
-    def stiffnesses(self, state):
-        return self.k * self.m * state.overlap ** (self.m - 1), self.kt
 
 
 LAWS = {

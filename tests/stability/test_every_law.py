@@ -15,7 +15,6 @@ import grainloops as gl
 from grainloops import LoopMaterial, hold, oriented, replay
 from loops import (
     CohesiveFrictional,
-    FrictionalLaw,
     HertzMindlin,
     InputError,
     LinearFrictional,
@@ -31,55 +30,13 @@ from loops.system import packing_stress
 from patterns import Snapshot, WallContacts, regular_polygon
 from patterns.snapshots.walls import wall_plates
 from stability import Stage, follow, programmes
+from tests.laws import ByDisplacement, Glue, Spheres, Stiffening
 from tests.packings import BRANCH, jammed
 from tests.stability.packing.walled_packings import ROUGH, between, jammed_in_box
 
 KT, MU, POISSON = 0.5, 0.5, 0.2
 # Attraction, pull of a bond, stiffness against rolling and its limit, stiffening.
 PULL, ROLLING, LIMIT, BEND = 1e-4, 0.02, 0.1, 2.0
-
-
-class Stiffening(FrictionalLaw):
-    """Springs that stiffen with the overlap, under friction that falls with the force."""
-
-    def closed_force(self, state):
-        return self.k * state.overlap * (1.0 + self.b * state.overlap)
-
-    def strength(self, state):
-        return self.mu * state.normal_force / (1.0 + self.b * state.normal_force)
-
-    def strength_slope(self, state):
-        return self.mu / (1.0 + self.b * state.normal_force) ** 2
-
-
-class Spheres(FrictionalLaw):
-    """Hertz and Mindlin's law, written anew."""
-
-    def closed_force(self, state):
-        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length)
-        return 2 / 3 * self.modulus * root * state.overlap * np.sqrt(np.maximum(state.overlap, 0.0))
-
-    def stiffnesses(self, state):
-        reduced = state.radii_i * state.radii_j / state.touching_length
-        root = np.sqrt(reduced * np.maximum(state.overlap, 0.0))
-        return self.modulus * root, self.ratio * self.modulus * root
-
-
-class Glue(FrictionalLaw):
-    """The attraction of `CohesiveFrictional`, written anew."""
-
-    def closed_force(self, state):
-        return self.k * state.overlap - self.pull
-
-    def strength(self, state):
-        return self.mu * (state.normal_force + self.pull)
-
-
-class ByDisplacement(Spheres):
-    """The same, with a shear force that goes with `kt`."""
-
-    def coupling(self, state):
-        return state.shear_force / (2 * state.overlap)
 
 
 def fitted(graph, pull=0.0, power=1.0, bend=0.0):
@@ -114,7 +71,7 @@ def limited(graph, term=1.0):
 
 def stiffening(graph, term=1.0):
     how = {"kt": KT, "mu": MU, "shear_increment": "radii"}
-    return Stiffening(k=fitted(graph, bend=term * BEND), b=term * BEND, **how)
+    return Stiffening(k=fitted(graph, bend=term * BEND), b=term * BEND, c=term * BEND, **how)
 
 
 def young(graph):

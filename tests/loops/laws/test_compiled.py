@@ -5,7 +5,6 @@ import pytest
 
 from loops import (
     CohesiveFrictional,
-    FrictionalLaw,
     GrainGraph,
     HertzMindlin,
     LinearFrictional,
@@ -13,6 +12,7 @@ from loops import (
 )
 from loops.laws.compiled import answer_of, compiled
 from loops.laws.of_pairs import PairLaw
+from tests.laws import ByDisplacement, Glue, Springs, Stiffening
 
 COUNT = 40
 NO_WALLS = np.zeros((4, COUNT))
@@ -25,47 +25,6 @@ SHEAR = np.where(np.arange(COUNT) % 7 == 0, 0.0, DRAW.uniform(-0.1, 0.1, COUNT))
 MODULI = DRAW.uniform(1.0, 3.0, COUNT)
 
 
-class Springs(FrictionalLaw):
-    """No tangent but `kt`."""
-
-    def closed_force(self, state):
-        return self.k * state.overlap
-
-
-class Adhesive(FrictionalLaw):
-    def closed_force(self, state):
-        return self.kn * state.overlap - self.adhesion
-
-    def strength(self, state):
-        return self.mu * (state.normal_force + self.adhesion)
-
-
-class Spheres(FrictionalLaw):
-    """Hertz and Mindlin's law, whose shear force goes with `kt`."""
-
-    def closed_force(self, state):
-        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length)
-        return 2 / 3 * self.modulus * root * state.overlap * np.sqrt(state.overlap)
-
-    def stiffnesses(self, state):
-        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length * state.overlap)
-        return self.modulus * root, self.ratio * self.modulus * root
-
-    def coupling(self, state):
-        return state.shear_force / (2 * state.overlap)
-
-
-class Stiffening(FrictionalLaw):
-    def closed_force(self, state):
-        return self.k * state.overlap * (1.0 + self.b * state.overlap)
-
-    def strength(self, state):
-        return self.mu * state.normal_force / (1.0 + self.c * state.normal_force)
-
-    def strength_slope(self, state):
-        return self.mu / (1.0 + self.c * state.normal_force) ** 2
-
-
 class Sliding(Springs):
     """A law that never slides, written with a friction that is infinite at some contacts."""
 
@@ -74,8 +33,8 @@ LAWS = [
     Springs(k=MODULI, kt=0.5, mu=0.5),
     Springs(k=1.0, kt=0.5),
     Sliding(k=2.0, kt=MODULI, mu=np.where(MODULI > 2, np.inf, 0.3)),
-    Adhesive(kn=1.5, kt=0.5, mu=0.3, adhesion=0.01 * MODULI),
-    Spheres(modulus=MODULI, ratio=0.8, mu=0.5),
+    Glue(k=1.5, kt=0.5, mu=0.3, pull=0.01 * MODULI),
+    ByDisplacement(modulus=MODULI, ratio=0.8, mu=0.5),
     Stiffening(k=MODULI, b=2.0, kt=0.7, mu=0.4, c=0.5),
 ]
 

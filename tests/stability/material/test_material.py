@@ -19,6 +19,7 @@ from loops import (
 )
 from patterns import hexagon, polydisperse_polygon, random_loop, regular_polygon
 from stability import Stage, follow, programmes
+from tests.laws import Springs
 
 MU, ONE = np.tan(np.radians(30)), np.eye(2)[None]
 LAW = LinearFrictional(kn=1.0, kt=0.5, mu=MU)
@@ -149,14 +150,7 @@ def test_contacts_of_many_loops_answer_as_each_by_itself(law):
     assert regimes == {0, 1, 2} and len(d0) > 512
 
 
-class Same(FrictionalLaw):
-    """A linear law of one's own: what is compiled is not known of it."""
-
-    def closed_force(self, state):
-        return self.kn * state.overlap
-
-
-@pytest.mark.parametrize("law", [LAW, GLUE, Same(kn=1.0, kt=0.5, mu=MU)])
+@pytest.mark.parametrize("law", [LAW, GLUE, Springs(k=1.0, kt=0.5, mu=MU)])
 @pytest.mark.parametrize("closure", ["affine", "traction"])
 def test_a_loop_that_hardly_touches_has_the_tangent_of_what_follows(law, closure):
     """Into compression its slope, by one-sided differences of the third order."""
@@ -258,7 +252,7 @@ def test_traction_of_triangles_is_affine():
 
 @pytest.mark.parametrize("closure", ["affine", "traction", "cell"])
 def test_a_law_of_ones_own_answers_as_the_compiled_one(closure):
-    own = Same(kn=1.0, kt=0.5, mu=MU)
+    own = Springs(k=1.0, kt=0.5, mu=MU)
     for H in ((0.01, 0.01, 0.002), (0.05, 0.0, 0.01), (-0.01, -0.03, 0.0)):
         a, b = (
             stepped(LoopMaterial(oriented(HEXAGON, 3), None, law, closure=closure), H, 4)
@@ -376,7 +370,7 @@ def test_other_averages_harden(loop, closure):
 # ---- bad input
 
 
-class Coupled(Same):
+class Coupled(Springs):
     """Normal and shear are coupled while it sticks."""
 
     def local_stiffness(self, state, regime):
@@ -385,7 +379,7 @@ class Coupled(Same):
         return stiffness
 
 
-class Integrated(Same):
+class Integrated(Springs):
     """Its sliding shear force has a rate of its own."""
 
     keeps_strength = False
@@ -395,8 +389,8 @@ class Integrated(Same):
     "law, words",
     [
         (CohesiveFrictional(1.0, 0.5, MU, 1e-3, bonded=True), "bonds, which break for good"),
-        (Coupled(kn=1.0, kt=0.5, mu=MU), "a normal force of the overlap alone"),
-        (Integrated(kn=1.0, kt=0.5, mu=MU), "Integrated with keeps_strength"),
+        (Coupled(k=1.0, kt=0.5, mu=MU), "a normal force of the overlap alone"),
+        (Integrated(k=1.0, kt=0.5, mu=MU), "Integrated with keeps_strength"),
         (FrictionalLaw(kn=1.0, kt=0.5), "FrictionalLaw.closed_force"),
         ("linear", "str without"),
         (None, "got none, expected a contact law"),

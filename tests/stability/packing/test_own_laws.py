@@ -1,69 +1,18 @@
 """A law of one's own in paths and replays: against known laws, slow motion, its energy."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from grainloops import replay
-from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene, contact_state
+from loops import FrictionalLaw, GrainGraph, InputError, LinearFrictional, Scene
 from stability import Stage, follow, programmes
+from tests.laws import ByDisplacement, Spheres, Springs, hertz_of
 from tests.packings import LAW, jammed, strained
-from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
 ROUGH = next(which for which in JAMMED if which[3][1] > 0)
-
-
-class Springs(FrictionalLaw):
-    """`LinearFrictional` without its tangents."""
-
-    shear_increment = "radii"
-
-    def closed_force(self, state):
-        return self.k * state.overlap
-
-
-class Spheres(FrictionalLaw):
-    """Hertz and Mindlin's law, a modulus a contact."""
-
-    shear_increment = "radii"
-
-    def closed_force(self, state):
-        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length)
-        return 2 / 3 * self.modulus * root * state.overlap**1.5
-
-    def stiffnesses(self, state):
-        root = np.sqrt(state.radii_i * state.radii_j / state.touching_length * state.overlap)
-        return self.modulus * root, self.ratio * self.modulus * root
-
-    def normal_energy(self, state):
-        return 0.4 * self.closed_force(state) * state.overlap
-
-    def local_stiffness(self, state, regime):
-        D = super().local_stiffness(state, regime)
-        if self.by_displacement:
-            D[..., 1, 0] += np.where(regime == 1, state.shear_force / (2 * state.overlap), 0.0)
-        return D
-
-
-class Stiffening(FrictionalLaw):
-    """A spring that stiffens, friction that falls with the force; no tangents."""
-
-    def closed_force(self, state):
-        return self.k * state.overlap * (1.0 + self.b * state.overlap)
-
-    def strength(self, state):
-        return self.mu * state.normal_force / (1.0 + self.c * state.normal_force)
-
-    def local_stiffness(self, state, regime):
-        D = super().local_stiffness(state, regime)
-        slope = self.mu / (1.0 + self.c * state.normal_force) ** 2
-        slides = np.sign(state.shear_force) * slope * self.stiffnesses(state)[0]
-        D[..., 1, 0] = np.where(regime == 2, slides, 0.0)
-        return D
 
 
 def events(path):
@@ -81,10 +30,11 @@ def scene(boundary):
 def own_and_known(boundary, kind):
     graph, stage, walls = scene(boundary)
     if kind == "linear":
-        return graph, stage, walls, Springs(k=1.0, kt=0.5, mu=0.5), LAW
+        return graph, stage, walls, Springs(k=1.0, kt=0.5, mu=0.5, shear_increment="radii"), LAW
     known = hertz_of(graph, kind)
-    how = {"ratio": float(known.stiffness_ratio), "mu": 0.5, "by_displacement": kind != "force"}
-    return graph, stage, walls, Spheres(modulus=known.young / (1 - 0.2**2), **how), known
+    how = {"ratio": float(known.stiffness_ratio), "mu": 0.5, "shear_increment": "radii"}
+    spheres = Spheres if kind == "force" else ByDisplacement
+    return graph, stage, walls, spheres(modulus=known.young / (1 - 0.2**2), **how), known
 
 
 # Differences of the force have rounding of 1e-10; walls under Hertz's law are not springs.
@@ -124,47 +74,6 @@ def test_a_known_law_written_anew_is_replayed_as_it(boundary, kind):
         assert left[1] < 0.8 * left[0] < 1e-4
     else:
         assert left[0] < 1e-9
-
-
-@pytest.fixture(scope="module")
-def stiffening():
-    """A law under which a packing keeps the forces that it rests in, its packing and paths."""
-    graph = jammed(12, 1)
-    unit = Stiffening(k=1.0, b=40.0, c=5.0, kt=0.5, mu=0.54)
-    forces = np.where(graph.normal_force > 0, unit.closed_force(contact_state(graph)), 1.0)
-    k = np.where(graph.normal_force > 0, graph.normal_force / forces, 1.0)
-    law = Stiffening(k=k, b=40.0, c=5.0, kt=0.5, mu=0.54)
-    sizes = (4e-5, 2e-5, 1e-5)
-    return (
-        graph,
-        law,
-        [follow(Scene(graph, law), strained(H), interval=s, closure="packing") for s in sizes],
-    )
-
-
-def test_halving_the_interval_halves_the_error_and_the_energy_closes(stiffening):
-    graph, _, paths = stiffening
-    assert {path.status for path in paths} == {"finished"}
-    assert events(paths[0]) == events(paths[1]) == events(paths[2])
-    assert len({kind for kind, _ in events(paths[0])}) > 1
-    ends = [path.states[-1].forces[: graph.contact_count] for path in paths]
-    coarse, fine = (np.linalg.norm(a - b) / np.linalg.norm(ends[-1]) for a, b in pairwise(ends))
-    assert coarse / fine > 1.9 and fine < 1e-4
-    for path in paths:
-        work, *spent = path.work[-1]
-        assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
-
-
-@pytest.mark.slow
-def test_slow_replays_come_to_the_forces_of_the_path(stiffening):
-    """Half the rate has half the distance."""
-    graph, law, paths = stiffening
-    first = np.arange(graph.contact_count)
-    wanted = paths[-1].states[-1].forces[first]
-    ends = [replay(Scene(graph, law), H, duration=t, viscous=0.02).state for t in (2e3, 4e3)]
-    left = [end.forces[first] - wanted for end in ends]
-    fast, slow = np.linalg.norm(left, axis=(1, 2))
-    assert 1.9 < fast / slow < 2.3 and slow < 4e-5 * np.linalg.norm(wanted)
 
 
 def two(**forces):

@@ -13,7 +13,6 @@ from tests.stability.packing.recorded import CASES, STORED
 RELATIVE = 1e-7
 # Numbers of size one over a condition of some 1e4: below this they are rounding.
 ABSOLUTE = 1e-11
-DEAR = ("probes_of_few_contacts",)
 
 
 def differences(found, stored, where="", size=0.0):
@@ -45,8 +44,6 @@ def compare(name, stored):
     assert k + 1 == len(stored)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=[pytest.mark.slow] * (each in DEAR)) for each in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_answers_are_the_stored_ones(name):
     compare(name, json.loads(STORED.read_text())[name])

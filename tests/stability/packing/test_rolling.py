@@ -7,26 +7,20 @@ import pytest
 
 from grainloops import hold, replay
 from loops import (
-    FrictionalLaw,
     GrainGraph,
     InputError,
     LinearFrictional,
     RollingResistance,
     Scene,
     branch_vectors,
-    contact_state,
 )
 from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from tests.packings import LAW, jammed, strained
-from tests.stability.packing.test_hertz_paths import ROUGH, hertz_of
 from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed
-from tests.stability.packing.walled_packings import between, jammed_in_box
 
 KR, N, RADII = 0.03, 0.02, (0.5, 0.4)
 H = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
-PACKINGS = {"12": (12, 1), "16": (16, 2), "24": (24, 3), "36": (36, 5)}
-SPRINGS = [(0.02, np.inf), (0.02, 0.05), (0.1, 0.01)]
 
 
 def pair(w):
@@ -143,90 +137,6 @@ def test_springs_of_a_lattice_yield_as_in_small_implicit_steps(mu_r):
     np.testing.assert_allclose(np.abs(end.rolling_moment[slid]), most[slid], rtol=1e-12)
 
 
-class Power(FrictionalLaw):
-    """A law of one's own."""
-
-    def __init__(self, k, kt, mu):
-        self.k, self.kt, self.mu = k, kt, mu
-
-    def closed_force(self, state):
-        return self.k * state.overlap**1.2
-
-    def stiffnesses(self, state):
-        return 1.2 * self.k * state.overlap**0.2, self.kt
-
-
-def power_of(graph):
-    """A stiffness for each contact with which the packing keeps its normal forces."""
-    unit = contact_state(graph).overlap ** 1.2
-    return Power(np.where(graph.normal_force > 0, graph.normal_force / unit, 2.0), 0.2, 0.5)
-
-
-def walk(name, inner, spring, interval):
-    """Path of a jammed packing, its start, and the strain."""
-    walls = {}
-    if name == "box":
-        graph, planes, force = jammed_in_box(*ROUGH)
-        walls = {"boundary": between(planes, force)}
-    else:
-        graph = jammed(*PACKINGS[name])
-    strain = np.diag([2e-3, -1e-3]) if walls else H
-    inner = {"linear": lambda g: LAW, "hertz": hertz_of, "own": power_of}[inner](graph)
-    law = RollingResistance(inner, *spring)
-    path = follow(
-        Scene(graph, law, **walls), strained(strain), closure="packing", interval=interval
-    )
-    return path, (graph, law, strain, walls)
-
-
-def carried(state, count):
-    """Forces and moments of the first contacts."""
-    return np.column_stack([state.forces, state.rolling_moment])[:count]
-
-
-CASES = [
-    pytest.param(
-        name, inner, spring,
-        marks=[pytest.mark.slow] * ((name, inner, spring[1]) not in (("12", "linear", 0.05),)),
-    )
-    for name, inner, spring in (
-        *((name, "linear", spring) for name in PACKINGS for spring in SPRINGS),
-        *((name, inner, (0.02, 0.05)) for name in ("12", "24") for inner in ("hertz", "own")),
-        *(("box", inner, (0.02, 0.05)) for inner in ("linear", "hertz")),
-    )
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "inner", "spring"), CASES)
-def test_paths_halve_their_error_close_their_energy_and_are_slow_replays(name, inner, spring):
-    walks = [walk(name, inner, spring, size) for size in (4e-5, 2e-5, 1e-5)]
-    paths, (graph, law, strain, walls) = [path for path, _ in walks], walks[0][1]
-    assert {path.status for path in paths} == {"finished"}
-    count = len(graph.contacts)
-    ends = [carried(path.states[-1], count) for path in paths]
-    size = np.linalg.norm(ends[-1])
-    coarse, fine = (np.linalg.norm(a - b) / size for a, b in pairwise(ends))
-    assert coarse / fine > 1.9 and fine < 3e-5
-    for path in paths:
-        work, *spent = path.work[-1]
-        assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
-    end = paths[-1].states[-1]
-    assert np.abs(end.rolling_moment).max() > 0
-    assert not end.rolling_moment[~end.closed].any() and not end.rolling_moment[end.at_wall].any()
-    if np.isfinite(law.mu_r).all():
-        radii = end.radii[end.contacts]
-        most = float(law.mu_r) * end.normal_force * radii.prod(axis=1) / radii.sum(axis=1)
-        inside = ~end.at_wall
-        assert np.all(np.abs(end.rolling_moment[inside]) <= (1 + 1e-12) * most[inside])
-        assert any(event.spring == "rolling" for event in paths[-1].events)
-    if inner != "own":
-        how = {"viscous": 0.02}
-        scene = Scene(graph, law, **walls)
-        states = [replay(scene, strain, duration=t, **how).state for t in (3e3, 3e4)]
-        fast, slow = (np.linalg.norm(carried(s, count) - ends[-1]) / size for s in states)
-        assert slow < fast and slow < 2e-5
-
-
 @pytest.mark.parametrize(("k_r", "mu_r"), [(0.05, np.inf), (0.05, 0.02), (2.0, 0.1)])
 def test_a_held_packing_keeps_its_moments(k_r, mu_r):
     """Its resultants vanish with them, and it stays at rest; steps suit stiff springs."""
@@ -246,17 +156,6 @@ def test_a_held_packing_keeps_its_moments(k_r, mu_r):
     np.testing.assert_array_equal(
         path.states[0].rolling_moment[: len(graph.contacts)], graph.rolling_moment
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("past", ["viscous", "dynamic"])
-def test_energy_closes_through_instabilities(past):
-    law = RollingResistance(LAW, 0.02, 0.02)
-    stage = Stage(programmes.drained_biaxial(), "H11", 0.04)
-    path = follow(Scene(jammed(16, 2), law), stage, closure="packing", past=past, interval=1e-4)
-    assert path.of_kind("instability")
-    work, *spent = path.work[-1]
-    assert abs(work - sum(spent) - (path.energy[-1] - path.energy[0])) < 1e-10 * work
 
 
 def test_bad_input():

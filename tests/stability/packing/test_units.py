@@ -24,8 +24,8 @@ from loops.contacts import start_state
 from stability import follow, rates_at
 from stability.packing import loop_changes, loop_rates, probe, sustain
 from stability.packing.loop_quantities import LoopRates
+from tests.laws import hertz_of
 from tests.packings import BRANCH, LAW, jammed, packing, strained
-from tests.stability.packing.test_hertz_paths import hertz_of
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 # Unit discs have masses of r^2: the unit of time is a power of two as well.

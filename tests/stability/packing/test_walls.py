@@ -28,8 +28,6 @@ from tests.stability.packing.walled_packings import (
 )
 
 SMOOTH_ONES = [which for which in JAMMED if which[3] == SMOOTH]
-# In this one a grain that carries nothing at the start is loaded on the way.
-JOINED = JAMMED[2]
 DRAINED = Stage(programmes.drained_biaxial(), "H11", 2e-3)
 
 
@@ -53,10 +51,6 @@ def box_of(state):
         own = np.abs(branch[:, axis]) > 0.1
         sides.append((feet[own, axis].min(), feet[own, axis].max()))
     return sides
-
-
-def kinds(path):
-    return [(event.kind, event.contacts[0]) for event in path.events]
 
 
 @pytest.mark.parametrize("which", SMOOTH_ONES)
@@ -90,44 +84,6 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     ]
     # Loose grains and their images soon move differently.
     np.testing.assert_allclose(*ends, rtol=3e-6)
-
-
-@pytest.mark.parametrize("which", JAMMED)
-def test_the_error_is_of_first_order_in_the_interval(which):
-    """Between walls errors of both signs meet: they fall faster than the interval, or slower."""
-    intervals = 4e-5, 1e-5, 2.5e-6, 1.25e-6
-    paths = [drained(which, interval) for interval in intervals]
-    assert {path.status for path in paths} == {"finished"}
-    assert len({tuple(sorted(kinds(path))) for path in paths}) == 1
-    *ends, last = (np.concatenate([path.H[-1], path.P[-1]]) for path in paths)
-    # The load of one starts at the end of the interval, wherever in it the cage has closed.
-    most = 2e-3 if which == JOINED else 3e-4
-    for interval, end in zip(intervals, ends, strict=False):
-        assert np.linalg.norm(end - last) < most * interval
-
-
-@pytest.mark.parametrize("which", JAMMED)
-def test_a_slow_replay_comes_to_the_forces_of_the_path(which):
-    graph, planes, force = jammed_in_box(*which)
-    stage = Stage(programmes.drained_biaxial(), "parameter", 3e-4)
-    path = walked(which, stage, interval=2e-6).states[-1]
-    scene = Scene(graph, which[2], between(planes, force))
-    moved = replay(scene, stage, inertial_number=2e-7, balanced=True).state
-    first = np.arange(graph.contact_count + len(planes.grain))
-    size = np.abs(path.forces).max()
-    # A grain that joins has no shear forces; in the replay it has rolled up against some.
-    most = 5e-5 if which == JOINED else 2e-5
-    assert np.abs(path.forces[first] - moved.forces[first]).max() < most * size
-
-
-@pytest.mark.parametrize("which", JAMMED)
-@pytest.mark.parametrize("past", ["viscous", "dynamic"])
-def test_the_energy_closes(which, past):
-    stage = Stage(programmes.drained_biaxial(), "H11", 4e-3)
-    path = walked(which, stage, interval=4e-5, past=past, rows=4)
-    stored = path.energy - path.energy[0]
-    left = path.work[:, 0] - stored - path.work[:, 1:].sum(axis=1)
-    assert np.abs(left).max() < 1e-10 * path.energy[0]
 
 
 @pytest.mark.parametrize("which", JAMMED)
