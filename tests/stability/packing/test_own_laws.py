@@ -53,7 +53,8 @@ def test_a_known_law_written_anew_goes_the_same_path(boundary, kind):
     np.testing.assert_allclose(a.forces, b.forces, atol=1e-8 * size)
     np.testing.assert_allclose(a.x, b.x, atol=1e-10)
     np.testing.assert_allclose(one.work[-1], other.work[-1], atol=1e-8 * other.work[-1, 0])
-    np.testing.assert_allclose(one.energy, other.energy, rtol=1e-8)
+    # The energy of springs that are not known is a quadrature of their force.
+    np.testing.assert_allclose(one.energy, other.energy, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("boundary", "kind"), KINDS)
