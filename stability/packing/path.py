@@ -20,7 +20,7 @@ from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.equations_of_motion import require_upright, snap_through
 from stability.packing.point import MAY_CLOSE_GAP, RELEASED, PackingPoint, regimes_of
 from stability.packing.rattlers import free_rattlers, settle
-from stability.packing.regime_factor import ELASTIC, OPEN, Memory, RegimeFactor
+from stability.packing.regime_factor import ELASTIC, OPEN, RegimeFactor
 from stability.packing.strain_increment import MAX_SPEED_RATIO, StrainIncrement
 from stability.packing.yielding import MixedControl
 from stability.path import (
@@ -155,7 +155,6 @@ class PackingPathSolver:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
         self.interval, self.past, self.load_kept = interval, past_of(past), load_kept
         self.looks_at_pathologies, self.coasting = pathologies, coasting
-        self.looked: Memory | None = None
         self.history: deque[PackingPoint] = deque(maxlen=HISTORY)
         listed = start.with_forces_of_geometry().with_near(MAY_CLOSE_GAP * 2.0 * start.mean_radius)
         state, rattlers, _ = free_rattlers(listed)
@@ -248,7 +247,7 @@ class PackingPathSolver:
         """Strain by an increment, whose events are added; why there is none, or no end of it."""
         reach = REACH * size * 2.0 * start.state.mean_radius
         regimes = start.regime, start.side
-        packing = RegimeFactor(start.state, *regimes, reach=reach, memory=start.memory)
+        packing = RegimeFactor(start.state, *regimes, reach=reach, order=start.order)
         speed = float(np.linalg.norm(packing.solve(start.control())[:4]))
         if not (np.isfinite(speed) and speed > 0):
             return "no_solution", "the control moves nothing"
@@ -338,8 +337,7 @@ class PackingPathSolver:
         """Return a point with its row, and the pathologies of its state where these are wanted."""
         if not self.looks_at_pathologies:
             return point.recorded()
-        found, self.looked = pathologies(point, self.looked)
-        return point.recorded(pathologies=found)
+        return point.recorded(pathologies=pathologies(point))
 
     def path(self, status: PathStatus, message: str) -> Path:
         """The path so far."""
@@ -458,15 +456,15 @@ def halved(
     return limit, math.inf
 
 
-def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Pathologies, Memory]:
+def pathologies(point: PackingPoint) -> Pathologies:
     """Look at the matrix of the candidates of a state, with a factor of its own.
 
-    Its memory is `before` of the next call. Pairs of grains that carry nothing have no regimes.
+    Pairs of grains that carry nothing have no regimes.
     """
     state, regime, control = point.state, point.regime, point.control()
     N = np.tile(state.normal_force, state.law.springs)
     T = state.law.of_springs(state.shear_force, state.rolling_moment / state.mean_radius)
-    packing = RegimeFactor(state, regime, point.side, memory=before)
+    packing = RegimeFactor(state, regime, point.side, order=point.order)
     held = np.resize(point.absent, len(regime))
     candidates = packing.at_yield(N, T, held)
     stuck = candidates[regime[candidates] == ELASTIC]
@@ -478,13 +476,12 @@ def pathologies(point: PackingPoint, before: Memory | None = None) -> tuple[Path
     w2 = float(stress @ strain) / size if size > 0 else np.nan
     if m > MOST_CANDIDATES:
         said = f"{m} candidates, {MOST_CANDIDATES} at most"
-        return Pathologies(m, np.nan, None, None, -1, False, w2, said), packing.memory
+        return Pathologies(m, np.nan, None, None, -1, False, w2, said)
     if m == 0:
-        return _judged(np.zeros(0), np.eye(0), w2), packing.memory
+        return _judged(np.zeros(0), np.eye(0), w2)
     q, M = packing.problem(control, candidates)
     # Of slips, not of slips times stiffness: work-conjugate to the forces.
-    judged = _judged(q, M * packing.frame["kt"][candidates], w2, packing.rounding(rates))
-    return judged, packing.memory
+    return _judged(q, M * packing.frame["kt"][candidates], w2, packing.rounding(rates))
 
 
 def _judged(q: Floats, M: Floats, w2: float, low: float = 0.0) -> Pathologies:

@@ -11,12 +11,13 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts, PackingState
-from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING, Memory
+from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING
 from stability.packing.yielding import MixedControl
 from stability.path import Event
 from stability.programmes import Stage
 
 if TYPE_CHECKING:
+    from stability.compiled.packing_system import Order
     from stability.path import Pathologies
 
 # Pairs closer than this share of the mean diameter may close: they are listed, as open contacts.
@@ -50,7 +51,7 @@ class PackingPoint:
     `free_share` of the last interval none of them was caught. A load balances `load_share` of the
     resultants of the start, `carried` (B, 3). Centres have `wandered` so far since pairs were
     listed. `slowest` is the least strain speed of the stage; rows are left to record at the
-    `targets` of its quantity. `memory` is that of the factor before, `first_stress` the norm of the
+    `targets` of its quantity. `order` is that of the factor before, `first_stress` the norm of the
     stress at the start.
     """
 
@@ -73,7 +74,7 @@ class PackingPoint:
     targets: tuple[float, ...] = ()
     rows: tuple[dict[str, Any], ...] = ()
     events: tuple[Event, ...] = ()
-    memory: Memory | None = None
+    order: Order | None = None
 
     @classmethod
     def at_start(cls, state: Contacts, rattlers: Flags, stage: Stage, first_stress: float) -> Self:

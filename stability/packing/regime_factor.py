@@ -37,13 +37,6 @@ ELASTIC = int(Regime.ELASTIC)
 SLIDING = int(Regime.SLIDING)
 
 
-class Memory(NamedTuple):
-    """The order of elimination and the columns' memory, which the next factor takes over."""
-
-    order: Order | None
-    motions: Floats
-
-
 class Small(NamedTuple):
     """The matrix `1 + C` of the columns, eliminated; order of its rows, sign of its determinant.
 
@@ -78,11 +71,11 @@ class RegimeFactor:
         regime: Regimes,
         side: Floats,
         reach: float = 0.0,
-        memory: Memory | None = None,
+        order: Order | None = None,
     ) -> None:
         freedoms = 3 * len(state.x)
         # Under unit strains and the load, then of the columns.
-        self.order, self.motions = memory or Memory(None, np.empty((5 + ROOM, freedoms)))
+        self.order, self.motions = order, np.empty((5 + ROOM, freedoms))
         self.frame, self.reach = state.records(reach), reach
         self.regime, self.side, self.pair_count = regime.copy(), side.copy(), len(state.contacts)
         self.stiffest = float(self.frame["kn"].max())
@@ -97,11 +90,6 @@ class RegimeFactor:
         self.pair_rates = np.empty((2, len(self.frame), 5 + ROOM))
         self.motion_count = np.zeros(len(self.frame), dtype=np.int64)
         self.factorise()
-
-    @property
-    def memory(self) -> Memory:
-        """Order of elimination and room for columns, which the next factor takes over."""
-        return Memory(self.order, self.motions)
 
     def rounding(self, rates: Floats) -> float:
         """Return the rate of the yield function below which it is rounding."""

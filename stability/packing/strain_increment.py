@@ -450,5 +450,5 @@ class StrainIncrement:
             work=point.work + work,
             load_share=point.load_share - self.relief_rate * self.time,
             parameter=point.parameter + self.time,
-            memory=packing.memory,
+            order=packing.order,
         )

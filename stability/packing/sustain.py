@@ -316,9 +316,7 @@ def renumbered(scene: Scene, seed: int) -> Scene:
     graph, boundary = scene.graph, scene.boundary
     rng = np.random.default_rng(seed)
     grains, rows = rng.permutation(graph.grain_count), rng.permutation(graph.contact_count)
-    place = np.empty_like(grains)
-    place[grains] = np.arange(len(grains))
-    images = graph.images
+    place, images = np.argsort(grains), graph.images
     other = GrainGraph(
         x=graph.x[grains],
         radii=graph.radii[grains],
@@ -327,10 +325,7 @@ def renumbered(scene: Scene, seed: int) -> Scene:
         cell=graph.cell,
         **graph.at_contacts(rows),
     )
-    if boundary.walls is not None:
-        walls = replace(boundary.walls, grain=place[boundary.walls.grain])
-        boundary = replace(boundary, walls=walls)
-    return Scene(other, scene.law.take(rows), boundary)
+    return Scene(other, scene.law.take(rows), boundary.of_kept(grains, len(grains)))
 
 
 def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | None) -> Path:
@@ -375,12 +370,9 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         rests = motion.status == "at rest"
         strain = _strain_of_near(motions) if rests else strain
         if strain >= loading.large or not rests:
-            again, flows = LARGE_MOTION
-            large = again if rests else flows
-            status = large if strain >= loading.large else "unfinished"
-            message = cause
-            if not rests:
-                message += f"; no rest at constant load, strain {strain:.2g}"
+            status = LARGE_MOTION[not rests] if strain >= loading.large else "unfinished"
+            flows = f"; no rest at constant load, strain {strain:.2g}"
+            message = cause if rests else cause + flows
             break
     if not math.isnan(limit):
         spread = max(spread, _spread_of_the_threshold(motions, limit))
