@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import lapack
 
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
@@ -38,23 +39,20 @@ SLIDING = int(Regime.SLIDING)
 
 
 class Small(NamedTuple):
-    """The matrix `1 + C` of the columns, eliminated; order of its rows, sign of its determinant.
+    """Columns whose forces have changed, and factors of their matrix `1 + C`, sign of its det.
 
-    `Y` (m, 5) are its solutions for unit strains and the load.
+    `Y` (k, 5) are its solutions for unit strains and the load.
     """
 
+    columns: Integers
     factors: Floats
-    order: Integers
+    pivots: Integers
     sign: float
     Y: Floats
 
-    def solved(self, right: Floats) -> Floats:
-        """Return the solution for right-hand sides (m, r)."""
-        from loops.compiled.columns import substitute
 
-        x = right[self.order]
-        substitute(self.factors, x)
-        return x
+# Factors, pivots, sign and solutions without a column.
+NONE = np.eye(0), np.zeros(0, dtype=np.int64), 1.0, np.zeros((0, 5))
 
 
 class RegimeFactor:
@@ -224,39 +222,43 @@ class RegimeFactor:
             raise ArithmeticError("it is singular in these regimes")
         stress, x[4] = self._stress_of_strain(small), 1.0
         x[:4] = control.strains(stress[:, :4], stress[:, 4])
-        x[5:] = -small.Y @ x[:5]
+        x[5 + small.columns] = -small.Y @ x[:5]
         return x
 
     def driven(self, control: MixedControl, column: int) -> Floats:
         """Return rates under a unit force on the row of a column, at a control that stands."""
         small, x = self._small(), np.zeros(5 + len(self.at))
-        x[5:] = -small.solved(self._changes(slice(5 + column, 6 + column)))[:, 0]
-        x[5 + column] += 1.0
+        x[5 + column] = 1.0
+        if len(small.columns):
+            changes = self._changes(small.columns, np.array([5 + column]))
+            solution = lapack.dgetrs(small.factors, small.pivots, changes)[0][:, 0]
+            x[5 + small.columns] -= solution
         if control.stress.any():
             still = control._replace(rate=np.zeros(4))
             x[:4] = still.strains(self._stress_of_strain(small)[:, :4], self.stress(x))
-            x[5:] -= small.Y @ x[:5]
+            x[5 + small.columns] -= small.Y @ x[:5]
         return x
 
     def _small(self) -> Small:
         """Return the system in the columns, eliminated once for the present regimes."""
-        from loops.compiled.columns import eliminate
-
         if self.small is None:
-            m = len(self.at)
-            a, order = self._changes(slice(5, 5 + m)), np.arange(m)
-            sign = eliminate(a, order)
-            small = Small(a, order, sign, np.zeros((m, 5)))
-            if sign != 0.0:
-                small = small._replace(Y=small.solved(self._changes(slice(5))))
-            self.small = small
+            columns = np.flatnonzero(self.coefficients.any(axis=0))
+            self.small, m = Small(columns, *NONE), len(columns)
+            if m:
+                lu, pivots, _ = lapack.dgetrf(np.eye(m) + self._changes(columns, 5 + columns))
+                swaps = np.count_nonzero(pivots != np.arange(m))
+                sign = float(np.prod(np.sign(np.diag(lu)))) * (-1.0) ** swaps
+                Y = np.zeros((m, 5))
+                if sign:
+                    Y = lapack.dgetrs(lu, pivots, self._changes(columns, np.arange(5)))[0]
+                self.small = Small(columns, lu, pivots, sign, Y)
         return self.small
 
-    def _changes(self, motions: slice) -> Floats:
-        """Return changes of the forces on the rows by the rates of their pairs under motions."""
-        pairs = np.array(list(self.at), dtype=np.int64) % len(self.frame)
-        un, ut = self._known(pairs, 5 + len(pairs))[:, pairs, motions]
-        p, q = self.coefficients[:, : len(pairs), None]
+    def _changes(self, columns: Integers, motions: Integers) -> Floats:
+        """Return changes of the forces on the rows of columns by motions, of their pairs."""
+        pairs = np.array(list(self.at))[columns] % len(self.frame)
+        un, ut = self._known(pairs, 5 + len(self.at))[:, pairs[:, None], motions]
+        p, q = self.coefficients[:, columns, None]
         return np.asarray(p * un + q * ut)
 
     def _known(self, pairs: Integers, motions: int) -> Floats:
@@ -276,7 +278,7 @@ class RegimeFactor:
 
     def _stress_of_strain(self, small: Small) -> Floats:
         """Return stress rates (4, 5) of unit strains and the load in the present regimes."""
-        columns = self.unit_stress[:, 5 : 5 + len(small.Y)]
+        columns = self.unit_stress[:, 5 + small.columns]
         return np.asarray(self.unit_stress[:, :5] - columns @ small.Y)
 
     def stress(self, rates: Floats) -> Floats:
