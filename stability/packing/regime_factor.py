@@ -245,12 +245,11 @@ class RegimeFactor:
             columns = np.flatnonzero(self.coefficients.any(axis=0))
             self.small, m = Small(columns, *NONE), len(columns)
             if m:
-                lu, pivots, _ = lapack.dgetrf(np.eye(m) + self._changes(columns, 5 + columns))
+                changes = self._changes(columns, np.concatenate([np.arange(5), 5 + columns]))
+                lu, pivots, _ = lapack.dgetrf(np.eye(m) + changes[:, 5:])
                 swaps = np.count_nonzero(pivots != np.arange(m))
                 sign = float(np.prod(np.sign(np.diag(lu)))) * (-1.0) ** swaps
-                Y = np.zeros((m, 5))
-                if sign:
-                    Y = lapack.dgetrs(lu, pivots, self._changes(columns, np.arange(5)))[0]
+                Y = lapack.dgetrs(lu, pivots, changes[:, :5])[0] if sign else np.zeros((m, 5))
                 self.small = Small(columns, lu, pivots, sign, Y)
         return self.small
 
