@@ -16,10 +16,7 @@ from loops.errors import InputError
 from studies.clock import clock, of_parts
 from studies.commands import (
     Answer,
-    Force,
-    Json,
     OneReading,
-    Out,
     Writing,
     answer,
     flags,
@@ -414,11 +411,9 @@ def _benchmarks() -> Any:
 
 def bench_command(
     *,
-    out: Out = None,
     quick: bool = False,
     only: Annotated[str | None, Parameter(metavar="NAME,...")] = None,
-    force: Force = False,
-    json: Json = False,
+    writing: Writing = Writing(),
 ) -> Answer:
     """Measure speed against error of the methods that can be chosen, and run the hard cases.
 
@@ -431,7 +426,7 @@ def bench_command(
     only
         Only these groups, such as faces,hard-cases.
     """
-    out = out_or(out, "bench")
+    out = out_or(writing.out, "bench")
     run_bench = _benchmarks().run_bench
     with clock("grainloops bench") as tell:
 
@@ -441,7 +436,7 @@ def bench_command(
             else:
                 print(f"grainloops bench: {line}", file=sys.stderr, flush=True)
 
-        summary = run_bench(out, quick=quick, only=only, force=force, progress=progress)
+        summary = run_bench(out, quick=quick, only=only, progress=progress, **writing.files())
     defaults = [
         row | {"name": name, "knee": group["knee"]}
         for name, group in summary["groups"].items()
@@ -450,4 +445,4 @@ def bench_command(
     hard = summary["hard_cases"]
     unexpected = len(hard["unexpected"]) + len(hard["paths_missed"]) if hard["cases"] else None
     lines = printed("bench", summary, defaults=defaults, unexpected=unexpected)
-    return answer(json, out, lines)
+    return answer(writing.json, out, lines)

@@ -78,15 +78,18 @@ def run_bench(
     *,
     quick: bool = False,
     only: str | None = None,
-    force: bool = False,
     progress: Callable[[str], None] | None = None,
+    **files: Any,
 ) -> dict[str, Any]:
-    """Measure the methods that a user chooses between, run the hard cases, write the results."""
+    """Measure the methods that a user chooses between, run the hard cases, write the results.
+
+    `files` are `force` and `figures` of a study.
+    """
     names = chosen_groups(only)
     asked: dict[str, Any] = {"quick": True} if quick else {}
     asked |= {} if only is None else {"only": only}
     configuration = {**machine("numpy"), **asked}
-    with study("bench", out, configuration, UNITS, force=force, csv=True) as results:
+    with study("bench", out, configuration, UNITS, **files | {"csv": True}) as results:
         measured = collect(names, quick, progress)
         tables = {
             "bench": measured.methods,
@@ -94,10 +97,9 @@ def run_bench(
             "hard_paths": measured.paths,
             "smallest_model": measured.smallest,
         }
-        results.write_tables({name: table for name, table in tables.items() if len(table)})
-        summary = results.write_summary(summarise(measured))
-        results.save_figures(all_figures(measured))
-    return summary
+        written = {name: table for name, table in tables.items() if len(table)}
+        found, drawn = summarise(measured), all_figures(measured)
+        return results.write_results(written, found, drawn, "Speed against error")
 
 
 def chosen_groups(only: str | None) -> tuple[str, ...]:
