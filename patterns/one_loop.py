@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state, from_networkx
 from loops.arrays import Flags
@@ -14,7 +15,6 @@ from loops.assembly import contact_regime
 from loops.errors import number as checked_number
 from loops.errors import short
 from loops.graph import HasGraph
-from loops.neighbours import near_pairs
 from loops.pruning import component_labels
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import counted
@@ -132,10 +132,8 @@ def _touching(rows: Any, tolerance: float) -> GrainGraph:
         raise InputError("source", short(rows), expected, "Give a row x, y, radius for each grain.")
     x, radii = table[:, :2], table[:, 2]
     GrainGraph(x=x, radii=radii, contacts=[])
-    reach, corner = 2.0 * radii.max() * (1.0 + tolerance), x.min(axis=0)
-    # A cell so wide that no grain meets an image of another.
-    cell = np.diag(np.ptp(x, axis=0) + 4.0 * reach)
-    pairs, _ = near_pairs(x - corner + reach, cell, radii, tolerance * reach)
+    reach = 2.0 * radii.max() * (1.0 + tolerance)
+    pairs = np.unique(cKDTree(x).query_pairs(reach, output_type="ndarray"), axis=0)
     i, j = pairs.T
     gap = np.hypot(*(x[j] - x[i]).T) - radii[i] - radii[j]
     return GrainGraph(x=x, radii=radii, contacts=pairs[gap <= tolerance * (radii[i] + radii[j])])

@@ -34,7 +34,7 @@ from studies.reading import plan_series, reading
 from studies.series.evolution import sample_strain
 from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate, stress_of
 from studies.snapshot.in_packing import balance_notes, held_snapshot
-from studies.snapshot.regions import Property, loop_regions, places_table, region_summary
+from studies.snapshot.regions import Property, compared, loop_regions
 from studies.snapshot.table import loop_polygons
 from studies.study import files_of, study
 
@@ -317,13 +317,13 @@ def run_evolve(
             tables["replay_loops"] = found.loops("replay")
             tables["replay"] = row_table(found.ways["replay"]).drop(columns="events")
         if regions is not None:
-            tables["regions"] = evolved_regions(tables["loops"], regions)
+            tables["regions"], told_regions = evolved_regions(tables["loops"], regions)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
         told |= {"dem": len(after), "forecast": None}
         if regions is not None:
-            told["regions"] = region_summary(tables["regions"].to_dict("list"), tables["loops"])
+            told["regions"] = told_regions
         if after and found.driven[0] == "H" and len(asked.turns) == 1:
             compared = found.ways, tables["dem"], found.driven, found.sense
             tables["forecast"] = dem_comparison(*compared)
@@ -340,17 +340,15 @@ def run_evolve(
     return summary
 
 
-def evolved_regions(loops: pd.DataFrame, regions: str) -> pd.DataFrame:
-    """Return loops inside a region and elsewhere by order: work, contacts lost; names the region.
-
-    `loops` gets the column `region`.
-    """
-    place, names = loop_regions(loops, regions)
-    loops["region"] = names[place]
-    order, work = loops["order"].to_numpy(), loops["W2"].to_numpy()
-    opened, every = loops["open_from"].notna().to_numpy(), np.ones(len(loops), dtype=bool)
-    found = {"negative": Property(work < 0, np.isfinite(work)), "opened": Property(opened, every)}
-    return pd.DataFrame(places_table(order, place, names, found))
+def evolved_regions(loops: pd.DataFrame, regions: str) -> tuple[pd.DataFrame, Summary]:
+    """Return loops inside a region and elsewhere by order: work, contacts lost; their summary."""
+    work, opened = loops["W2"].to_numpy(), loops["open_from"].notna().to_numpy()
+    found = {
+        "negative": Property(work < 0, np.isfinite(work)),
+        "opened": Property(opened, np.ones(len(loops), dtype=bool)),
+    }
+    places, summary = compared(loops, regions, found)
+    return pd.DataFrame(places), summary
 
 
 def evolution_summary(

@@ -15,7 +15,7 @@ from studies.output import Summary, definitions, readable
 from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
-from studies.snapshot.regions import loop_regions, places_table, region_summary
+from studies.snapshot.regions import compared
 from studies.snapshot.summary import (
     chains_table,
     fabric_table,
@@ -63,8 +63,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
         if on_loops is not None:
             table["chain_contacts"] = on_loops
         if asked.regions is not None:
-            place, names = loop_regions(table, asked.regions)
-            table["region"] = names[place]
+            by_region = compared(table, asked.regions, verdict_properties(table))
         certain = None
         if asked.input_error is not None:
             from studies.snapshot.input_error import add_input_errors, certain_columns
@@ -83,9 +82,7 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             summary["definitions"] |= definitions("snapshot_input_error")
             tables["certain"] = certain_columns(snapshot, table)
         if asked.regions is not None:
-            compared = table["order"], place, names, verdict_properties(table)
-            tables["regions"] = places_table(*compared)
-            summary["regions"] = region_summary(tables["regions"], table)
+            tables["regions"], summary["regions"] = by_region
             summary["definitions"] |= definitions("regions")
         if asked.quadrons:
             from studies.snapshot.quadrons import quadron_columns, quadron_summary

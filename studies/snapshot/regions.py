@@ -125,6 +125,16 @@ def places_table(
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
+def compared(
+    table: Any, regions: str, properties: Mapping[str, Property]
+) -> tuple[dict[str, list[Any]], Summary]:
+    """Add the column `region` to a table of loops; return the rows by region, and their summary."""
+    place, names = loop_regions(table, regions)
+    table["region"] = names[place]
+    places = places_table(np.asarray(table["order"]), place, names, properties)
+    return places, region_summary(places, table)
+
+
 def region_summary(places: Mapping[str, list[Any]], table: Columns) -> Summary:
     """Return what `places_table` has of all loops of each region, and the region's area share."""
     whole, found = float(np.sum(table["area"])), Summary()
