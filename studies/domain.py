@@ -76,6 +76,7 @@ from studies.style import (
     styled,
 )
 
+Answer = tuple[dict[str, pd.DataFrame], Summary, Drawings, str]
 PAPER_CASES = TABLE_1, TABLE_2
 # Strain up to which programmes are followed: no diamond is left there.
 REACH = 1.5
@@ -139,6 +140,13 @@ class DomainParameters:
         cases = [described(case) for case in self.cases()]
         return {"cases": cases, "directions": self.directions}
 
+    def answer(self, progress: Progress | None = None) -> Answer:
+        """Tables, summary and figures of the domains, and the title of their page."""
+        table = domain_table(self.cases(), self.directions, progress)
+        drawings = [("domain", lambda: domain_figure(table, self.cases()))]
+        summary = domain_summary(table, self)
+        return {"domain": table}, summary, drawings, "Bifurcation domains of diamonds"
+
 
 def require_odd(directions: int) -> None:
     """Raise `InputError` unless a fan has a programme in its middle."""
@@ -181,43 +189,28 @@ def _contacts(loop: Case | PolygonOptions) -> tuple[bool, ...]:
 
 def loss_table(case: Case, fan: Fan, limits: FanLimits, kind: str, contacts: str) -> pd.DataFrame:
     """One row for each programme with a loss of this kind: its state and determinants."""
-    found = limits.found[kind]
-    states = limits.states[kind]
-    H, P, regime = states.H[found], states.P[found], states.regime[found]
-    E1, E2, s1, s2 = H[:, 0], H[:, 3], P[:, 0], P[:, 3]
-    alpha0, sliding = case.alpha0, (regime == Regime.SLIDING).any(axis=1)
-    alpha = angle_from_strains(E1, E2, alpha0)
+    rows = limit_rows(fan, limits, kind, {**described(case), "contacts": contacts})
+    E1, E2, s1, s2 = (rows[name].to_numpy() for name in ("E1", "E2", "s1", "s2"))
+    alpha0, alpha = case.alpha0, angle_from_strains(E1, E2, case.alpha0)
     T = s1 * np.sin(alpha0) * np.sin(alpha) - s2 * np.cos(alpha0) * np.cos(alpha)
-    state = diamond_states(case, E1, E2, T, sliding=sliding, s1=s1, s2=s2)
-    gaps = np.minimum(*opposite_gaps(E1, E2, case.alpha0))
-    columns: dict[str, Any] = {
-        **described(case),
-        "contacts": contacts,
-        "kind": kind,
-        "programme_deg": np.degrees(fan.programme[found]),
-        "regime": state.regime,
-        **{name: getattr(state, name) for name in ("E1", "E2", "s1", "s2", "N", "T")},
-        "alpha_deg": np.degrees(alpha),
-        "det_K": state.det_K,
-        "det_Ks": state.det_Ks,
-        "opposite_overlap": gaps < -OVERLAP_ATOL,
-    }
-    return pd.DataFrame(columns)
+    state = diamond_states(case, E1, E2, T, sliding=rows.regime == "sliding", s1=s1, s2=s2)
+    rows = rows.drop(columns="opposite_overlap").assign(N=state.N, T=T, alpha_deg=np.degrees(alpha))
+    overlap = np.minimum(*opposite_gaps(E1, E2, alpha0)) < -OVERLAP_ATOL
+    return rows.assign(det_K=state.det_K, det_Ks=state.det_Ks, opposite_overlap=overlap)
 
 
 def run_domain(
-    parameters: DomainParameters, out: Path, progress: Progress | None = None, **files: Any
+    parameters: DomainParameters | LoopDomainParameters,
+    out: Path,
+    progress: Progress | None = None,
+    **files: Any,
 ) -> Summary:
-    """Find the bifurcation domains of diamonds, and write the table, summary and figure.
+    """Find the bifurcation domains of diamonds or loops, and write tables, summary and figures.
 
     `files` are `force`, `csv` and `figures` of a study.
     """
     with study("domain", out, parameters.described(), **files) as results:
-        table = domain_table(parameters.cases(), parameters.directions, progress)
-        drawings = [("domain", lambda: domain_figure(table, parameters.cases()))]
-        summary = domain_summary(table, parameters)
-        title = "Bifurcation domains of diamonds"
-        return results.write_results({"domain": table}, summary, drawings, title)
+        return results.write_results(*parameters.answer(progress))
 
 
 def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary:
@@ -347,6 +340,18 @@ class LoopDomainParameters:
         loops = [_loop_columns(loop) | loop.special() for loop in self.loops]
         return {"loops": loops, "programmes": self.control, "directions": self.directions}
 
+    def answer(self, progress: Progress | None = None) -> Answer:
+        """Tables, summary and figures of the domains, and the title of their page."""
+        table, loops, alone = loop_domains(self, progress)
+        summary = {"directions": self.directions, "loops": loops}
+        summary["notes"] = file_notes(self.loops[0])
+        tables, drawings = {"domain": table}, loop_figures(table, loops, self)
+        if PRESENT in alone:
+            tables["boundary"] = alone[PRESENT].rows
+        if alone:
+            drawings = ((n, partial(loop_domain_figure, alone, plane)) for n, plane in PLANES)
+        return tables, summary, drawings, "Bifurcation domains of loops"
+
 
 def _loop_columns(loop: PolygonOptions) -> dict[str, Any]:
     """Columns of the table and the summary that name a loop; of a snapshot's its mean contact."""
@@ -463,26 +468,6 @@ def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) ->
             "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
         }
     )
-
-
-def run_loop_domains(
-    parameters: LoopDomainParameters, out: Path, progress: Progress | None = None, **files: Any
-) -> Summary:
-    """Find the bifurcation domains of loops, and write the table, summary and figures.
-
-    `files` are `force`, `csv` and `figures` of a study.
-    """
-    with study("domain", out, parameters.described(), **files) as results:
-        table, loops, alone = loop_domains(parameters, progress)
-        found = {"directions": parameters.directions, "loops": loops}
-        found["notes"] = file_notes(parameters.loops[0])
-        tables = {"domain": table}
-        if PRESENT in alone:
-            tables["boundary"] = alone[PRESENT].rows
-        drawn: Drawings = loop_figures(table, loops, parameters)
-        if alone:
-            drawn = [(name, partial(loop_domain_figure, alone, plane)) for name, plane in PLANES]
-        return results.write_results(tables, found, drawn, "Bifurcation domains of loops")
 
 
 def domain_boundary(rows: pd.DataFrame) -> pd.DataFrame:

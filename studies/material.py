@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from loops import GrainGraph, InputError, LinearFrictional
 from loops.errors import check_choice, number, whole_number
 from patterns import hexagon, regular_polygon
-from stability import COMPONENTS, Programme, Stage, plane_cone, programmes, restrict
+from stability import COMPONENTS, Stage, plane_cone, programmes, restrict
 from stability.material import LoopMaterial, MaterialPath, march, oriented
 from stability.material.loop_material import MaterialClosure
 from stability.material.loop_set import LoopSet, loops_of
 from studies.evolve import major_axis, start_of
 from studies.output import Summary, components, readable, values_of
-from studies.paths.options import ProgrammeName, programme_named
+from studies.paths.options import ProgrammeName, programme_of
 from studies.questions import Averaging
 from studies.reading import read_planar, reading
 from studies.study import files_of, study
@@ -58,17 +58,11 @@ class MaterialOptions(Averaging):
             raise InputError("--end", f"{self.end:g}", expected, "Give 0.1, for example.")
         check_choice("--closure", self.closure, get_args(MaterialClosure))
         check_choice("--programme", self.programme, get_args(ProgrammeName))
-        self.loading_programme()
+        programme_of(self, self.axis or 1)
         number("--phi", self.phi_deg, 0.0, 90.0)
         if self.alpha0_deg is not None and self.order != 6:
             received = f"given with --order {self.order}"
             raise InputError("--alpha0", received, "a hexagon", "Leave one of them out.")
-
-    def loading_programme(self) -> Programme:
-        """Return the programme after the confinement."""
-        modulus, ratio, axis = self.fluid_bulk_modulus, self.strain_ratio, self.axis or 1
-        how: dict[str, Any] = {"fluid_bulk_modulus": modulus, "strain_ratio": ratio, "axis": axis}
-        return programme_named(self.programme, **how)
 
     @property
     def loop(self) -> GrainGraph:
@@ -123,12 +117,13 @@ def run_material(
             **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
             **{"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
         }
-        summary = results.write_results({"path": table, "loops": averaged_loops(loops)}, told)
-        if results.figures:
-            name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
-            title = f"Loops of {name} as a material"
-            results.write_report(title, summary, [("material", lambda: draw_material(table))], [])
-    return summary
+        name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
+        tables, drawn = (
+            {"path": table, "loops": averaged_loops(loops)},
+            lambda: draw_material(table),
+        )
+        title = f"Loops of {name} as a material"
+        return results.write_results(tables, told, [("material", drawn)], title)
 
 
 def _single(loops: LoopSet, number: int | None) -> int:
@@ -155,7 +150,7 @@ def _march(options: MaterialOptions, material: LoopMaterial, snapshot: Path | No
         if rest.status != "finished":
             return rest
         start = float(getattr(rest, tensor)[-1, 3 * (axis - 1)])
-    driven = Stage(options.loading_programme(), f"{tensor}{axis}{axis}", start + options.end)
+    driven = Stage(programme_of(options, axis), f"{tensor}{axis}{axis}", start + options.end)
     return march(material, [*stages, driven], options.steps)
 
 

@@ -328,13 +328,7 @@ def domain_command(
     out = out_or(writing.out, f"loop-{loop}-domain" if asked.snapshot else "domain", asked.snapshot)
     ratios, directions = numbers("--kappa", asked.kappa), asked.directions
     with clock("grainloops domain") as tell:
-        from studies.domain import (
-            PROGRAMMES,
-            DomainParameters,
-            LoopDomainParameters,
-            run_domain,
-            run_loop_domains,
-        )
+        from studies.domain import PROGRAMMES, DomainParameters, LoopDomainParameters, run_domain
         from studies.present_domain import programmes_of
 
         if not given:
@@ -362,7 +356,7 @@ def domain_command(
             directions = programmes_of(loops[0].spins, linear=linear)
         control: Any = asked.programmes
         wanted = LoopDomainParameters(tuple(loops), control, directions)
-        summary = run_loop_domains(wanted, out, of_parts(tell, "programmes"), **writing.files())
+        summary = run_domain(wanted, out, of_parts(tell, "programmes"), **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])
 
 

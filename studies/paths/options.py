@@ -37,7 +37,7 @@ from stability import Programme, Stage, programmes
 from stability.path import ModelOption
 from stability.paths.loop_path import OnTouch
 from studies.output import values_of
-from studies.questions import DiamondChoice
+from studies.questions import Averaging, DiamondChoice, OfProgramme
 
 if TYPE_CHECKING:
     from patterns import Snapshot
@@ -181,8 +181,19 @@ class DiamondOptions(DiamondChoice):
         }
 
 
+def given_numbers(options: OfProgramme) -> dict[str, Any]:
+    """Return the numbers that a programme asks for, those that were given."""
+    numbers = values_of(options, "fluid_bulk_modulus", "strain_ratio")
+    return {name: value for name, value in numbers.items() if value is not None}
+
+
+def programme_of(options: PolygonOptions | Averaging, axis: int = 1) -> Programme:
+    """Return the programme after the confinement."""
+    return programme_named(options.programme, axis=axis, **given_numbers(options))
+
+
 @dataclass(frozen=True)
-class PolygonOptions:
+class PolygonOptions(OfProgramme):
     """Options of `grainloops polygon`, lengths over the mean diameter, forces over `kn` times it.
 
     Of spheres (`contact_law` hertz) `E* = 1`, so that `kn` in units is `E* l0`. `H12 = H21 = 0` in
@@ -203,8 +214,6 @@ class PolygonOptions:
     centres: tuple[tuple[float, float], ...] | None = None
     contact_law: LawName = "linear"
     rolling: float = 0.0
-    fluid_bulk_modulus: float | None = None
-    strain_ratio: float | None = None
 
     volume: ClassVar[float | None] = None
     rows: ClassVar[int] = 40
@@ -217,7 +226,7 @@ class PolygonOptions:
         check_choice("--orientation", self.orientation, get_args(Orientation))
         check_choice("--spins", self.spins, get_args(Spins))
         check_choice("--programme", self.programme, get_args(ProgrammeName))
-        self.loading_programme()
+        programme_of(self)
         _check_shared(self)
         expected = f"a strain above that of A, {self.confine:g}, and below 1"
         inside("--end", self.end, lambda e: self.confine < e < 1.0, expected)
@@ -283,19 +292,10 @@ class PolygonOptions:
             law = HertzMindlin(young=2.0 * (1.0 - nu**2), poisson=nu, mu=self.mu)
         return RollingResistance(law, self.rolling) if self.rolling > 0.0 else law
 
-    def of_programme(self) -> dict[str, Any]:
-        """Return the numbers of the programme that were given."""
-        numbers = values_of(self, "fluid_bulk_modulus", "strain_ratio")
-        return {name: value for name, value in numbers.items() if value is not None}
-
-    def loading_programme(self) -> Programme:
-        """Return the programme after the confinement."""
-        return programme_named(self.programme, **self.of_programme())
-
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """The confinement, left out where there is none, and the programme; names and stages."""
         confining = ("confinement", Stage(programmes.isotropic_strain(), "H11", self.confine))
-        loading = Stage(self.loading_programme(), "H11", self.last_strain)
+        loading = Stage(programme_of(self), "H11", self.last_strain)
         first = (confining,) if self.confine > 0.0 else ()
         return (*first, (self.programme, loading))
 
@@ -311,7 +311,7 @@ class PolygonOptions:
         own |= {"radii": self.radii, "centres": self.centres}
         own["moved"] = None if self.centres is None else self.placed[1]
         own = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
-        return own | self.of_programme()
+        return own | given_numbers(self)
 
 
 @dataclass(frozen=True)
@@ -366,7 +366,7 @@ class LoopOptions(PolygonOptions):
 
     def stages(self) -> tuple[tuple[str, Stage], ...]:
         """The programme, from the state of the snapshot on."""
-        return ((self.programme, Stage(self.loading_programme(), "H11", self.last_strain)),)
+        return ((self.programme, Stage(programme_of(self), "H11", self.last_strain)),)
 
     def described(self) -> dict[str, Any]:
         """Value of every option by its name on the command line."""
@@ -376,7 +376,7 @@ class LoopOptions(PolygonOptions):
     def special(self) -> dict[str, Any]:
         """The snapshot, the number of the loop, and how far its grains were moved."""
         own = {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
-        return own | self.of_programme()
+        return own | given_numbers(self)
 
 
 def loop_options(snapshot: Snapshot, loop: int | None, source: str, **words: Any) -> LoopOptions:

@@ -24,7 +24,7 @@ from studies.domain import (
     limit_rows,
     loop_fan,
     loop_limits,
-    run_loop_domains,
+    run_domain,
     unstable_share,
 )
 from studies.examples.larger_loops import rolling_threshold
@@ -267,7 +267,7 @@ def test_rolling_springs_reach_the_contacts(tmp_path, capsys):
 @pytest.mark.slow
 def test_study_of_two_orders(tmp_path):
     loops = tuple(PolygonOptions(n, phi_deg=20.0, closure="affine") for n in (4, 6))
-    summary = run_loop_domains(LoopDomainParameters(loops, directions=5), tmp_path / "out")
+    summary = run_domain(LoopDomainParameters(loops, directions=5), tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"domain.parquet", "domain.png", "summary.json"} <= names
     assert [row["order"] for row in summary["loops"]] == [4, 4, 6, 6]
