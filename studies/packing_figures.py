@@ -343,9 +343,9 @@ def work_maps(snapshot: Snapshot, loops: pd.DataFrame, summary: Summary) -> Figu
     driven = summary["driven"]
     begun = loops["negative_from"].to_numpy()
     label = f"{driven_change(driven)} where $W_2$ is first negative"
-    if not (begun > 0.0).any():
-        begun, label = -begun, f"$-${label}"
-    draw_values(draw, first, begun, label)
+    known = begun[np.isfinite(begun)]
+    scale = Normalize(*((known.min(), known.max()) if len(known) else ()))
+    draw_scaled(draw, first, begun, mpl.colormaps[SEQUENTIAL], scale, label=label)
     return figure
 
 

@@ -24,14 +24,11 @@ from loops.arrays import Floats
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from patterns import Snapshot
 from stability import COMPONENTS
-from studies.output import Columns, Summary
+from studies.output import Summary
 from studies.series.chains import PLACES, chain_summary
 from studies.series.evolution import PREDICTIONS
 from studies.series.skill import (
     ALL,
-    CLOSURE_PREDICTORS,
-    EVENT_PREDICTORS,
-    INDICATORS,
     PREDICTORS,
     TARGETS,
     VERDICTS,
@@ -362,10 +359,9 @@ def _balance(ax: Axes, table: pd.DataFrame) -> None:
 
 def series_figures(
     tables: Mapping[str, pd.DataFrame],
-    increments: Mapping[str, Any],
     mapped: MappedInterval | None,
 ) -> Drawings:
-    """Every figure of a series by name; `increments` are those of all intervals together."""
+    """Every figure of a series by name."""
     evolution = tables["evolution"]
     yield "orders_over_strain", lambda: orders_over_strain(evolution)
     if "S11" in evolution:
@@ -385,13 +381,10 @@ def series_figures(
         yield "buckling", lambda: buckling(chain_summary(evolution.iloc[1:].to_dict("records")))
     if "regions" in tables and {"survived", "negative"} & {*tables["regions"]}:
         yield "regions", lambda: regions_over_intervals(tables["regions"])
-    if len(increments.get("W2", ())):
-        yield "work_signs", lambda: work_signs(increments)
-    packed = "skill" in tables and "packing" in set(tables["skill"]["predictor"])
-    if packed:
+    if "skill" in tables and tables["skill"]["auc"].notna().any():
         yield "skill_by_predictor", lambda: skill_by_predictor(tables["skill"])
     if mapped is not None:
-        if packed and np.isfinite(mapped.predicted["packing_nonaffinity"]).any():
+        if np.isfinite(mapped.predicted.get("packing_nonaffinity", np.nan)).any():
             yield "nonaffinity_map", lambda: nonaffinity_map(mapped)
         if "W2" in mapped.increments:
             yield "work_map", lambda: work_map(mapped)
@@ -436,18 +429,6 @@ def regions_over_intervals(table: pd.DataFrame) -> Figure:
             ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure_key(figure, at="upper center", ncols=3)
     return figure
-
-
-def joined_increments(series: Series) -> Columns:
-    """Actual and predicted work of all intervals."""
-    parts = series.parts["increments"]
-    if not parts:
-        return {}
-    there = set(pyarrow.parquet.read_schema(parts[0]).names)
-    names = [name for name in MAPPED_COLUMNS if name in there]
-    tables = [pyarrow.parquet.read_table(part, columns=names) for part in parts]
-    table = pyarrow.concat_tables(tables)
-    return {name: table.column(name).to_numpy() for name in names}
 
 
 def map_data(task: PartTask) -> MappedInterval:
@@ -569,35 +550,6 @@ class MappedInterval(NamedTuple):
     predicted: Mapping[str, Any]
 
 
-@styled()
-def work_signs(increments: Mapping[str, Any]) -> Figure:
-    """Distribution of the actual work by the sign of its prediction."""
-    figure, axes = new_panels(2, 2, 4.6, sharex=True, sharey=True)
-    actual, bins = np.asarray(increments["w2"]), np.linspace(-1, 1, 41)
-    for ax, (name, column) in zip(axes.ravel(), CLOSURE_PREDICTORS.items(), strict=True):
-        predicted = np.asarray(increments[column])
-        known = np.isfinite(predicted) & (actual != 0)
-        parts = actual[known & (predicted < 0)], actual[known & (predicted >= 0)]
-        labels = [rf"predicted $W_2 {sign} 0$" for sign in ("<", r"\geq")]
-        ax.hist(parts, bins, stacked=True, color=[VERMILION, BLUE], label=labels)
-        ax.axvline(0, color=GREY, linewidth=0.8)
-        # Shares of the loops of negative and of positive work whose sign was predicted rightly.
-        rates = []
-        for sign, right, wrong in (
-            ("<", np.sum(parts[0] < 0), np.sum(parts[1] < 0)),
-            (">", np.sum(parts[1] > 0), np.sum(parts[0] > 0)),
-        ):
-            share = f"{right / (right + wrong):.0%}" if right + wrong else "none"
-            rates.append(rf"{share} of $w_2 {sign} 0$")
-        ax.set_title(f"{PREDICTORS[name]}\nsign predicted: {', '.join(rates)}")
-    for ax in axes[1]:
-        ax.set(xlabel=r"actual $w_2$", xlim=(-1, 1))
-    for ax in axes[:, 0]:
-        ax.set_ylabel("number of survived loops")
-    figure_key(figure, ncols=2)
-    return figure
-
-
 @panel(4.6, 4.0)
 def work_map(mapped: MappedInterval, ax: Axes) -> None:
     """Loops of the earlier snapshot by their normalised actual second-order work."""
@@ -614,13 +566,14 @@ def work_map(mapped: MappedInterval, ax: Axes) -> None:
 @styled()
 def skill_by_predictor(table: pd.DataFrame) -> Figure:
     """AUC of every predictor, a dot an interval in its colour and the mean, for each target."""
-    walked = set(table["predictor"])
-    asked = {*EVENT_PREDICTORS, *INDICATORS}
-    names = [name for name in PREDICTORS if name in walked or name not in asked]
-    figure, axes = new_panels(2, 2, 4.6 if len(names) < 20 else 7.0, sharex=True, sharey=True)
+    names = [name for name in PREDICTORS if name in {*table["predictor"]}]
+    targets = [target for target in TARGETS if target in {*table["target"]}]
+    shape = -(-len(targets) // 2), min(len(targets), 2)
+    height = 0.8 + (0.13 * len(names) + 0.4) * shape[0]
+    figure, axes = new_panels(*shape, height, sharex=True, sharey=True)
     axes, after = axes.ravel(), table["snapshot_after"]
     colours = ScalarMappable(Normalize(after.min(), after.max()), SEQUENTIAL)
-    for ax, target in zip(axes, TARGETS, strict=True):
+    for ax, target in zip(axes, targets, strict=True):
         for place, name in enumerate(names):
             auc = _of_predictor(table, "auc", target, name)
             shade = colours.to_rgba(_of_predictor(table, "snapshot_after", target, name))
@@ -643,7 +596,7 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
         ax.set_title(f"{TARGETS[target]}\nbase rate {shown}")
     axes[0].set_yticks(range(len(names)), labels=[PREDICTORS[name] for name in names])
     axes[0].invert_yaxis()
-    for ax in axes[2:]:
+    for ax in axes[-2:]:
         ax.set_xlabel("AUC (bar: mean; dashed: persistence)")
     label = "interval, by its later snapshot"
     bar = figure.colorbar(colours, ax=list(axes), shrink=0.5, label=label)
@@ -674,12 +627,10 @@ def nonaffinity_map(mapped: MappedInterval) -> Figure:
         draw(ax, values, palette, scale)
         ax.set_title(title)
         ax.label_outer()
-    colours = ScalarMappable(scale, palette)
-    bar = figure_of(axes[0]).colorbar(colours, ax=axes, shrink=0.75, extend="both")
     ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low < tick < high]
-    bar.set_ticks(ticks, labels=tick_labels(ticks), minor=False)
-    bar.minorticks_off()
-    bar.set_label(r"non-affinity, $|\varepsilon_l - \varepsilon|\,/\,|\varepsilon|$")
+    label = r"non-affinity, $|\varepsilon_l - \varepsilon|\,/\,|\varepsilon|$"
+    how: Any = {"ticks": ticks, "format": "{x:g}", "label": label, "extend": "both"}
+    figure.colorbar(ScalarMappable(scale, palette), ax=axes, shrink=0.75, **how).minorticks_off()
     handle = Patch(color=LIGHT_GREY, label="carries no force; did not survive the interval")
     figure.legend(handles=[handle], loc="outside lower center")
     return figure

@@ -166,7 +166,7 @@ def _draw(
 
         mapped = mapped_interval(evolution)
         interval = None if mapped is None else drawing.map_data(series.intervals[mapped])
-        drawn = drawing.series_figures(tables, drawing.joined_increments(series), interval)
+        drawn = drawing.series_figures(tables, interval)
         maps = drawing.maps_of(series, evolution["loops"].tolist(), mapped or 0)
         largest = int(evolution["loops"].max())
         title = f"Loops of {summary['snapshots']} snapshots"

@@ -11,7 +11,7 @@ from PIL import Image
 import grainloops as gl
 from studies.material import draw_material
 from studies.packing_figures import draw_cycle
-from studies.series.figures import fates_over_strain, kinetics_figure
+from studies.series.figures import fates_over_strain, kinetics_figure, skill_by_predictor
 from studies.snapshot.figures import both_signs, in_packing
 from studies.snapshot.table import group_rows
 from studies.style import drawn_file, new_panels
@@ -125,3 +125,16 @@ def test_the_domain_of_a_studied_loop_names_the_unit_of_its_stresses():
     assert ax.get_xlabel() == "stress $P_{11}$ (over $k_n$)"
     stress = found.path.P[0, [0, 3]]
     np.testing.assert_allclose(found.domain.start, stress, rtol=1e-9)
+
+
+def test_a_series_without_the_packing_has_skill_of_its_own_target_and_predictors():
+    rows = {"target": "W2_negative", "predictor": ["order", "traction", "order", "traction"]}
+    rows |= {"auc": [0.6, 0.8, 0.5, 0.9], "base": 0.1, "snapshot_after": [1, 1, 2, 2]}
+    table = pd.DataFrame(rows)
+    panel, bar = skill_by_predictor(table).axes
+    assert len(panel.get_yticklabels()) == 2 and bar.get_ylabel().startswith("interval")
+    means = [line.get_xdata()[0] for line in panel.lines if line.get_marker() == "|"]
+    assert means == pytest.approx([0.85, 0.55])
+    # Dots of an interval have its colour.
+    shades = [dots.get_facecolor()[:, :3].tolist() for dots in panel.collections]
+    assert shades[0] == shades[1] and shades[0][0] != shades[0][1]

@@ -5,6 +5,9 @@ import pytest
 
 import grainloops as gl
 from loops import InputError
+from patterns import planar
+from studies.frames import row_table
+from studies.packing_figures import loops_that_come_back
 from tests.packings import LAW, jammed
 
 TURNS = (2e-5, -1e-5, 1e-5)
@@ -82,6 +85,13 @@ def test_loops_that_open_and_close_again_come_back():
     assert loops["back"].all()
     # Contacts along axis 1 open at an extension of 1e-4; rows are 5e-5 apart.
     assert loops["open_from"].to_numpy() == pytest.approx(-1.0e-4, abs=5.1e-5)
+    # The figure has all of them, open from the second row on until the way back.
+    tables = {"loops": loops, "path": row_table(cycle.way)}
+    figure = loops_that_come_back(planar(scene), cycle, tables)
+    share = figure.axes[1].lines[0].get_ydata()
+    assert {*share} == {0.0, 100.0} and share[0] == share[-1] == 0.0
+    kinds = [text.get_text() for text in figure.axes[2].get_yticklabels()]
+    assert kinds == ["closed\nthroughout: 0", f"open,\nback: {len(loops)}", "open\nat the end: 0"]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from loops.tracking import ExchangeCounts
 from patterns import Snapshot, synthetic_network
 from studies.output import provenance
 from studies.series.evolution import (
-    PREDICTIONS,
     evolution_row,
     interval_row,
     loop_increments,
@@ -28,7 +27,6 @@ from studies.series.figures import (
     picked_snapshots,
     stress_strain,
     work_map,
-    work_signs,
 )
 from studies.series.run import evolution_table
 from studies.snapshot.table import GROUPS
@@ -102,9 +100,6 @@ class Series:
         )
         parts = zip(*map(exchange_counts, self.fates), strict=True)
         self.exchange = ExchangeCounts(*map(np.concatenate, parts))
-        self.joined = {
-            name: np.concatenate([table[name] for table in self.tables]) for name in self.tables[0]
-        }
         self.mapped = MappedInterval(self.states[0], self.fates[0], self.tables[0], {})
 
 
@@ -185,19 +180,6 @@ def test_work_is_drawn_where_it_was_done(series):
     found, expected = np.argsort(areas), np.argsort(loops.area[loops.loops])
     np.testing.assert_array_equal(values[found], work[expected])
     np.testing.assert_allclose(np.sort(areas), np.sort(loops.area[loops.loops]), rtol=1e-9)
-
-
-def test_work_histogram_counts_every_known_loop_once(series):
-    axes = work_signs(series.joined).axes
-    assert len(axes) == len(PREDICTIONS)
-    for ax, name in zip(axes, PREDICTIONS, strict=True):
-        known = np.isfinite(series.joined[name])
-        # The second of the stacked steps starts where the first ends.
-        assert sum(bar.get_height() for bar in ax.patches) == np.count_nonzero(known)
-        predicted, actual = series.joined[name][known] < 0, series.joined["W2"][known] < 0
-        assert 0 < np.count_nonzero(actual) < len(actual)
-        assert f"{predicted[actual].mean():.0%} of $w_2 < 0$" in ax.get_title()
-        assert f"{(~predicted[~actual]).mean():.0%} of $w_2 > 0$" in ax.get_title()
 
 
 def test_long_series_show_few_frames():
