@@ -131,7 +131,7 @@ def draw_envelope(
         negative = np.where(unstable[:, None], answer, np.nan)
         ax.plot(*negative.T, color=VERMILION, linewidth=2.2, label=label, **look)
     else:
-        ax.plot(*elastic.T, ".", **look)
+        ax.plot(*elastic.T, ".", **look | {"color": LIGHT_GREY})
         x, y = answer.T
         dots = ax.scatter(x, y, c=shear, s=6, cmap=SEQUENTIAL)
         figure_of(ax).colorbar(dots, ax=ax, shrink=0.7, label="shear part of the direction")
