@@ -44,9 +44,9 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_limits_are_the_same_in_other_units(scene):
+@pytest.mark.parametrize(("length", "kn"), [(2.0**-9, 2.0**30), (2.0**9, 2.0**-30)])
+def test_limits_are_the_same_in_other_units(scene, length, kn):
     loop, closure, control, degrees, mu, overlap = SCENES[scene]
-    length, kn = 2.0**-9, 2.0**30
     plain, limits = (
         limits_of(fan_of(loop, closure, control, degrees, mu, overlap=overlap, **units))
         for units in ({}, {"length": length, "kn": kn})

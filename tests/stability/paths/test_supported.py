@@ -162,6 +162,20 @@ def test_reactions_balance_and_a_free_disc_without_contacts_stays():
     assert not rates.motion[3].any() and not rates.reaction[[1, 3]].any()
 
 
+def test_reactions_are_the_same_in_other_units(monkeypatch):
+    """Forces and a moment: of grains in motion across the contacts, whose spins are held."""
+    found = []
+    for length in (1.0, 2.0**-6):
+        monkeypatch.setattr(three_discs, "RADIUS", length)
+        monkeypatch.setattr(three_discs, "NORMAL_FORCE", 1e-3 * length)
+        motion = length * np.array([[0.0, 0, 0], [0, 0, 0], [0.5, -1, 0]])
+        support = Support([True, False, True], motion)
+        rates = rates_at(Scene(discs(25.0), LAW), support).taken.rates
+        found.append(rates.reaction / (length * np.array([1.0, 1.0, length])))
+    assert np.abs(found[0][:, 2]).max() > 1e-2
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-13)
+
+
 def test_a_touching_disc_parts_or_presses_as_it_is_moved():
     pair = GrainGraph(x=[[0, 0], [1, 0]], radii=[0.5] * 2, contacts=[[0, 1]])
     for speed, regime, N in ((-1.0, Regime.ELASTIC, 1.0), (1.0, Regime.OPEN, 0.0)):
