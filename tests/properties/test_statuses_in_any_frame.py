@@ -21,12 +21,13 @@ from loops import (
 )
 from patterns import random_loop, regular_polygon
 from stability import Stage, directional_work, follow, programmes, rates_at
-from stability.regimes import CHOICES
 
 MU, UNITS = 0.5, (1e-9, 1.0, 1e9)
 CLOSURES = list(product(("affine", "traction"), ("blocked", "affine", "free")))
 STICKS, SLIDES = frozenset([Regime.ELASTIC]), frozenset([Regime.SLIDING])
 EITHER = STICKS | SLIDES
+# Regimes of which a solution tells whether they agree: sliding to either side.
+CHOICES = np.array([Regime.ELASTIC, Regime.OPEN, Regime.SLIDING, Regime.SLIDING])
 
 
 def linear(stiffness, length, increment="branch"):
@@ -94,7 +95,7 @@ def told(found, contacts, sign, in_frame):
     answers = []
     for one in found.solutions:
         regimes = {
-            number[c]: frozenset(np.abs(CHOICES[can]).tolist())
+            number[c]: frozenset(CHOICES[can].tolist())
             for c, can in zip(found.contacts.tolist(), one.agreeing, strict=True)
         }
         rates = np.empty((2, len(contacts)))

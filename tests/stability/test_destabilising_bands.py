@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from stability import softening_control
-from stability.destabilising import control_status
+from stability import destabilising_control, softening_control
 
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
@@ -13,8 +12,8 @@ TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 def test_band_is_relative_to_the_operator(unit):
     # Norm 1 in these units, so that the band is rtol itself.
     above, below = unit * np.diag([1.0, -1e-2]), unit * np.diag([1.0, -1e-4])
-    assert control_status(above, rtol=1e-3) == "found"
-    assert control_status(below, rtol=1e-3) == "singular"
+    assert destabilising_control(above, rtol=1e-3).status == "found"
+    assert destabilising_control(below, rtol=1e-3).status == "singular"
     assert softening_control(above, rtol=1e-3).status == "found"
     np.testing.assert_allclose(softening_control(above, rtol=1e-3).work, -1e-2 * unit, rtol=1e-12)
     assert softening_control(below, rtol=1e-3).status == "undetermined"
@@ -24,11 +23,12 @@ def test_band_is_relative_to_the_operator(unit):
 def test_within_the_band_nothing_is_determined(sign):
     # Regular through the skew part alone: Ks is zero, or has one zero eigenvalue.
     for Ks in ([0.0, 0.0], [0.0, 0.5], [1e-4, 0.5]):
-        assert control_status(TURN + sign * np.diag(Ks), rtol=1e-3) == "undetermined"
-    assert control_status(TURN + sign * np.diag([0.1, 0.5]), rtol=1e-3) == "definite"
+        assert destabilising_control(TURN + sign * np.diag(Ks), rtol=1e-3).status == "undetermined"
+    definite = destabilising_control(TURN + sign * np.diag([0.1, 0.5]), rtol=1e-3)
+    assert definite.status == "definite"
 
 
 def test_extreme_eigenvalues_decide_in_space():
-    assert control_status(np.diag([-1.0, -1.0, 2.0])) == "found"
-    assert control_status(np.diag([-2.0, 1.0, 1.0])) == "found"
-    assert control_status(np.diag([-3.0, -2.0, -1.0])) == "definite"
+    cases = ((-1, -1, 2), "found"), ((-2, 1, 1), "found"), ((-3, -2, -1), "definite")
+    for values, status in cases:
+        assert destabilising_control(np.diag(values)).status == status

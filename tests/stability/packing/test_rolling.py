@@ -14,7 +14,6 @@ from loops import (
     Scene,
     branch_vectors,
 )
-from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.test_one_engine import INTERVALS, KAGOME, STRAIN, followed
@@ -143,19 +142,19 @@ def test_a_held_packing_keeps_its_moments(k_r, mu_r):
     moved = replay(Scene(jammed(24, 3), LAW), H, duration=30.0).state.graph()
     held = hold(Scene(moved, RollingResistance(LAW, k_r, mu_r)), unbalanced=1e-7)
     assert held.status == "at rest"
-    graph, state = held.graph, start_state(held.graph)
+    graph, stage = held.graph, strained(0.1 * H)
+    path = follow(Scene(graph, held.law), stage, closure="packing")
+    state = path.states[0]
     assert np.abs(graph.rolling_moment).max() > 1e-3 * graph.normal_force.mean()
     assert np.abs(state.resultants).max() < 1e-5 * state.mean_force
     again = hold(Scene(graph, held.law), unbalanced=1e-7)
     np.testing.assert_allclose(
         again.graph.rolling_moment, graph.rolling_moment, rtol=0, atol=1e-5 * state.mean_force
     )
-    without = start_state(graph.replace(rolling_moment=None)).resultants
-    assert np.abs(without).max() > 1e-3 * state.mean_force
-    path = follow(Scene(graph, held.law), strained(0.1 * H), closure="packing")
-    np.testing.assert_array_equal(
-        path.states[0].rolling_moment[: len(graph.contacts)], graph.rolling_moment
-    )
+    bare = Scene(graph.replace(rolling_moment=None), held.law)
+    without = follow(bare, stage, closure="packing").states[0]
+    assert np.abs(without.resultants).max() > 1e-3 * state.mean_force
+    np.testing.assert_array_equal(state.rolling_moment[: len(graph.contacts)], graph.rolling_moment)
 
 
 def test_bad_input():
@@ -179,10 +178,13 @@ def test_energy_of_the_springs():
     graph = jammed(12, 1, LAW)
     k_r = np.where(np.arange(graph.contact_count) % 2, 0.02, 0.0)
     M = np.linspace(-1e-3, 2e-3, graph.contact_count)
-    state = contacts_of(start_state(graph), RollingResistance(LAW, k_r))
     wanted = sum(m**2 / (2 * k) for m, k in zip(M, k_r, strict=True) if k)
-    assert state.law.rolling_energy(M) == pytest.approx(wanted, rel=1e-14)
-    assert contacts_of(start_state(graph), LAW).law.rolling_energy(M) == 0.0
+    for law, energy in ((RollingResistance(LAW, k_r), wanted), (LAW, 0.0)):
+        starts = [
+            follow(Scene(start, law), strained(1e-9 * H), closure="packing").energy[0]
+            for start in (graph.replace(rolling_moment=M), graph)
+        ]
+        assert starts[0] - starts[1] == pytest.approx(energy, rel=1e-9, abs=1e-18)
 
 
 def test_a_moment_without_a_spring_is_none():

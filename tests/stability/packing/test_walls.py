@@ -15,7 +15,6 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.contacts import start_state
 from stability import Programme, Stage, follow, programmes, rates_at
 from tests.packings import LAW, jammed, strained
 from tests.stability.packing.walled_packings import (
@@ -58,19 +57,19 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
     # A smooth wall is a plane of symmetry: the grain and its image press on each other through
     # two springs in a row, each as stiff as the wall.
     graph, planes, force = jammed_in_box(*which)
-    start = start_state(graph, between(planes, force))
-    image = mirrored(graph, planes, force, box_of(start))
+    image = mirrored(graph, planes, force, box_of(drained(which).states[0]))
     law = which[2]
     whole = LinearFrictional(
         np.where(np.arange(image.contact_count) < 4 * graph.contact_count, 1.0, SMOOTH[0] / 2),
         law.kt, law.mu, law.shear_increment,
     )  # fmt: skip
-    np.testing.assert_allclose(start.stress, start_state(image).stress, rtol=1e-12, atol=1e-15)
     # Of two solutions the images may take one that isn't symmetric, once several contacts slide.
     stage = strained((2e-4 if which[0] < 36 else 1e-6) * np.diag([1.0, -0.85]))
     one = walked(which, stage, interval=1e-6)
     other = follow(Scene(image, whole), stage, closure="packing", interval=1e-6, past="stop")
     assert one.status == other.status == "finished"
+    starts = [path.states[0].stress for path in (one, other)]
+    np.testing.assert_allclose(*starts, rtol=1e-12, atol=1e-15)
     assert len(other.events) == 4 * len(one.events)
     # Ground springs are shares of the mean stiffness, which differs; they fade with the interval.
     np.testing.assert_allclose(one.P[-1], other.P[-1], rtol=1e-6, atol=1e-9)
@@ -88,10 +87,9 @@ def test_a_walled_packing_goes_as_one_with_its_mirror_images(which):
 
 @pytest.mark.parametrize("which", JAMMED)
 def test_strain_and_stress_are_those_of_the_walls(which):
-    graph, planes, force = jammed_in_box(*which)
     path = drained(which)
     end = path.states[-1]
-    first, last = (box_of(s) for s in (start_state(graph, between(planes, force)), end))
+    first, last = box_of(path.states[0]), box_of(end)
     sides = np.array([np.ptp(side) for side in first]), np.array([np.ptp(side) for side in last])
     np.testing.assert_allclose(path.H[-1][[0, 3]], 1 - sides[1] / sides[0], rtol=0, atol=1e-12)
     # The lower left corner stays where the affine motion takes it; only the right wall carries P11.
@@ -107,8 +105,8 @@ def test_strain_and_stress_are_those_of_the_walls(which):
 
 @pytest.mark.parametrize("which", SMOOTH_ONES)
 def test_the_first_increment_is_that_of_the_rate_problem(which):
-    graph, planes, force = jammed_in_box(*which)
-    area = abs(np.linalg.det(start_state(graph, between(planes, force)).cell))
+    graph, planes, _ = jammed_in_box(*which)
+    area = abs(np.linalg.det(drained(which).states[0].cell))
     H = np.array([[1.0, 0.0], [0.0, -0.4]])
     rates = rates_at(Scene(graph, which[2], between(planes, volume=area)), H=H, yield_band=1 - 1e-6)
     path = walked(which, strained(1e-8 * H), interval=1e-8)
