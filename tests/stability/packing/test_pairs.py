@@ -18,7 +18,7 @@ from loops import (
 from loops.contacts import AT_YIELD, contacts_of, start_state
 from loops.laws.of_pairs import law_of
 from loops.neighbours import codes, near_pairs, ordered
-from tests.stability.packing.test_own_laws import Stiffening
+from tests.laws import Stiffening
 from tests.stability.packing.walled_packings import between
 
 RADII = np.array([2.0, 3.0, 5.0])
