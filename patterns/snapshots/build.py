@@ -48,7 +48,6 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
     plane = () if frame.grains.has("z") else ("x", "y")
     require_columns((frame.grains, (*plane, "radius")), (frame.contacts, ("id1", "id2")))
     load_ahead(len(frame.contacts))
-    frame.contacts.read_ahead()
     tables = [frame.grains, frame.contacts, *([] if frame.walls is None else [frame.walls])]
     (own, table, *of_walls), notes = in_plane(tables)
     large, cell, ids = use_compiled(None, len(table)), as_cell(frame.cell), read_ids(own)

@@ -254,7 +254,6 @@ def table_rows(text: Text, layout: Layout) -> bytes | memoryview:
     return body
 
 
-Column = Any  # an array of numpy or of pyarrow
 Arrays = dict[str, NDArray[Any]]
 ARRAY_FILES = (".npz", ".h5", ".hdf5")
 TEXTS = (".csv", ".tsv", ".txt", ".dat")
@@ -282,11 +281,9 @@ class Table:
         self.path, self._rows = str(path), rows
         if isinstance(columns, pyarrow.Table):
             require_once(self.path, columns.column_names)
-            columns = {name: columns.column(name) for name in columns.column_names}
-        self._columns: dict[str, Column] = {
-            name: values if isinstance(values, pyarrow.ChunkedArray) else np.asarray(values)
-            for name, values in columns.items()
-        }
+            read = in_threads(as_array, columns.columns)
+            columns = dict(zip(columns.column_names, read, strict=True))
+        self._columns: Arrays = {name: as_array(values) for name, values in columns.items()}
         self.names = list(self._columns if names is None else names)
         self._known = set(self.names)
         self._read: dict[str, Floats] = {}
@@ -323,17 +320,7 @@ class Table:
         rows = np.flatnonzero(rows) if rows.dtype == bool else rows
         if len(rows) == len(self) and bool((rows[1:] > rows[:-1]).all()):
             return self
-        found: dict[str, Column] = {}
-        for name, values in self._columns.items():
-            if isinstance(values, pyarrow.ChunkedArray):
-                # Pyarrow's own filter would load pandas.
-                if not (pyarrow.types.is_integer(values.type) or values.type == FLOAT):
-                    values = np.array(values.to_pylist())
-                elif values.null_count or not values.num_chunks:
-                    values = _as_floats(values)
-                else:
-                    values = _joined(values)
-            found[name] = values[rows]
+        found = {name: values[rows] for name, values in self._columns.items()}
         return Table(self.path, found, self.names, rows=self.number(rows))
 
     def number(self, row: Any) -> Any:
@@ -346,13 +333,13 @@ class Table:
             return self._read[name]
         if name not in self._columns:
             require_columns((self, (name,)))
-        where = f"column {name!r} of {self.path}"
-        try:
-            values = _as_floats(self._columns[name])
-        except MemoryError:
-            raise
-        except (pyarrow.ArrowException, UnicodeDecodeError, TypeError, ValueError) as error:
-            raise InputError(where, str(error)[:200], "numbers", "Correct the file.") from None
+        where, values = f"column {name!r} of {self.path}", self._columns[name]
+        if values.dtype.kind not in "iufb":
+            values = np.array(
+                [self._number_of(where, row, word) for row, word in enumerate(values)]
+            )
+        with np.errstate(over="ignore"):  # of longer floats
+            values = np.asarray(values, dtype=np.float64)
         # NaN fails both comparisons.
         if not (values.max() <= HUGE and values.min() >= -HUGE):
             row = int(np.argmin(np.abs(values) <= HUGE))
@@ -361,29 +348,21 @@ class Table:
                 f"{where}, row {self.number(row)}", received, expected, "Correct or drop the row."
             )
         self._read[name] = values
-        if getattr(self._columns[name], "type", None) == FLOAT:
-            # Not held twice.
-            self._columns[name] = values
         return values
+
+    def _number_of(self, where: str, row: int, word: Any) -> float:
+        try:
+            return float(str(word))
+        except ValueError:
+            where, received = f"{where}, row {self.number(row)}", repr(str(word)[:60])
+            raise InputError(where, received, "a number", "Correct the file.") from None
 
     def are(self, name: str, word: str) -> Flags | None:
         """Whether each text of a column is a word; None if it holds numbers."""
         values = self._columns.get(name)
-        if isinstance(values, pyarrow.ChunkedArray) and pyarrow.types.is_string(values.type):
-            values = np.array(values.to_pylist(), dtype=str)
-        if not isinstance(values, np.ndarray) or values.dtype.kind != "U":
+        if values is None or values.dtype.kind != "U":
             return None
         return np.asarray(np.char.lower(np.char.strip(values)) == word)
-
-    def read_ahead(self) -> None:
-        """Read all columns but those of ids in threads; errors are raised when a column is used."""
-
-        def read(name: str) -> None:
-            with suppress(InputError):
-                self.column(name)
-
-        stored = {n: v for n, v in self._columns.items() if isinstance(v, pyarrow.ChunkedArray)}
-        in_threads(read, [name for name, v in stored.items() if v.type != pyarrow.int64()])
 
     def columns(self, *names: str) -> Floats:
         """(rows, names) array of several columns."""
@@ -396,12 +375,7 @@ class Table:
     def integers(self, name: str) -> Integers:
         """Whole numbers of a column, every digit; `InputError` as `column`, and for others."""
         stored = self._columns.get(name)
-        if isinstance(stored, pyarrow.ChunkedArray) and pyarrow.types.is_integer(stored.type):
-            if not stored.null_count:
-                with suppress(pyarrow.ArrowInvalid):
-                    whole = stored.type == pyarrow.int64() and stored.num_chunks > 0
-                    return _joined(stored if whole else stored.cast(pyarrow.int64()))
-        elif isinstance(stored, np.ndarray) and stored.dtype.kind in "iu":
+        if stored is not None and stored.dtype.kind in "iu":
             whole = stored.astype(np.int64)
             if (whole == stored).all() and (stored.dtype.kind == "i" or whole.min() >= 0):
                 return whole
@@ -418,26 +392,18 @@ class Table:
         raise InputError(where, f"{values[row]:.17g}", expected, remedy)
 
 
-def _as_floats(column: Column) -> Floats:
-    if isinstance(column, pyarrow.ChunkedArray):
-        kind, gaps = column.type, column.null_count or not column.num_chunks
-        plain = pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)
-        if gaps or not plain:
-            # A cast loads pyarrow's functions.
-            if pyarrow.types.is_boolean(kind):
-                column = column.cast(pyarrow.int8())
-            column = column.cast(pyarrow.float64(), safe=False)
-        # Whole numbers beyond 2**53 are rounded: `integers` keeps them.
-        column = column.to_numpy(zero_copy_only=False) if gaps else _joined(column)
-    if column.dtype.kind not in "iufb":
-        raise TypeError(f"values of type {column.dtype}"[:80])
-    with np.errstate(over="ignore"):  # of longer floats
-        return np.asarray(column, dtype=np.float64)
-
-
-def _joined(column: pyarrow.ChunkedArray) -> NDArray[Any]:
-    """Column without nulls as an array; pyarrow's own `to_numpy` would load pandas."""
-    return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
+def as_array(column: Any) -> NDArray[Any]:
+    """Column as an array: whole numbers, floats with NaN for gaps, or texts."""
+    if not isinstance(column, pyarrow.ChunkedArray):
+        return np.asarray(column)
+    kind = column.type
+    numbers = pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)
+    if numbers and not column.null_count and column.num_chunks:
+        # Pyarrow's own `to_numpy` would load pandas.
+        return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
+    if numbers or pyarrow.types.is_null(kind) or pyarrow.types.is_boolean(kind):
+        return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy())
+    return np.array(column.to_pylist(), dtype=str)
 
 
 def require_columns(*wanted: tuple[Table, tuple[str, ...]]) -> None:
@@ -510,7 +476,7 @@ def given_table(label: str, given: Any) -> Table:
         received = f"{type(given).__module__}.{type(given).__name__}".removeprefix("builtins.")
         raise InputError(label, received, "a data frame, or a dict of arrays", "Name the columns.")
     require_once(label, [str(name) for name in names])
-    arrays: dict[str, Column] = {}
+    arrays: dict[str, Any] = {}
     for name in names:
         values = np.asarray(given[name])
         if values.dtype.kind == "O":  # missing values, or words

@@ -115,7 +115,11 @@ BAD = {
         "8 numbers in the header and 8 a row",
     ),
     "no header": ("data", lambda r: r.pop(0), "expected a header N time"),
-    "a word for a radius": ("data", lambda r: put(r, 3, 4, "big"), "time 0: got .*'big'"),
+    "a word for a radius": (
+        "data",
+        lambda r: put(r, 3, 4, "big"),
+        "column 'radius' of .*time 0, row 2: got 'big'",
+    ),
     "times apart": ("fstat", lambda r: put(r, 0, 1, "0.25"), "times 0.25, expected time 0 of"),
     "no comments": ("fstat", lambda r: r.__delitem__(slice(3)), r"expected a comment '# time"),
     "ghosts": ("fstat", lambda r: put(r, 4, 2, "100"), "grains 0 to 99.*ghosts"),
@@ -123,7 +127,7 @@ BAD = {
     "a word for a force": (
         "fstat",
         lambda r: put(r, 4, 8, "x"),
-        "column 'fn' of .*fstat, time 0: got .*'x'",
+        "column 'fn' of .*fstat, time 0, row 1: got 'x'",
     ),
     "not a number": ("fstat", lambda r: put(r, 4, 8, "nan"), "column 'fn' of .*finite"),
     "other normals": ("fstat", lambda r: put(r, 4, 10, "0.5"), "row 1 .*got branch .*cell"),

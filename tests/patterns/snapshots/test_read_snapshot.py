@@ -496,7 +496,7 @@ def test_lack_of_memory_is_named(tmp_path, monkeypatch):
     def refuse(*args, **how):
         raise pa.ArrowMemoryError("malloc of size 800 failed")
 
-    for name in ("pyarrow.csv.read_csv", "patterns.snapshots.tables._as_floats"):
+    for name in ("pyarrow.csv.read_csv", "patterns.snapshots.tables.as_array"):
         with monkeypatch.context() as patched:
             patched.setattr(name, refuse)
             with pytest.raises(MemoryError, match="malloc of size 800 failed"):

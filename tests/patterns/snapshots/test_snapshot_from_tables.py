@@ -139,7 +139,7 @@ def test_diameters_of_a_file_are_halved(tmp_path):
         ([1, 2], CONTACTS, {}, "grains: got list, expected a data frame, or a dict of arrays"),
         (np.eye(3), CONTACTS, {}, "grains: got numpy.ndarray, expected a data frame"),
         ({**GRAINS, "x": [0.0]}, CONTACTS, {}, r"grains: got columns of 3 \(id\), 1 \(x\)"),
-        ({**GRAINS, "x": ["a", "b", "c"]}, CONTACTS, {}, "column 'x' of grains: got .*numbers"),
+        ({**GRAINS, "x": ["a", "b", "c"]}, CONTACTS, {}, "column 'x' of grains, row 0: got 'a'"),
         ({**GRAINS, "x": [0.0, None, 1.0]}, CONTACTS, {}, "column 'x' of grains, row 1: got nan"),
         ({"id": [1], "x": [0.0], "y": [0.0]}, CONTACTS, {}, "column 'radius' of grains"),
         (
