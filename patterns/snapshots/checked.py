@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from loops import FrictionalLaw, GrainGraph, HertzMindlin, Regime, contact_state
 from loops.arrays import Flags, Floats, Integers, median, quantiles
 from patterns.snapshots.findings import few, rounding
+from patterns.snapshots.geometry import sums_on_grains
 
 # Weaker contacts, in mean normal forces, hold mostly rounding and damping.
 LOADED = 0.1
@@ -233,14 +234,6 @@ class Checked:
         t = np.column_stack([-n[:, 1], n[:, 0]])
         return self.normal[rows, None] * n, self.shear[rows, None] * t
 
-    def _sums(self) -> list[Floats]:
-        """Sums of the normal and of the shear forces on each grain, (G, 2) each."""
-        (one, two), count = self.contacts.T, len(self.x)
-        return [
-            np.column_stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in part])
-            for part in (force.T for force in self.parts())
-        ]
-
     @cached_property
     def resultants(self) -> tuple[Floats, Floats]:
         """Forces that the normal forces with the walls', and the shear forces, leave on the grains.
@@ -250,7 +243,8 @@ class Checked:
         area = np.where(self.inner, self.radii**2, 0.0)
         touched = np.where(self.touched, self.radii**2, 0.0)
         found: list[Floats] = []
-        for rest in self._sums():
+        for part in self.parts():
+            rest = sums_on_grains(self.contacts, part.T, len(self.x))
             if not found and self.walls is not None:
                 np.add.at(rest, *self.walls)
             rest -= touched[:, None] * ((area @ rest) / (area @ area or 1.0))

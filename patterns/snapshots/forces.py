@@ -13,7 +13,7 @@ from loops.validation import repeated_contacts
 from patterns.snapshots.checked import ROUNDINGS
 from patterns.snapshots.checks import ALONG, repeated, same_force
 from patterns.snapshots.findings import Finding, rounding
-from patterns.snapshots.geometry import Bodies, Contacts
+from patterns.snapshots.geometry import Bodies, Contacts, sums_on_grains
 from patterns.snapshots.laws import frictionless
 from patterns.snapshots.source import COHESIVE, Source
 from patterns.snapshots.tables import Table, require_columns
@@ -189,10 +189,9 @@ def once(contacts: Contacts, forces: Forces) -> tuple[Integers, str, Finding] | 
 
 def resultants(contacts: Contacts, forces: Forces) -> Floats:
     """(G, 2) sums of the forces of contacts between grains on each of them."""
-    n, count = contacts.n, len(contacts.bodies.x)
+    n = contacts.n
     on_2 = forces.normal * n.T + forces.shear * np.stack([-n[:, 1], n[:, 0]])
-    one, two = contacts.pairs.T
-    return np.stack([np.bincount(two, f, count) - np.bincount(one, f, count) for f in on_2], axis=1)
+    return sums_on_grains(contacts.pairs, on_2, len(contacts.bodies.x))
 
 
 def redundant(contacts: Contacts, forces: Forces) -> list[Finding]:

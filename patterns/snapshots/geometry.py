@@ -227,27 +227,25 @@ def read_bodies(
     grains = np.flatnonzero(~is_wall)
     if len(grains) == 0:
         raise InputError(table.path, "walls alone", "grains", "Check the column 'type'.")
-    x, radii = table.columns("x", "y"), table.column("radius")
     if (ids[1:] < ids[:-1]).any():
         grains = grains[np.argsort(ids[grains])]
     if along_space:
         # Successive grains lie many mean spacings apart, as after a random insertion.
-        own = some(x, grains)
-        spacing = np.sqrt(np.ptp(own[:, 0]) * np.ptp(own[:, 1]) / len(own))
-        if median(np.abs(np.diff(own[:, 0])) + np.abs(np.diff(own[:, 1]))) > FAR_IN_LISTS * spacing:
+        x = some(table.columns("x", "y"), grains)
+        spacing = np.sqrt(np.prod(np.ptp(x, axis=0)) / len(x))
+        if median(np.abs(np.diff(x, axis=0)).sum(axis=1)) > FAR_IN_LISTS * spacing:
             from loops.compiled.network import spatial_order
 
-            grains = grains[spatial_order(given(own, np.float64))]
-    rotation, mass = (
-        table.column(name) if table.has(name) else None for name in ("theta_z", "mass")
+            grains = grains[spatial_order(given(x, np.float64))]
+    own, motion = table.take(grains), ("vx", "vy", "omega_z")
+    bodies = Bodies(
+        some(ids, grains),
+        own.columns("x", "y"),
+        own.column("radius"),
+        own.column("theta_z") if own.has("theta_z") else None,
+        own.column("mass") if own.has("mass") else None,
+        own.columns(*motion) if own.has(*motion) else None,
     )
-    velocities = ("vx", "vy", "omega_z")
-    motion = table.columns(*velocities) if table.has(*velocities) else None
-    rotation, mass, motion = (
-        None if values is None else some(values, grains) for values in (rotation, mass, motion)
-    )
-    own = some(ids, grains), some(x, grains), some(radii, grains)
-    bodies = Bodies(*own, rotation, mass, motion)
     refuse_radii(table, bodies.ids, bodies.radii, "Correct the row, or give walls type 1.")
     _refuse_coincident(table, bodies)
     place = None
@@ -517,6 +515,14 @@ def require_fitting(contacts: Contacts) -> None:
         c = int(np.argmax(reach))
         received = f"centres {reach[c]:.3g} times the sum of the radii apart"
         refuse(c, received, "grains that touch", of_cell)
+
+
+def sums_on_grains(pairs: Integers, force: Floats, count: int) -> Floats:
+    """(G, 2) sums of forces on the second grains of pairs, (2, C), with their reactions."""
+    one, two = pairs.T
+    return np.stack(
+        [np.bincount(two, f, count) - np.bincount(one, f, count) for f in force], axis=1
+    )
 
 
 def some(values: Any, rows: Integers) -> Any:
