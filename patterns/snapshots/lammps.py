@@ -67,20 +67,16 @@ class ColumnSearch:
         taken = {*self.columns.values(), "index"}
         return [n for n, values in self.data.items() if n not in taken and values.any()]
 
-    def vector(self, names: tuple[str, str]) -> Floats:
-        """(C, 2) array of two columns by their plain names."""
-        return np.column_stack([self.data[self.columns[name]] for name in names])
-
     def find(
         self, names: tuple[str, str], error: Callable[[Floats, Integers], float], size: str
-    ) -> bool:
-        """Add the two columns for which `error` is small to the map; check those given.
+    ) -> Floats | None:
+        """(C, 2) vectors for which `error` is small, or those given, checked; None without any.
 
-        Of several pairs, one whose size is a column comes first.
+        Their columns join the map; of several pairs, one whose size is a column comes first.
         """
         known = [self.columns.get(name) for name in names]
         if NONE in known:
-            return False
+            return None
         if None in known:
             ones, twos = ([name] if name else self.free() for name in known)
             found = [
@@ -95,10 +91,11 @@ class ColumnSearch:
             sized = [p for p in found if self._equal(np.hypot(*self._sample(p).T), sizes)]
             found = sized or found
             if not found:
-                return False
+                return None
             self._require_one(names, found)
             self.columns |= dict(zip(names, found[0], strict=True))
-        if (off := error(self.vector(names), np.arange(len(self.table)))) > TOLERANCE:
+        vectors = self.table.columns(*(self.columns[name] for name in names))
+        if (off := error(vectors, np.arange(len(vectors)))) > TOLERANCE:
             mapped = ", ".join(f"{name}={self.columns[name]}" for name in names)
             raise InputError(
                 f"columns {mapped} of {self.table.path}",
@@ -107,8 +104,8 @@ class ColumnSearch:
                 "Give --columns as the dump was written, and both dumps of one step.",
             )
         if size:
-            self.find_size(size, np.hypot(*self.vector(names).T))
-        return True
+            self.find_size(size, np.hypot(*vectors.T))
+        return vectors
 
     def _require_one(self, names: tuple[str, str], found: list[tuple[str, str]]) -> None:
         """Raise `InputError` for several vectors; the same one up to its sign is accepted."""
@@ -240,8 +237,8 @@ def _branches(search: ColumnSearch, atoms: Atoms, pairs: Integers) -> Contacts:
             return np.inf
         return float(min(off(vector, sign, rows).max() for sign in (1, -1)))
 
-    if search.find(("dx", "dy"), error, ""):
-        vector = search.vector(("dx", "dy"))
+    vector = search.find(("dx", "dy"), error, "")
+    if vector is not None:
         sign = 1 if off(vector, 1, np.arange(len(d))).max() <= TOLERANCE else -1
         contacts = atoms.contacts(search.table.path, pairs, sign * vector)
     search.find_size("dist", contacts.length)
@@ -250,15 +247,12 @@ def _branches(search: ColumnSearch, atoms: Atoms, pairs: Integers) -> Contacts:
 
 def _find_forces(search: ColumnSearch, n: Floats) -> tuple[Floats | None, Floats | None]:
     """Normal and tangential force on atom 1, None for what the dump lacks; `n` are the normals."""
-    normal, shear = None, None
-    if search.find(("fx", "fy"), lambda v, rows: shares(v, n[rows])[1], "force"):
-        normal = search.vector(("fx", "fy"))
+    normal = search.find(("fx", "fy"), lambda v, rows: shares(v, n[rows])[1], "force")
     size = search.columns.get("force", NONE)
     push = None if size == NONE else search.data[size]
     if normal is None and push is not None:
         normal = -push[:, None] * n
-    if search.find(("p1", "p2"), lambda v, rows: shares(v, n[rows])[0], "p4"):
-        shear = search.vector(("p1", "p2"))
+    shear = search.find(("p1", "p2"), lambda v, rows: shares(v, n[rows])[0], "p4")
     if normal is None:
         data = search.data
         rest = [name for name in search.free() if (np.rint(data[name]) != data[name]).any()]
