@@ -261,9 +261,11 @@ class FrictionalLaw(Shown):
         if "kn" in constants:
             return constants["kn"], constants["kt"]
         step = 1e-3 * np.maximum(np.abs(state.overlap), TOUCHING_RTOL * state.touching_length)
-        # Central differences of the fourth order: what is left is rounding, some 1e-10.
-        near = [self.closed_force(_plain(state, state.length - k * step)) for k in (1, -1, 2, -2)]
-        return (8.0 * (near[0] - near[1]) - (near[2] - near[3])) / (12.0 * step), constants["kt"]
+        # Central differences of the fourth order, over overlaps as they are rounded: 1e-12 is left.
+        near = [_plain(state, state.length - k * step) for k in (1, -1, 2, -2)]
+        N, overlap = ([f(one) for one in near] for f in (self.closed_force, lambda s: s.overlap))
+        rise, run = (8.0 * (a - b) - (c - d) for a, b, c, d in (N, overlap))
+        return rise / run, constants["kt"]
 
     def gap(self, state: ContactState) -> Floats:
         """`l - (r_i + r_j)`: a closed contact opens where its grains part."""

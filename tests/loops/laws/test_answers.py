@@ -1,8 +1,16 @@
 """What laws answer to those who read tables, check forces or compile steps."""
 
+import numpy as np
 import pytest
 
-from loops import CohesiveFrictional, FrictionalLaw, HertzMindlin, LinearFrictional
+from loops import (
+    CohesiveFrictional,
+    FrictionalLaw,
+    GrainGraph,
+    HertzMindlin,
+    LinearFrictional,
+    contact_state,
+)
 from loops import RollingResistance as Rolling
 from loops.laws.frictional import linear_springs, of_tables
 
@@ -39,3 +47,23 @@ def test_answers(law, words, power, cohesive, attraction):
 def test_other_laws_are_none_of_tables():
     assert not of_tables(Rolling(LINEAR, 0.1)) and not linear_springs(Rolling(LINEAR, 0.1))
     assert not linear_springs(Stiffer(2.0, 0.5, 0.4)) and not of_tables(None)
+
+
+class Power(FrictionalLaw):
+    """A power of the overlap, whose slope nobody has written."""
+
+    def closed_force(self, state):
+        return self.k * state.overlap**self.m
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_slopes_of_a_force_do_not_lose_digits_with_the_overlap(power):
+    """Overlaps of stiff grains are small beside the lengths that they are differences of."""
+    overlap = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
+    x = np.zeros((10, 2))
+    x[::2, 0], x[1::2, 0], x[1::2, 1] = -0.3, 0.7 - overlap, 1e-7
+    state = contact_state(GrainGraph(x, [0.4, 0.6] * 5, np.arange(10).reshape(5, 2)))
+    found = Power(k=3.0, m=power, kt=1.0).stiffnesses(state)[0]
+    true = 3.0 * power * state.overlap ** (power - 1.0)
+    # Places at which the slope is taken are off by half a unit in the last place of the length.
+    assert (abs(found / true - 1.0) <= 1e-12 + 1e-16 / overlap).all()
