@@ -128,6 +128,15 @@ class Snapshot(Shown):
         return self.scene.faces if "scene" in vars(self) else find_faces(self.graph)
 
     @cached_property
+    def area(self) -> tuple[float, str]:
+        """Area that stresses refer to, and which: cell, box within upright walls, else outline."""
+        if self.graph.cell is not None:
+            return float(np.abs(np.linalg.det(self.graph.cell))), "cell"
+        if self.walls is not None and (box := box_area(self.graph.x, self.walls)):
+            return box, "box within the walls"
+        return outline_area(self.graph, self.faces), "outline of the network"
+
+    @cached_property
     def boundary_and_notes(self) -> tuple[Boundary, list[str]]:
         """Return the boundary of the sample, and notes on it, see `sample_boundary`."""
         return sample_boundary(self)
@@ -196,6 +205,7 @@ class Snapshot(Shown):
         own["wall_contacts"] = self.wall_contacts if walls is None else len(walls.grain)
         less = replace(self, graph=kept.graph, **own)
         # The area of the sample stays.
+        vars(less)["area"] = self.area
         vars(less)["boundary_and_notes"] = boundary, self.boundary_and_notes[1]
         return less
 
@@ -342,21 +352,17 @@ def snapshot_of(subject: Snapshot | Subject, where: str = "first argument") -> S
     snapshot = Snapshot(own, scene.law, regime, scene.ids, count, (), at_walls)
     # The boundary stays the scene's own.
     vars(snapshot)["scene"] = replace(scene, graph=own)
+    if scene.given_volume not in (None, snapshot.area[0]):
+        vars(snapshot)["area"] = scene.given_volume, "as given"
     return snapshot
 
 
 def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
-    """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held.
-
-    Stresses refer to the box of upright walls, else to the area within the outline.
-    """
+    """Return the boundary of a sample, and notes: its walls, its cell, or else its outline held."""
     graph, walls = snapshot.graph, snapshot.walls
     if walls is not None:
         planes, notes = wall_plates(graph, walls, snapshot.law)
-        area = None
-        if graph.cell is None:
-            area = box_area(graph.x, walls) or outline_area(graph, snapshot.faces)
-        return boundary_of(graph, walls=planes, volume=area), notes
+        return boundary_of(graph, walls=planes, volume=snapshot.area[0]), notes
     if graph.cell is not None:
         return boundary_of(graph), []
     held = outline_grains(graph, snapshot.faces)
@@ -365,7 +371,7 @@ def sample_boundary(snapshot: Snapshot) -> tuple[Boundary, list[str]]:
         "motion; their own loops are not judged in the packing, loops beside them are judged "
         "too stiff"
     )
-    return boundary_of(graph, held=held, volume=outline_area(graph, snapshot.faces)), [note]
+    return boundary_of(graph, held=held, volume=snapshot.area[0]), [note]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

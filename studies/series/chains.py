@@ -12,6 +12,7 @@ from loops.arrays import Floats
 from loops.tracking import Fate, LoopFates
 from patterns import Snapshot
 from studies.output import Row, Summary
+from studies.series.evolution import moved_branches
 from studies.snapshot.table import share_of
 
 # A segment that bends by more (degrees) buckles: Tordesillas and Muthuswamy 2009.
@@ -28,15 +29,7 @@ def chain_bends(before: Snapshot, after: Snapshot) -> tuple[Floats, Floats]:
     of_contact = np.full(graph.contact_count, np.nan)
     bend = np.empty(0)
     if before.mechanical:
-        _, here, there = np.intersect1d(before.ids, after.ids, return_indices=True)
-        x = np.full_like(graph.x, np.nan)
-        x[here] = after.graph.x[there]
-        later = x[graph.contacts[:, 1]] - x[graph.contacts[:, 0]]
-        if after.graph.cell is not None:
-            # The image that is nearest to the earlier branch.
-            cells = np.rint(np.linalg.solve(after.graph.cell, (graph.branches - later).T))
-            later += (after.graph.cell @ cells).T
-        links, bend = force_chains(graph).bending(graph, later)
+        links, bend = force_chains(graph).bending(graph, moved_branches(before, after))
         bend = np.degrees(bend)
         np.fmax.at(of_contact, links, bend[:, None])
     if not len(faces.contacts):

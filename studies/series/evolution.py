@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import ArrayLike
 
 from loops import (
     InputError,
@@ -262,6 +263,25 @@ def sample_strain(
     if len(here) < 3:
         return np.full((2, 2), np.nan), "unknown"
     return best_fit_strain(one.x[here], two.x[there]), "grains"
+
+
+def moved_branches(before: Snapshot, after: Snapshot, strain: ArrayLike = 0.0) -> Floats:
+    """(C, 2) later branches of the contacts of a snapshot; not numbers where a grain is gone.
+
+    In a cell those of the images that are nearest after `strain` (2, 2).
+    """
+    graph, cell = before.graph, after.graph.cell
+    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
+    x = np.full((graph.grain_count, 2), np.nan)
+    x[here] = after.graph.x[there]
+    i, j = graph.contacts.T
+    d = graph.branches
+    affine = d - d @ (np.zeros((2, 2)) + strain).T
+    beyond = x[j] - x[i] - affine
+    if cell is not None:
+        away = np.linalg.solve(cell, beyond.T)
+        beyond = beyond - (cell @ np.round(away)).T
+    return np.asarray(beyond + affine)
 
 
 def cell_strain(before: Floats, after: Floats) -> Floats:

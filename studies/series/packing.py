@@ -46,7 +46,7 @@ from stability.packing.yielding import forces_of_motion
 from stability.path import Past
 from stability.programmes import nominal
 from studies.output import Columns, Row
-from studies.series.evolution import cell_strain, sample_strain
+from studies.series.evolution import cell_strain, moved_branches, sample_strain
 from studies.snapshot.in_packing import (
     balance_notes,
     fixed_point,
@@ -359,22 +359,6 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
     except InputError:
         found = {name: np.full(len(before.faces.loops), np.nan) for name in EXPECTED}
     return {f"indicator_{name}": values for name, values in found.items()}
-
-
-def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
-    """(C, 2) later branches of the contacts of a snapshot; not numbers where a grain is gone."""
-    graph, cell = before.graph, after.graph.cell
-    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
-    x = np.full((graph.grain_count, 2), np.nan)
-    x[here] = after.graph.x[there]
-    i, j = graph.contacts.T
-    d = graph.branches
-    affine = d - d @ strain.T
-    beyond = x[j] - x[i] - affine
-    if cell is not None:
-        away = np.linalg.solve(cell, beyond.T)
-        beyond = beyond - (cell @ np.round(away)).T
-    return np.asarray(beyond + affine)
 
 
 def increment_columns(table: Columns, row: Mapping[str, Any], columns: Columns) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from loops.arrays import Floats, Integers
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import counted
 from patterns import Snapshot, WallContacts, planar
-from patterns.snapshots.walls import box_area, box_corners
+from patterns.snapshots.walls import box_corners
 from stability.spectra import subspace_basis
 from stability.verdict import loop_spectra, loop_stability
 from studies.output import Columns, definitions
@@ -268,25 +269,21 @@ def held_snapshot(
     from stability.packing.hold import hold
 
     scene, walls = snapshot.scene, snapshot.walls
-    boundary = scene.boundary
     if control is None:
         if not (note := motion_note(snapshot)):
             return snapshot, None
-        noted = replace(snapshot, notes=(*snapshot.notes, note))
-        if "faces" in vars(snapshot):
-            # A copy would look for its loops again.
-            vars(noted)["faces"] = snapshot.faces
+        # With its loops, and the area and walls of what it was taken out of.
+        noted = copy.copy(snapshot)
+        vars(noted)["notes"] = (*snapshot.notes, note)
         return noted, None
-    if boundary.kind == "outline":
+    if scene.boundary.kind == "outline":
         expected = "a periodic cell or known walls, no free surface"
         remedy = (
             "Give --cell, or the wall contacts. A sample that rests under its weight cannot be "
             "held: probe it as it is, its outline follows the strain."
         )
         raise InputError("--hold", "a sample whose walls are not known", expected, remedy)
-    if walls is not None and snapshot.graph.cell is None:
-        boundary = replace(boundary, volume=box_area(snapshot.graph.x, walls))
-    held = hold(replace(scene, boundary=boundary), control=control)
+    held = hold(scene, control=control)
     _require_rest(held)
     notes = [str(held)]
     if held.spread > REST_SPREAD:
@@ -304,6 +301,8 @@ def held_snapshot(
         wall_contacts=0 if walls is None else len(walls.grain), walls=walls,
         notes=(*snapshot.notes, *notes), velocity=None, spin=None, rotation=None,
     )  # fmt: skip
+    if walls is not None:
+        vars(at_rest)["area"] = snapshot.area
     arrays = ("graph", "law", "boundary", "ids")
     changes = {one.name: getattr(held, one.name) for one in fields(held) if one.name not in arrays}
     return planar(at_rest, "the held sample"), changes

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import contact_forces, outline_area
+from loops import contact_forces
 from loops.arrays import Flags, Floats
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
 from patterns.snapshots.snapshot import snapshot_of
-from patterns.snapshots.walls import box_area
 from studies.snapshot.table import group_rows
 
 if TYPE_CHECKING:
@@ -180,7 +179,7 @@ class Stress(Shown):
     volume : float
         Area V that it is taken over (length squared).
     volume_is : str
-        Which area that is: 'cell', 'box within the walls' or 'outline of the network'.
+        Which area that is: 'cell', 'box within the walls', 'outline of the network', 'as given'.
     rattlers : int
         Grains with fewer than two contacts, walls included, removed one after the other: they are
         in the area and carry nothing.
@@ -233,8 +232,9 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
     Parameters
     ----------
     snapshot : Snapshot or Scene
-        With forces. The area is that of the cell, of the box within four upright walls, else of
-        the polygon around the network, which makes the stress too large by the grains outside it.
+        With forces. The area is that of the cell, of the box within four upright walls, that of
+        the boundary of a scene if it was given, else of the polygon around the network, which makes
+        the stress too large by the grains outside it.
 
     Returns
     -------
@@ -257,14 +257,7 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
     if not snapshot.has_forces:
         snapshot.mechanics()
     graph, walls = snapshot.graph, snapshot.walls
-    box = None
-    if walls is not None and graph.cell is None and len(walls.grain):
-        box = box_area(graph.x, walls)
-    volume, said = outline_area(graph, snapshot.faces), "outline of the network"
-    if graph.cell is not None:
-        said = "cell"
-    elif box is not None:
-        volume, said = box, "box within the walls"
+    volume, said = snapshot.area
     branches, forces = graph.branches, contact_forces(graph)
     place = graph.x[graph.contacts[:, 0]] + 0.5 * branches
     at_walls = None

@@ -76,6 +76,12 @@ def loop_columns(
         for at, values in loop_numbers(graph, faces, law, regime, columns, **how):
             for name, column in values.items():
                 table[name][at] = column
+    if graph.cell is not None:
+        # Into the cell, whichever images of the grains a file has.
+        at, periodic = np.stack([table["x"], table["y"]]), np.array(snapshot.periodic)[:, None]
+        table["x"], table["y"] = at - graph.cell @ (
+            np.floor(np.linalg.solve(graph.cell, at)) * periodic
+        )
     table["grains"] = grains.result()
     return table
 

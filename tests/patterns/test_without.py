@@ -1,5 +1,7 @@
 """Scenes and snapshots without some grains and contacts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,26 @@ def test_the_stress_loses_what_the_contacts_carried():
     force = state.normal_force[0] * state.n[0] + state.shear_force[0] * state.t[0]
     lost = np.outer(force, sample.graph.branches[0])
     np.testing.assert_allclose(stress_of(sample) - stress_of(less), lost, atol=1e-12)
+
+
+def test_stresses_refer_to_the_area_of_the_whole_sample(sample):
+    """Without the grains that end it too: at one wall, or of the outline."""
+    if sample.walls is None:
+        rows = np.argmax(sample.graph.x[:, :1], axis=0)
+    else:
+        rows = sample.walls.grain[sample.walls.branch[:, 0] > 0.01]
+    less, whole = sample.without(grains=sample.ids[rows]), gl.stress(sample)
+    for one in (less, less.scene, sample.scene.without(grains=rows)):
+        assert gl.stress(one).volume == whole.volume == less.scene.boundary.volume
+    assert gl.stress(less).volume_is == gl.stress(sample.scene).volume_is == whole.volume_is
+
+
+def test_the_stress_of_a_scene_refers_to_its_area():
+    scene = small_sample("walls", LAW).scene
+    wide = gl.Scene(scene.graph, scene.law, replace(scene.boundary, volume=100.0))
+    tensor = gl.stress(scene).tensor * scene.boundary.volume / 100.0
+    np.testing.assert_allclose(gl.stress(wide).tensor, tensor, rtol=1e-13)
+    np.testing.assert_allclose(gl.hold(wide, unbalanced=0.1).stress_before, tensor, rtol=1e-9)
 
 
 def test_a_sample_without_a_contact_is_brought_to_rest():

@@ -7,11 +7,13 @@ import pandas as pd
 import pytest
 
 from loops import InputError
-from patterns import sample_path
+from patterns import Snapshot, sample_path
 from studies.evolve import run_evolve
+from studies.frames import loop_table
 from studies.series.run import run_series
 from studies.snapshot import run_snapshot
 from studies.snapshot.regions import loop_regions
+from tests.packings import LAW, jammed
 from tests.studies.series.test_run import write_series
 from tests.studies.snapshot.test_paraview import read_back
 
@@ -204,3 +206,21 @@ def test_regions_are_numbers_in_files_for_paraview(tmp_path):
     loops = pd.read_parquet(tmp_path / "out" / "loops.parquet")
     _, _, cells, _ = read_back(tmp_path / "out" / "loops.vtp")
     assert np.array_equal(cells["region"], np.unique(loops["region"], return_inverse=True)[1])
+
+
+@pytest.mark.parametrize("periodic", ["xy", "x"])
+def test_centroids_lie_in_the_cell_whichever_images_a_file_has(periodic):
+    graph, ids = jammed(24, 3), np.arange(24)
+    away = np.random.default_rng(1).integers(-2, 3, (24, 2)) * [1, periodic == "xy"]
+    i, j = graph.contacts.T
+    moved = graph.replace(
+        x=graph.x + away @ graph.cell.T, images=graph.images - away[j] + away[i], x0=None
+    )
+    along = True, periodic == "xy"
+    one, two = (
+        loop_table(Snapshot(g, LAW, g.contacts[:, 0] * 0 + 1, ids, 0, (), periodic=along))
+        for g in (graph, moved)
+    )
+    place = np.linalg.solve(graph.cell, two[["x", "y"]].T)
+    assert (place[0] >= 0.0).all() and (place[0] < 1.0).all()
+    np.testing.assert_allclose(two[["x", "y"]], one[["x", "y"]], rtol=0.0, atol=1e-12)
