@@ -29,7 +29,9 @@ def chain_bends(before: Snapshot, after: Snapshot) -> tuple[Floats, Floats]:
     of_contact = np.full(graph.contact_count, np.nan)
     bend = np.empty(0)
     if before.mechanical:
-        links, bend = force_chains(graph).bending(graph, moved_branches(before, after))
+        links, bend = force_chains(graph).bending(
+            graph, moved_branches(before, after, np.zeros((2, 2)))
+        )
         bend = np.degrees(bend)
         np.fmax.at(of_contact, links, bend[:, None])
     if not len(faces.contacts):

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import ArrayLike
 
 from loops import (
     InputError,
@@ -265,7 +264,7 @@ def sample_strain(
     return best_fit_strain(one.x[here], two.x[there]), "grains"
 
 
-def moved_branches(before: Snapshot, after: Snapshot, strain: ArrayLike = 0.0) -> Floats:
+def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
     """(C, 2) later branches of the contacts of a snapshot; not numbers where a grain is gone.
 
     In a cell those of the images that are nearest after `strain` (2, 2).
@@ -276,7 +275,7 @@ def moved_branches(before: Snapshot, after: Snapshot, strain: ArrayLike = 0.0) -
     x[here] = after.graph.x[there]
     i, j = graph.contacts.T
     d = graph.branches
-    affine = d - d @ (np.zeros((2, 2)) + strain).T
+    affine = d - d @ strain.T
     beyond = x[j] - x[i] - affine
     if cell is not None:
         away = np.linalg.solve(cell, beyond.T)
