@@ -18,8 +18,8 @@ from loops import (
     match_contacts,
 )
 from patterns import read_snapshot, sample_path
+from patterns.snapshots.walls import box_area
 from stability.packing import equations_of_motion
-from studies.snapshot.in_packing import box_area
 from tests.packings import jammed
 from tests.stability.packing.walled_packings import between
 
