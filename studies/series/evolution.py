@@ -188,7 +188,7 @@ def evolution_row(state: Snapshot, table: Mapping[str, Any]) -> Row:
         return row
     loops_stress = love_weber_stress(graph, area).ravel().tolist() if area > 0 else [None] * 4
     row |= {f"S{ij}": value for ij, value in zip(COMPONENTS, loops_stress, strict=True)}
-    whole = stress(state) if area > 0 else None
+    whole = stress(state) if state.area[0] > 0 else None
     row |= {name: None if whole is None else getattr(whole, name) for name in INVARIANTS}
     sliding = int(np.count_nonzero(state.regime == Regime.SLIDING))
     row["sliding_fraction"] = _ratio(sliding, graph.contact_count)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from loops import contact_forces
+from loops import InputError, contact_forces
 from loops.arrays import Flags, Floats
 from loops.fabric import direction_tensors, edge_tensors, mean_tensor, principal
 from loops.scene import Subject
@@ -244,7 +244,7 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
     Raises
     ------
     InputError
-        For a snapshot without forces.
+        For a snapshot without forces, or without an area: no cell, no walls and no loops.
 
     Examples
     --------
@@ -258,6 +258,9 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
         snapshot.mechanics()
     graph, walls = snapshot.graph, snapshot.walls
     volume, said = snapshot.area
+    if not volume > 0:
+        expected, remedy = "an area", "Give --cell, or the contacts with the walls."
+        raise InputError("stress", "no cell, no box of walls and no loops", expected, remedy)
     branches, forces = graph.branches, contact_forces(graph)
     place = graph.x[graph.contacts[:, 0]] + 0.5 * branches
     at_walls = None
@@ -278,10 +281,8 @@ def stress(snapshot: Snapshot | Subject) -> Stress:
         apart = [values - values.mean() for values in (mean, half, half / mean)]
     errors = [float(np.sqrt((len(mean) - 1) / len(mean) * np.sum(one**2))) for one in apart]
     p, q = _invariants(whole / volume)
-    rattlers = snapshot.rattlers
-    return Stress(
-        whole / volume, at_walls, float(volume), said, rattlers, float(p), float(q), *errors
-    )
+    found = whole / volume, at_walls, float(volume), said
+    return Stress(*found, snapshot.rattlers, float(p), float(q), *errors)
 
 
 def _invariants(tensors: Floats) -> tuple[Floats, Floats]:
@@ -296,7 +297,6 @@ def _blocks(place: Floats, cell: Floats | None) -> Floats:
     if cell is not None:
         share = np.mod(np.linalg.solve(cell, place.T).T, 1.0)
     else:
-        low = place.min(axis=0)
-        share = (place - low) / (place.max(axis=0) - low)
+        share = (place - place.min(axis=0)) / np.ptp(place, axis=0)
     at = np.minimum((BLOCKS * share).astype(np.int64), BLOCKS - 1)
     return np.asarray(BLOCKS * at[:, 0] + at[:, 1])

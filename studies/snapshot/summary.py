@@ -325,11 +325,9 @@ def verdict_properties(table: Columns) -> dict[str, Property]:
 def wall_summary(snapshot: Snapshot) -> Summary:
     """Stress carried by the contacts with walls, and its share of the whole stress."""
     walls = snapshot.walls
-    if walls is None or not snapshot.mechanical or len(walls.grain) == 0:
+    if walls is None or not snapshot.mechanical or not (len(walls.grain) and snapshot.area[0] > 0):
         return {}
     whole = stress(snapshot)
-    if not whole.volume > 0:
-        return {}
     return {
         "stress_walls": whole.walls,
         "stress_total": whole.tensor,

@@ -314,3 +314,13 @@ def test_errors_of_an_axis_are_those_of_its_parts(turn):
     assert along == pytest.approx(np.linalg.norm(share * relative.real), rel=1e-12)
     assert across == pytest.approx(np.linalg.norm(share * relative.imag), rel=1e-12)
     assert abs(along - across) > 0.1 * along
+
+
+@pytest.mark.parametrize("grains", [1, 3])
+def test_a_sample_without_loops_cell_and_walls_has_no_stress(grains):
+    """A chain of grains fills no area."""
+    x = 0.99 * np.arange(grains)[:, None] * [1.0, 0.0]
+    pairs, N = np.arange(grains - 1)[:, None] + [0, 1], np.full(grains - 1, 0.01)
+    chain = gl.GrainGraph(x, [0.5] * grains, pairs.reshape(-1, 2), N, 0.0 * N)
+    with pytest.raises(gl.InputError, match="no cell, no box of walls and no loops"):
+        gl.stress(gl.Scene(chain, gl.LinearFrictional(1.0, 0.5)))
