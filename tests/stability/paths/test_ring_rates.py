@@ -11,10 +11,11 @@ from loops import (
     LinearFrictional,
     Regime,
     RollingResistance,
+    Scene,
     contact_state,
 )
 from patterns import random_loop, regular_polygon
-from stability import Stage, programmes
+from stability import Stage, follow, programmes
 from stability.paths import ring_rates
 from stability.paths.model import path_model
 from stability.paths.path_segment import event_functions
@@ -67,9 +68,9 @@ def states(graph, law, closure, spins, changed, programme, symmetric=False):
     return StateRates(*about), PlainRates(*about)
 
 
-def lopsided(n, law):
+def lopsided(n, law, seed=None):
     """A loop of unequal grains with shear forces of either sign."""
-    graph = random_loop(n, n, polydispersity=0.3, strain=0.02)
+    graph = random_loop(n, n if seed is None else seed, polydispersity=0.3, strain=0.02)
     N = law.normal_force(contact_state(graph))
     return graph.replace(normal_force=N, shear_force=0.1 * N * np.cos(np.arange(n)))
 
@@ -156,6 +157,27 @@ def test_rates_under_other_laws_and_of_spins_that_roll_along(law, closure, spins
     one = {"own": OWN, "rolling": RollingResistance(LAWS["branch"], k_r=0.1)}.get(law) or LAWS[law]
     for programme in PROGRAMMES:
         compare(*states(graph, one, closure, spins, REGIMES[regimes], programme), 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("order", "closure", "spins", "programme", "target"),
+    [pytest.param(4, "traction", "free", SHEAR, ("H12", 0.05), marks=pytest.mark.slow),
+     (6, "affine", "free", SHEAR, ("H12", 0.05)),
+     (6, "traction", "blocked", programmes.drained_biaxial(), ("H11", 0.09))],
+)  # fmt: skip
+def test_a_law_of_ones_own_follows_the_path_of_its_formulae(
+    order, closure, spins, programme, target
+):
+    """Also where grains of an even loop nearly roll on one another, up to a mechanism."""
+    graph, stage = lopsided(order, LAWS["branch"], seed=3), Stage(programme, *target)
+    how = {"closure": closure, "spins": spins}
+    found, wanted = (follow(Scene(graph, law), stage, **how) for law in (OWN, LAWS["branch"]))
+    assert found.status == wanted.status and len(wanted.events) > 0
+    assert [(e.kind, e.contacts) for e in found.events] == [
+        (e.kind, e.contacts) for e in wanted.events
+    ]
+    for one, other in zip(found.events, wanted.events, strict=True):
+        np.testing.assert_allclose(one.H, other.H, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("spins", ["blocked", "affine", "free"])
