@@ -58,6 +58,9 @@ class Answers:
         arrays = arrays_of(model, mode.regime, mode.side, programme, events)
         self.numbers, self.whole, self.p = arrays
         self.given = law_is_given(model)
+        if type(programme) is not Programme:
+            # Its equations are written as they are, see `reply`.
+            self.p.codes[[ring.ISOCHORIC, ring.CAUCHY]] = -1
 
     @property
     def compiled(self) -> bool:

@@ -47,7 +47,16 @@ class OwnLaw(LinearFrictional):
     """A law of one's own, whatever it does."""
 
 
+class OwnSpheres(HertzMindlin):
+    """Spheres of a law of one's own, whose shear forces go with the overlap."""
+
+
 OWN = OwnLaw(1.3, 0.4, 0.3)
+OTHER_LAWS = {
+    "own": OWN,
+    "own spheres": OwnSpheres(1.0, 0.3, mu=0.3, shear_history="displacement"),
+    "rolling": RollingResistance(LAWS["branch"], k_r=0.1),
+}
 
 
 class OwnProgramme(programmes.Programme):
@@ -147,14 +156,15 @@ def test_rates_of_symmetric_states_are_those_of_the_balance(order, closure, spin
 
 @pytest.mark.parametrize(
     ("law", "spins", "regimes"),
-    [("own", "free", "stick"), ("own", "affine", "opens"), ("rolling", "affine", "two"),
+    [("own", "free", "stick"), ("own", "affine", "opens"), ("own spheres", "blocked", "two"),
+     ("rolling", "affine", "two"),
      ("rolling", "free", "stick"), ("branch", "free", "opens"), ("radii", "free", "two")],
 )  # fmt: skip
 @pytest.mark.parametrize("closure", ["affine", "traction"])
 def test_rates_under_other_laws_and_of_spins_that_roll_along(law, closure, spins, regimes):
     """Forces of a law of one's own are given to the kernels; numpy solves what they do not."""
-    graph = lopsided(5, LAWS["branch"])
-    one = {"own": OWN, "rolling": RollingResistance(LAWS["branch"], k_r=0.1)}.get(law) or LAWS[law]
+    one = (LAWS | OTHER_LAWS)[law]
+    graph = lopsided(5, one)
     for programme in PROGRAMMES:
         compare(*states(graph, one, closure, spins, REGIMES[regimes], programme), 1e-12)
 
