@@ -94,9 +94,10 @@ class Answers:
             if type(self.programme) is not Programme:
                 self._ask(ring.PLACE)
                 H, P = p.small[[ring.H, ring.P], :4]
-                stress, strain, _ = self.programme.equations(H, P)
+                stress, strain, rate = self.programme.equations(H, P)
                 p.small[ring.STRESS : ring.STRESS + 4, :4] = stress
                 p.small[ring.STRAIN : ring.STRAIN + 4, :4] = strain
+                p.small[ring.RATE, :4] = rate
             if self._by_ring and self._ask(what):
                 return
             self._ask(ring.PLACE)

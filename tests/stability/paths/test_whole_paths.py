@@ -12,10 +12,10 @@ import pytest
 from tests.stability.paths.whole_paths import NUMBERS, WORDS, everything
 
 ANSWERS = dict(everything())
-# A balance of work, forces left on grains: rounding. A condition and the eigenvalues of K, where
-# several are equal, amplify it.
+# A balance of work, forces left on grains: rounding. The eigenvalues of K, where several are equal,
+# amplify it. A row at the end of a step has the gauge of either step: so does its condition.
 NOISE = {"energy_error": 1e-9, "imbalance": 1e-12}
-SENSITIVE = {"condition": 1e-3, "eig_K_": 1e-5}
+SENSITIVE = {"condition": 3e-3, "eig_K_": 1e-5}
 
 
 @pytest.fixture(scope="module")
