@@ -84,8 +84,13 @@ def loop(
     ([0, 2, 1, 3], [0.05, 0.05, 0.05, 0.05])
     """
     checked_number("tolerance", tolerance, 0.0)
+    own = isinstance(source, Snapshot | Scene) or hasattr(type(source), "scene")
+    if own != (law is None):
+        received = f"{type(law).__name__} with a snapshot or scene" if own else "none"
+        expected = "none: it has its own" if own else "the law of the contacts"
+        remedy = "Leave it out." if own else "Give law=gl.LinearFrictional(kn, kt, mu)."
+        raise InputError("law", received, expected, remedy)
     if isinstance(source, Snapshot):
-        _refuse_law(law)
         return loop_of_snapshot(source, number)
     scene, ids = _scene_of(source, law, tolerance)
     graph = _loaded(scene, tolerance)
@@ -99,21 +104,11 @@ def loop(
     return replace(found, ids=ids[found.grains])
 
 
-def _refuse_law(law: ContactLaw | None) -> None:
-    if law is not None:
-        received = f"{type(law).__name__} with a snapshot or scene"
-        raise InputError("law", received, "none: it has its own", "Leave it out.")
-
-
 def _scene_of(source: Any, law: ContactLaw | None, tolerance: float) -> tuple[Scene, NDArray[Any]]:
     """Return a scene, and what its grains are called."""
-    if isinstance(source, Scene) or hasattr(type(source), "scene"):
-        _refuse_law(law)
+    if law is None:
         scene = scene_of(source)
         return scene, np.asarray(getattr(source, "ids", np.arange(scene.graph.grain_count)))
-    if law is None:
-        remedy = "Give law=gl.LinearFrictional(kn, kt, mu)."
-        raise InputError("law", "none", "the law of the contacts", remedy)
     if hasattr(source, "adj"):
         ids = np.fromiter(source.nodes, dtype=object, count=len(source))
         return Scene(from_networkx(source), law), ids

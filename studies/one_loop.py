@@ -24,7 +24,7 @@ from studies.clock import of_parts
 from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed, follow_loop
-from studies.paths.options import LoopOptions, ProgrammeName, loop_options
+from studies.paths.options import ProgrammeName, loop_options
 from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import JUDGE_TITLES
@@ -90,9 +90,13 @@ def study(
     programme: ProgrammeName = "drained",
     end: float | None = None,
     in_packing: bool = True,
+    named: str = "a snapshot",
+    progress: Callable[..., object] = lambda *_, **__: None,
     **how: Any,
 ) -> LoopStudy:
     """Study one loop, as `grainloops loop` does: closures, cone, path and domain.
+
+    What this loop or its law has no answer to is left out, and a note says why.
 
     Parameters
     ----------
@@ -110,6 +114,10 @@ def study(
         E1 at its end, five mean overlaps if left out.
     in_packing : bool
         Judge the loop in its packing too.
+    named : str
+        Name of the snapshot in the report.
+    progress : callable, optional
+        Called with what is looked at.
     **how
         `force`, `csv` and `figures` of the folder.
 
@@ -133,25 +141,8 @@ def study(
     folder = None if out is None else path_of("out", out, "Name a folder.")
     end = None if end is None else checked_number("end", end)
     words: Any = {"closure": closure, "programme": programme, "end": end}
-    options = loop_options(snapshot_of(source), number, "a snapshot", **words)
-    place = in_packing and isinstance(source, Snapshot)
-    return run_loop(options, folder, in_packing=place, **how)
-
-
-def run_loop(
-    options: LoopOptions,
-    out: Path | None,
-    *,
-    in_packing: bool = True,
-    progress: Callable[..., object] = lambda *_, **__: None,
-    **how: Any,
-) -> LoopStudy:
-    """Study a loop of a snapshot, and write its report, tables and figures where `out` is given.
-
-    What this loop or its law has no answer to is left out, and a note says why.
-    """
-    snapshot = options.snapshot
-    assert snapshot is not None
+    snapshot = snapshot_of(source)
+    options = loop_options(snapshot, number, named, **words)
     notes = list[str]()
 
     def tried(what: str, question: Callable[[], Any]) -> Any:
@@ -164,7 +155,7 @@ def run_loop(
     progress("its closures")
     snapshot.mechanics()
     table = loop_columns(snapshot)
-    if in_packing:
+    if in_packing and isinstance(source, Snapshot):
         place = tried("closures in the packing", lambda: add_in_packing(snapshot, table, "auto"))
         notes += [] if place is None else place[1]
     closures = closure_table(table, options.loop)
@@ -187,13 +178,11 @@ def run_loop(
         summary["domain"] = {"present_state": domain.status, "ended_by": ends}
         tables["boundary"] = domain.rows
     found = LoopStudy(closures, path and path.path, domain, summary, path)
-    if out is None:
+    if folder is None:
         return found
-    with results_in("loop", out, configuration, **how) as results:
-        summary = results.write_results(tables, summary)
-        if results.figures:
-            title = f"Loop {options.loop} of {readable(options.source)}"
-            results.write_report(title, summary, found.figures(), [])
+    with results_in("loop", folder, configuration, **how) as results:
+        title = f"Loop {options.loop} of {readable(named)}"
+        summary = results.write_results(tables, summary, found.figures(), title)
     return replace(found, summary=summary)
 
 

@@ -303,12 +303,12 @@ def loop_command(
     """
     out = out_or(writing.out, f"loop-{id}", path)
     with clock("grainloops loop") as tell:
-        from studies.one_loop import run_loop
+        from studies.one_loop import study
+        from studies.reading import read_planar
 
-        words = {"closure": closure, "programme": programme, "end": end}
-        options = _of_snapshot(path, id, words, reading)
-        place = not no_packing
-        found = run_loop(options, out, in_packing=place, progress=tell, **writing.files())
+        how: Any = {"closure": closure, "programme": programme, "end": end, "progress": tell}
+        how |= {"in_packing": not no_packing, "named": path.name, **writing.files()}
+        found = study(read_planar(path, **reading.how_of(path)), id, out, **how)
     summary = found.summary
     lines = printed("loop", summary) + ([] if found.path is None else _polygon_lines(summary))
     return answer(writing.json, out, lines, summary["notes"])

@@ -48,11 +48,8 @@ def chain_row(bend: Floats, beside: Floats, fates: LoopFates, table: Mapping[str
         negative[table["loop_before"]] = np.asarray(table["W2"]) < 0
     place = np.where(np.isnan(beside), 2, np.where(beside > BUCKLES, 0, 1))
     for k, name in enumerate(PLACES):
-        here = place == k
-        row[f"{name}_loops"] = int(here.sum())
-        row[f"{name}_grains"] = int(fates.order_before[here].sum())
-        row[f"{name}_lost"] = int(np.sum(lost & here))
-        row[f"{name}_negative_W2"] = int(np.sum(negative & here))
+        counts = {"loops": 1, "grains": fates.order_before, "lost": lost, "negative_W2": negative}
+        row |= {f"{name}_{what}": int(np.sum((place == k) * each)) for what, each in counts.items()}
     return row
 
 
