@@ -531,9 +531,8 @@ def domains_figure(
     handles = [
         Line2D([], [], color=c, label=f"n = {n}") for n, c in zip(orders, colours, strict=True)
     ]
-    styles: tuple[tuple[Any, str], ...] = (("-", "loss"), (":", "a contact opens first"))
-    for style, label in styles:
-        handles.append(Line2D([], [], color=BLACK, linestyle=style, label=label))
+    handles.append(Line2D([], [], color=BLACK, label="loss"))
+    handles.append(Line2D([], [], color=BLACK, linestyle=":", label="a contact opens first"))
     handles.append(Line2D([], [], color=BLACK, marker="P", linestyle="", label="no load"))
     key: Any = {"title": rf"$\kappa$ = {kappa:g}", "ncols": key_columns(figure, 7)}
     figure.legend(handles=handles, loc="outside lower center", **key)
@@ -554,9 +553,8 @@ def share_figure(loops: pd.DataFrame) -> Figure:
             style = "o-" if closure == "affine" else "s--"
             label = rf"{closure}, $\kappa$ = {kappa:g}"
             ax.plot(rows.order, rows.unstable_share, style, color=colour, markersize=3, label=label)
-        title = SLIDING_WORDS[contacts]
-        ax.set(title=title, xlabel="order $n$ (–)", ylabel="unstable share of the strains (–)")
-        ax.set_ylim(0, 1)
+        ax.set(xlabel="order $n$ (–)", ylabel="unstable share of the strains (–)", ylim=(0, 1))
+        ax.set_title(SLIDING_WORDS[contacts])
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure_key(figure, ncols=key_columns(figure, 4))
     return figure

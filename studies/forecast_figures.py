@@ -88,7 +88,7 @@ def reliability(known: Calibration, ax: Axes) -> None:
     look["arrowprops"] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.5}
     ax.annotate(f"{worst[0]:.2f}: {worst[1]:.2f}\ncame true", worst, (0.02, 0.98), **look)
     intervals = sum(known.provenance["series"].values())
-    ax.set_title(f"{intervals} intervals of other samples")
+    ax.set_title(f"{intervals} intervals of samples of Yade")
     ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability (–)", ylabel="observed share (–)")
     ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
 

@@ -23,7 +23,16 @@ from studies.paths.options import ProgrammeName, programme_of
 from studies.questions import Averaging
 from studies.reading import read_planar, reading
 from studies.study import files_of, study
-from studies.style import BLUE, GREY, VERMILION, edge_ticks, figure_key, new_panels, styled
+from studies.style import (
+    BLUE,
+    GREY,
+    VERMILION,
+    edge_ticks,
+    figure_key,
+    key_columns,
+    new_panels,
+    styled,
+)
 
 # Steps of the isotropic compression before the programme.
 CONFINING_STEPS = 20
@@ -231,7 +240,7 @@ def draw_material(table: pd.DataFrame) -> Figure:
     figure, panels = new_panels(2, 2, 4.6) if len(cones) else new_panels(1, 3, 2.6)
     axes = panels.ravel()
     quantities = (
-        ("stress_ratio", 1.0, "stress ratio, along over across (–)"),
+        ("stress_ratio", 1.0, "stress ratio (–)"),
         ("volume_change", 100.0, "change of the area (%)"),
         ("w2", 1.0, "second-order work $w_2$ (–)"),
     )
@@ -265,5 +274,5 @@ def draw_material(table: pd.DataFrame) -> Figure:
     if len(cones):
         axes[3].set(ylabel="strain directions, $W_2 < 0$ (degrees)", ylim=(0.0, 180.0))
         axes[3].set_yticks(range(0, 181, 45))
-    figure_key(figure, axes[0], ncols=3)
+    figure_key(figure, axes[0], ncols=key_columns(figure, 3))
     return figure

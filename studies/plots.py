@@ -312,7 +312,7 @@ def plot_envelope(
     for regime in np.unique(found.regime[found.status != "none"], axis=0):
         rows = (found.regime == regime).all(axis=1)
         answer[rows] = rates(regime)[rows]
-    labels = "$P'_{11}$ (force / length)", "$P'_{22}$ (force / length)"
+    labels = "$P'_{11}$ (force/length)", "$P'_{22}$ (force / length)"
     draw_envelope(ax, rates(stuck), answer, found.work[:, 0] < 0.0, labels)
     return ax
 
@@ -609,6 +609,6 @@ def symbol(column: str) -> str:
 
 def with_unit(column: str) -> str:
     """A column with its unit."""
-    units = {"H": "–", "P": "force / length", "N": "force", "T": "force"}
+    units = {"H": "–", "P": "force/length", "N": "force", "T": "force"}
     unit = units.get(column.split("_")[0].rstrip("12"))
     return f"{symbol(column)} ({unit})" if unit else symbol(column)

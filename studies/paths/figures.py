@@ -20,6 +20,7 @@ from loops import Regime
 from loops.arrays import Floats, Integers, Regimes, true_runs
 from patterns.diamond.states import isotropic_tangents
 from stability import (
+    COMPONENTS,
     RTOL,
     PolarDiagram,
     alpha_e,
@@ -168,19 +169,15 @@ def draw_operators(found: Followed, of: str, ax: Axes) -> None:
 @panel(4.2, 2.8)
 def draw_cone(found: Followed, ax: Axes) -> None:
     """Instability cone in (11, 22) along the path, with the path's own direction (Fig. 12)."""
-    E1, first = found.E1, True
-    half = 0.5 * found.plane["cone_opening_deg"].to_numpy()
+    E1, half = found.E1, 0.5 * found.plane["cone_opening_deg"].to_numpy()
     half = np.where(half > 0.0, half, np.nan)
     # The paper's alphaE counts from E2 towards E1.
     axis = np.mod(90.0 - found.plane["cone_axis_deg"].to_numpy(), 180.0)
-    bounds = [0, *found.jumps.tolist(), len(found.path)]
-    for part in (slice(a, b) for a, b in pairwise(bounds)):
+    for k, (a, b) in enumerate(pairwise([0, *found.jumps.tolist(), len(found.path)])):
         ax.fill_between(
-            E1[part], (axis - half)[part], (axis + half)[part], facecolor="none",
-            edgecolor=VERMILION, hatch="////", linewidth=0.8,
-            label="instability cone" if first and np.isfinite(half).any() else None,
+            E1[a:b], (axis - half)[a:b], (axis + half)[a:b], facecolor="none",
+            edgecolor=VERMILION, hatch="////", linewidth=0.8, label="_" * k + "instability cone",
         )  # fmt: skip
-        first = False
     direction = np.degrees(alpha_e(np.arctan2(found.direction[:, 1], found.direction[:, 0])))
     ax.plot(E1, direction, color=BLUE, label="loading direction")
     for name, row in found.marks.items():
@@ -278,7 +275,7 @@ def draw_polar_figure(found: Followed) -> Figure:
     if dashed:
         words = "regimes that the direction activates", "contacts at yield slide in every direction"
         lines = [Line2D([], [], color=BLUE), dashed[0]]
-        fig.legend(lines, words, loc="outside lower center", ncols=key_columns(fig, 2))
+        fig.legend(lines, words, loc="outside lower center")
     return fig
 
 
@@ -476,31 +473,31 @@ def diamond_figures(found: FollowedDiamond) -> Drawings:
 @styled()
 def draw_split(found: Followed) -> Figure:
     """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
-    fig = new_figure(TWO_COLUMNS, 3.6, fixed=True)
-    axes = fig.subplot_mosaic([["11", "12", "n"], ["21", "22", "n"]], width_ratios=[1, 1, 1.5])
+    fig = new_figure(TWO_COLUMNS, 3.6)
+    wide = fig.get_figwidth() == TWO_COLUMNS
+    named = fig.subplot_mosaic("ABN;CDN" if wide else "AB;CD;NN")
+    axes = [named[name] for name in "ABCDN"]
     E1, (material, geometric) = found.broken(found.E1), found.split
-    named = (
+    for label, colour, style, part in (
         ("$K$", BLACK, "-", found.K),
         (r"$K_\mathrm{mat}$, of the contacts", BLUE, DASHED, material),
         (r"$K_\mathrm{geo}$, of their forces", VERMILION, DASHED, geometric),
-    )
-    for place, ax in axes.items():
-        ax.axhline(0.0, color=GREY, linewidth=0.6)
+    ):
+        # `K12 - K21` and its two sources, (29) and (30), (31).
+        skew = part[:, 0, 1] - part[:, 1, 0]
+        skew = np.where(np.abs(skew) <= RTOL * operator_norm(found.K), 0.0, skew)
+        for ax, values in zip(axes, [*part.reshape(-1, 4).T, skew], strict=True):
+            ax.plot(E1, found.broken(values), color=colour, linestyle=style, label=label)
+    titles = *(f"entry {ij} (–)" for ij in COMPONENTS), "nonsymmetry $K_{12} - K_{21}$ (–)"
+    for ax, title in zip(axes, titles, strict=True):
+        ax.axhline(0.0, color=GREY, linewidth=0.6, zorder=0)
         for row in found.jumps:
             ax.axvline(found.E1[row], color=SKY, linewidth=0.6, zorder=0, label="regimes change")
-        for label, colour, style, part in named:
-            if place == "n":  # K12 - K21 and its two sources, (29) and (30), (31)
-                values = part[:, 0, 1] - part[:, 1, 0]
-                rounding = RTOL * operator_norm(found.K)
-                values = np.where(np.abs(values) <= rounding, 0.0, values)
-            else:
-                values = part[:, int(place[0]) - 1, int(place[1]) - 1]
-            ax.plot(E1, found.broken(values), color=colour, linestyle=style, label=label)
-        ax.set(title=f"entry {place} (–)", xlim=(0.0, None))
-        ax.set(xlabel=STRAIN_LABEL if place[0] != "1" else "")
-    axes["n"].set_title("nonsymmetry $K_{12} - K_{21}$ (–)")
-    axes["n"].margins(y=0.1)
-    figure_key(fig, axes["n"], ncols=key_columns(fig, 4))
+        ax.set(title=title, xlim=(0.0, None))
+    for ax in axes[2:]:
+        ax.set_xlabel(STRAIN_LABEL)
+    axes[4].margins(y=0.1)
+    figure_key(fig, axes[4], ncols=key_columns(fig, 4))
     return fig
 
 

@@ -259,7 +259,7 @@ def _column(evolution: pd.DataFrame, name: str) -> Floats:
 @styled()
 def survival_by_verdict(table: pd.DataFrame) -> Figure:
     """Share of the loops that survive, by judge, interval and order; 95 % intervals (Wilson)."""
-    present, numbers = table["judge"].unique(), table["snapshot_after"].unique()
+    present = table["judge"].unique()
     figure, panels = new_panels(len(present), 2, 0.6 + 1.5 * len(present), sharey=True)
     orders = range(3, 3 + len(GROUPS))
     for judge, (left, right) in zip(present, panels, strict=True):
@@ -270,8 +270,7 @@ def survival_by_verdict(table: pd.DataFrame) -> Figure:
             found = {n: pooled(table, judge, verdict, n) for n in orders}
             shares = pd.DataFrame({n: one for n, one in found.items() if one is not None}).T
             _draw_shares(right, shares.index + shift, shares, look, verdict)
-        left.set_xticks(numbers[:: len(numbers) // 12 + 1])
-        left.set_xlim(numbers[0] - 0.5, numbers[-1] + 0.5)
+        left.xaxis.set_major_locator(MaxNLocator(12, integer=True))
         right.set_xticks(orders, labels=GROUPS)
         right.set_xlim(2.5, 2.5 + len(GROUPS))
         left.set_ylabel(f"{JUDGE_TITLES[judge]}\nshare that survives")
@@ -310,16 +309,15 @@ def kinetics_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
     figure_key(figure, left, title="merged loop", ncols=key_columns(figure, 6))
     if not steady:
         return figure
-    shown = orders["order"] <= LAST_DRAWN
-    order, share = orders["order"][shown], orders["steady_share"][shown]
-    right.plot(order, orders["observed_share"][shown], "o", color=BLUE, label="observed, mean")
+    orders = orders[orders["order"] <= LAST_DRAWN]
+    order, observed, share = (orders[k] for k in ("order", "observed_share", "steady_share"))
+    right.plot(order, observed, "o", color=BLUE, label="observed, mean")
     right.errorbar(
-        order + 0.15, share, orders["steady_error"][shown], fmt="s", color=VERMILION,
+        order + 0.15, share, orders["steady_error"], fmt="s", color=VERMILION,
         markersize=3.5, elinewidth=0.8, capsize=2.0, label="steady state of the rates",
     )  # fmt: skip
     right.set(yscale="log", xlabel="loop order (number of grains)", ylabel="share of the loops")
-    least = orders["observed_share"][shown]
-    right.set_ylim(0.3 * least[least > 0].min(), 1.0)
+    right.set_ylim(0.3 * observed[observed > 0].min(), 1.0)
     right.legend()
     return figure
 
@@ -598,9 +596,8 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
     axes[0].invert_yaxis()
     for ax in axes[-2:]:
         ax.set_xlabel("AUC (bar: mean; dashed: persistence)")
-    label = "interval, by its later snapshot"
-    bar = figure.colorbar(colours, ax=list(axes), shrink=0.5, label=label)
-    bar.locator = MaxNLocator(integer=True)
+    how: Any = {"label": "interval, by its later snapshot", "ticks": MaxNLocator(integer=True)}
+    figure.colorbar(colours, ax=list(axes), shrink=0.5, **how)
     return figure
 
 

@@ -233,7 +233,7 @@ def test_signed_values_have_zero_in_the_middle_of_the_colours(session):
 def test_keys_of_a_path_are_symbols_and_words(session):
     path = session[0]["path"]
     for y, label, key in (
-        (("P11", "P22"), "$P_{}$ (force / length)", ["$P_{11}$", "$P_{22}$", "yield"]),
+        (("P11", "P22"), "$P_{}$ (force/length)", ["$P_{11}$", "$P_{22}$", "yield"]),
         ("det_Ks", r"$\det K_s$", [r"$\det K_s$", "yield"]),
         (("N_0", "T_0"), "$N_{}$ (force)", ["$N_{0}$", "$T_{0}$", "yield"]),
         ("external_work", "external work", ["external work", "yield"]),

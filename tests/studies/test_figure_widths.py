@@ -1,5 +1,7 @@
 """Words stay inside their figures, in one column of a journal and in two."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,11 @@ from matplotlib.text import Text
 import grainloops as gl
 from studies import style
 from studies.forecast_figures import forecast_figure
+from studies.material import draw_material
 from studies.packing_figures import order_shares, stress_and_volume
+from studies.paths.diamond import follow_diamond
+from studies.paths.figures import draw_polar_figure, draw_split
+from studies.paths.options import DiamondOptions
 from studies.series.figures import kinetics_figure, skill_by_predictor
 from studies.series.skill import TARGETS
 from tests.packings import LAW, jammed
@@ -46,7 +52,7 @@ def kinetics_tables():
     orders = {"order": [3, 4, 5], "observed_share": [0.5, 0.3, 0.2]}
     orders |= {"steady_share": [0.5, 0.3, 0.2], "steady_error": [0.1, 0.1, 0.1]}
     tables = {"kinetics": pairs | counts, "kinetics_orders": orders}
-    return {n: {k: np.array(v) for k, v in one.items()} for n, one in tables.items()}
+    return {name: pd.DataFrame(one) for name, one in tables.items()}
 
 
 def test_without_a_steady_state_there_is_no_panel_for_it():
@@ -61,9 +67,32 @@ def skill():
     return skill_by_predictor(pd.DataFrame(rows, columns=names))
 
 
-@pytest.mark.parametrize("draw", [path, forecast, kinetics, skill])
-def test_no_word_is_cut(draw):
+@cache
+def diamond():
+    return follow_diamond(DiamondOptions(table=2))
+
+
+def polar():
+    return draw_polar_figure(diamond())
+
+
+def split():
+    return draw_split(diamond())
+
+
+def marched():
+    strain = np.linspace(0.0, 0.1, 4)
+    rows = {"strain": strain, "stress_ratio": 1.0, "volume_change": -strain, "w2": 0.5}
+    rows |= {"stage": "programme", "cone_status": "closed", "failed": [0, 0, 1, 1]}
+    rows |= {"cone_axis_deg": 0.0, "cone_opening_deg": 0.0}
+    return draw_material(pd.concat([pd.DataFrame(rows | {"set": s}) for s in ("mean", "single")]))
+
+
+@pytest.mark.parametrize("draw", [path, forecast, kinetics, skill, polar, split, marched])
+def test_no_word_is_cut(draw, request):
     figure = draw()
+    if request.node.callspec.params["width"] == "single":
+        assert figure.get_figwidth() * 25.4 == pytest.approx(86.0)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     right, top = figure.bbox.size
