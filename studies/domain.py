@@ -47,7 +47,6 @@ from patterns.diamond import (
 from patterns.diamond import DiamondParameters as Case
 from patterns.diamond.states import diamond_states
 from patterns.polygons import opposite_gap
-from stability import Stage, follow, programmes
 from stability.paths.domain import LIMITS, Control, Fan, FanLimits
 from studies.clock import Progress, paced
 from studies.output import Summary
@@ -66,7 +65,6 @@ from studies.present_domain import (
 from studies.study import Drawings, study
 from studies.style import (
     BLACK,
-    LIGHT_GREY,
     LINE_COLOURS,
     ONE_COLUMN,
     TWO_COLUMNS,
@@ -85,7 +83,6 @@ LOSSES = ("det_Ks_zero", "det_K_zero")
 OVERLAP_ATOL = 1e-14
 # Programmes of a fan if none are asked for.
 PROGRAMMES = 181
-DRAWN_PROGRAMMES, DRAWN_STATES = 31, 40
 # Strain at which the programmes of a virgin loop end.
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
@@ -246,7 +243,6 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
     for angle, (whole, *near) in zip(angles, panels.T, strict=True):
         own = [case for case in cases if case.alpha0 == angle]
         if near:
-            draw_programmes(own[0], whole)
             draw_domain(table, own, near[0], _colours(cases))
             # Limits around the curves of sticking contacts.
             losses = pd.concat([rows_of(table, case) for case in own])
@@ -267,8 +263,6 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
             Line2D([], [], color=BLACK, linestyle=":", label="yield: both lost by sliding"),
             Patch(facecolor=BLACK, alpha=0.15, label="stable with friction"),
         ]
-    if rows == 2:
-        handles.append(Line2D([], [], color=LIGHT_GREY, label="programmes, sticking"))
     for kappa, colour in _colours(cases).items():
         label = rf"isotropic strain, $\kappa$ = {kappa:g}"
         handles.append(Line2D([], [], color=colour, marker="o", linestyle="", label=label))
@@ -304,17 +298,6 @@ def draw_domain(
         ax.plot(float(s1), float(s2), "o", color=colour)
     ax.set(xlabel="$s_1$ over $k_n$ (–)", ylabel="$s_2$ over $k_n$ (–)")
     ax.locator_params(nbins=6)
-
-
-def draw_programmes(case: Case, ax: Axes) -> None:
-    """Stresses along a few programmes, of contacts that stick, up to the loss of `det Ks`."""
-    fan, limits = first_losses(case, DRAWN_PROGRAMMES, friction=False)
-    for row in np.flatnonzero(limits.found["det_Ks_zero"]):
-        b, H = fan.programme[row], limits.states["det_Ks_zero"].H[row]
-        way = programmes.proportional_strain(float(np.cos(b)), float(np.sin(b)))
-        stage = Stage(way, "parameter", float(np.hypot(H[0], H[3])))
-        P = follow(fan.loop, stage, closure=fan.closure, rows=DRAWN_STATES).P
-        ax.plot(P[:, 0], P[:, 3], color=LIGHT_GREY, linewidth=0.6, zorder=0)
 
 
 # ---- loops of any order

@@ -312,7 +312,7 @@ def plot_envelope(
     for regime in np.unique(found.regime[found.status != "none"], axis=0):
         rows = (found.regime == regime).all(axis=1)
         answer[rows] = rates(regime)[rows]
-    labels = "$P'_{11}$ (force/length)", "$P'_{22}$ (force / length)"
+    labels = "$P'_{11}$ (force/length)", "$P'_{22}$ (force/length)"
     draw_envelope(ax, rates(stuck), answer, found.work[:, 0] < 0.0, labels)
     return ax
 
@@ -477,6 +477,7 @@ def _columns(table: Container[str], x: str, y: Any, expected: str) -> list[str]:
 def _shown(column: str) -> str:
     """A column of `evolution` in words, with its unit."""
     words = {"q_over_p": "$q/p$ (–)", "p": "$p$ (force/length)", "q": "$q$ (force/length)"}
+    words["shear_strain"] = "shear strain (–)"
     return words.get(column, column.replace("_", " "))
 
 
