@@ -215,8 +215,8 @@ def domain_summary(table: pd.DataFrame, parameters: DomainParameters) -> Summary
     cases = []
     for case in parameters.cases():
         contacts = {}
-        for name, own in rows_of(table, case).groupby("contacts"):
-            first, last = (own[own.kind == kind].set_index("programme_deg") for kind in LOSSES)
+        for name, rows in rows_of(table, case).groupby("contacts"):
+            first, last = (rows[rows.kind == kind].set_index("programme_deg") for kind in LOSSES)
             # Along one programme the strains grow in proportion.
             size = [np.hypot(lost.E1, lost.E2) for lost in (first, last)]
             contacts[str(name)] = {
@@ -241,17 +241,17 @@ def domain_figure(table: pd.DataFrame, cases: Sequence[Case]) -> Figure:
     width = ONE_COLUMN * 1.2 if columns == 1 else max(TWO_COLUMNS, 2.4 * columns)
     figure, panels = new_panels(rows, columns, 0.8 + 2.4 * rows, width)
     for angle, (whole, *near) in zip(angles, panels.T, strict=True):
-        own = [case for case in cases if case.alpha0 == angle]
+        similar = [case for case in cases if case.alpha0 == angle]
         if near:
-            draw_domain(table, own, near[0], _colours(cases))
+            draw_domain(table, similar, near[0], _colours(cases))
             # Limits around the curves of sticking contacts.
-            losses = pd.concat([rows_of(table, case) for case in own])
+            losses = pd.concat([rows_of(table, case) for case in similar])
             sticking = losses[losses.contacts == "sticking"]
             for values, limit in ((sticking.s1, near[0].set_xlim), (sticking.s2, near[0].set_ylim)):
                 margin = 0.1 * (values.max() - values.min())
                 limit(values.min() - margin, values.max() + margin)
-        draw_domain(table, own, whole, _colours(cases))
-        slides, phi = np.isfinite(own[0].mu), np.degrees(own[0].phi)
+        draw_domain(table, similar, whole, _colours(cases))
+        slides, phi = np.isfinite(similar[0].mu), np.degrees(similar[0].phi)
         friction = rf"$\varphi$ = {phi:g}°" if slides else "no sliding"
         whole.set_title(rf"$\alpha_0$ = {np.degrees(angle):g}°, {friction}")
     handles: list[Artist] = [
@@ -283,11 +283,11 @@ def draw_domain(
     """Domains of diamonds of one reference angle."""
     for case in cases:
         colour = colours[case.kappa]
-        own = rows_of(table, case)
+        rows = rows_of(table, case)
         for kind, style in (("det_Ks_zero", "-"), ("det_K_zero", "--")):
-            curve = own[(own.contacts == "sticking") & (own.kind == kind)]
+            curve = rows[(rows.contacts == "sticking") & (rows.kind == kind)]
             ax.plot(curve.s1, curve.s2, style, color=colour, linewidth=1.0)
-        bound = own[(own.contacts == "frictional") & (own.kind == "det_Ks_zero")]
+        bound = rows[(rows.contacts == "frictional") & (rows.kind == "det_Ks_zero")]
         ax.fill(bound.s1, bound.s2, color=colour, alpha=0.15, linewidth=0.0)
         # The part lost by sliding, up to its neighbours on the elastic side.
         sliding = np.pad((bound.regime == "sliding").to_numpy(), 1)
@@ -342,8 +342,8 @@ def _loop_columns(loop: PolygonOptions) -> dict[str, Any]:
     if isinstance(loop, LoopOptions):
         law = loop.law()
         kappa, phi = float(np.mean(law.kt / law.kn)), float(np.degrees(np.arctan(np.mean(law.mu))))
-    own = {"order": loop.order, "closure": loop.closure, "spins": loop.spins}
-    return {**own, "kappa": kappa, "phi_deg": phi}
+    named = {"order": loop.order, "closure": loop.closure, "spins": loop.spins}
+    return {**named, "kappa": kappa, "phi_deg": phi}
 
 
 def loop_fan(d0: Floats, directions: int) -> Floats:
@@ -409,20 +409,20 @@ def loop_domains(
     other one, by kind of contacts.
     """
     parts, loops, alone = [], [], {}
-    asked = parameters.control, parameters.directions
+    fan_options = parameters.control, parameters.directions
     fans = [(loop, friction) for loop in parameters.loops for friction in _contacts(loop)]
     after_one = paced(progress, len(fans) * parameters.directions)
     for loop, friction in fans:
-        own = isinstance(loop, LoopOptions)
-        fan, limits = loop_limits(loop, *asked, friction=friction, after_one=after_one)
+        from_snapshot = isinstance(loop, LoopOptions)
+        fan, limits = loop_limits(loop, *fan_options, friction=friction, after_one=after_one)
         named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
         parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
         counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}
-        found = {kind: count for kind, count in counts.items() if count}
-        loops.append({**named, "limits": found})
-        if parameters.control == "strain" and not own:
+        met = {kind: count for kind, count in counts.items() if count}
+        loops.append({**named, "limits": met})
+        if parameters.control == "strain" and not from_snapshot:
             loops[-1]["unstable_share"] = unstable_share(fan, limits)
-        if own:
+        if from_snapshot:
             present = domain_of(fan, limits, "over $k_n$")
             loops[-1]["present_state"] = present.status
             loops[-1]["negative_share"] = float((present.rows["start_w2"] < 0.0).mean())
@@ -437,17 +437,17 @@ def loop_domains(
 
 def limit_rows(fan: Fan, limits: FanLimits, kind: str, named: dict[str, Any]) -> pd.DataFrame:
     """One row for each programme with a limit of this kind: its state and stress."""
-    found, graph = limits.found[kind], fan.loop.graph
-    _, _, x, regime = (values[found] for values in limits.states[kind])
+    met, graph = limits.found[kind], fan.loop.graph
+    _, _, x, regime = (values[met] for values in limits.states[kind])
     sliding = (regime == Regime.SLIDING).any(axis=1)
     ring = GrainGraph(x=x, radii=graph.radii, contacts=graph.contacts)
     return pd.DataFrame(
         {
             **named,
             "kind": kind,
-            "programme_deg": np.degrees(fan.programme[found]),
+            "programme_deg": np.degrees(fan.programme[met]),
             "regime": np.where(sliding, "sliding", "elastic"),
-            **in_planes(limits, kind, found),
+            **in_planes(limits, kind, met),
             "opposite_overlap": opposite_gap(ring) < -OVERLAP_ATOL,
         }
     )
@@ -497,9 +497,9 @@ def domains_figure(
     for row, contacts in zip(panels, kinds, strict=True):
         for ax, closure in zip(row, closures, strict=True):
             for order, colour in zip(orders, colours, strict=True):
-                own = table[(table.contacts == contacts) & (table.closure == closure)
+                rows = table[(table.contacts == contacts) & (table.closure == closure)
                             & (table.order == order) & (table.kappa == kappa)]  # fmt: skip
-                bound = domain_boundary(own)
+                bound = domain_boundary(rows)
                 # The force `s l0/(2 tan(pi/n))` of a contact across the axis of a regular loop.
                 factor = 2.0 * np.tan(np.pi / order) if regular else 1.0
                 lost = bound.kind.isin(STABILITY_LIMITS).to_numpy()
@@ -528,11 +528,11 @@ def share_figure(loops: pd.DataFrame) -> Figure:
     kinds = list(loops.contacts.unique())
     figure, (axes,) = new_panels(1, len(kinds), 2.9, 2.9 * len(kinds) + 0.6)
     for ax, contacts in zip(axes, kinds, strict=True):
-        own = loops[loops.contacts == contacts]
+        part = loops[loops.contacts == contacts]
         for (kappa, colour), closure in product(
-            zip(own.kappa.unique(), LINE_COLOURS, strict=False), own.closure.unique()
+            zip(part.kappa.unique(), LINE_COLOURS, strict=False), part.closure.unique()
         ):
-            rows = own[(own.kappa == kappa) & (own.closure == closure)]
+            rows = part[(part.kappa == kappa) & (part.closure == closure)]
             style = "o-" if closure == "affine" else "s--"
             label = rf"{closure}, $\kappa$ = {kappa:g}"
             ax.plot(rows.order, rows.unstable_share, style, color=colour, markersize=3, label=label)

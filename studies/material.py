@@ -119,11 +119,14 @@ def run_material(
         }
         rows = {name: march_table(path, along) for name, path in paths.items()}
         table = pd.concat(rows, names=["set"]).reset_index("set")
-        told = {
+        values = {
             "loops": len(loops.weights),
             "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
             **values_of(options, "closure", "programme", "steps"),
-            **{name: _told(table[table["set"] == name], path) for name, path in paths.items()},
+            **{
+                name: end_and_peak(table[table["set"] == name], path)
+                for name, path in paths.items()
+            },
             **{"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
         }
         name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
@@ -132,7 +135,7 @@ def run_material(
             lambda: draw_material(table),
         )
         title = f"Loops of {name} as a material"
-        return results.write_results(tables, told, [("material", drawn)], title)
+        return results.write_results(tables, values, [("material", drawn)], title)
 
 
 def _single(loops: LoopSet, number: int | None) -> int:
@@ -208,11 +211,11 @@ def averaged_loops(loops: LoopSet) -> dict[str, Any]:
     }
 
 
-def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
+def end_and_peak(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
     """Return the end of a path, its peak and where its work and its cone first turn."""
     run = rows[rows["stage"] == "programme"]
     ratio = run["stress_ratio"].to_numpy()
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "status": path.status,
         "end_strain": float(run["strain"].iloc[-1]),
         "end_stress_ratio": float(ratio[-1]) if np.isfinite(ratio[-1]) else None,
@@ -224,12 +227,12 @@ def _told(rows: pd.DataFrame, path: MaterialPath) -> dict[str, Any]:
         peak = int(np.nanargmax(ratio))
         # A ratio that is largest at the end has no peak.
         if peak < len(run) - 1:
-            told["peak_stress_ratio"] = float(ratio[peak])
-            told["peak_strain"] = float(run["strain"].iloc[peak])
+            values["peak_stress_ratio"] = float(ratio[peak])
+            values["peak_strain"] = float(run["strain"].iloc[peak])
     negative, open_cone = run["w2"] < 0.0, run["cone_status"] == "open"
     for key, rows_there in (("w2_negative_strain", negative), ("cone_strain", open_cone)):
-        told[key] = float(run["strain"][rows_there].iloc[0]) if rows_there.any() else None
-    return told
+        values[key] = float(run["strain"][rows_there].iloc[0]) if rows_there.any() else None
+    return values
 
 
 @styled()

@@ -62,7 +62,7 @@ WIDER = {"symmetric": "(11, 22, 12 + 21)", "full": "all four strain components"}
 
 
 def diamond_command(
-    *, asked: DiamondChoice = DiamondChoice(), writing: Writing = Writing()
+    *, choice: DiamondChoice = DiamondChoice(), writing: Writing = Writing()
 ) -> Answer:
     """Follow the four-grain diamond of the paper; without options, its Table 1.
 
@@ -70,18 +70,18 @@ def diamond_command(
     axial_stress (6), determinant (7); with --table 2 axial_stress (8),
     determinant (9), eigenvalues (10), polar (11), cone (12).
     """
-    own = {asked.alpha0_deg, asked.kappa, asked.phi_deg, asked.confine} != {None}
-    out = out_or(writing.out, "diamond" if own else f"diamond-table{asked.table or 1}")
+    chosen = {choice.alpha0_deg, choice.kappa, choice.phi_deg, choice.confine} != {None}
+    out = out_or(writing.out, "diamond" if chosen else f"diamond-table{choice.table or 1}")
     with clock("grainloops diamond"):
         from studies.paths.figures import run_paths
         from studies.paths.options import DiamondOptions
 
-        summary = run_paths(DiamondOptions(**asdict(asked)), out, **writing.files())
+        summary = run_paths(DiamondOptions(**asdict(choice)), out, **writing.files())
     check = summary["model"]["check"]
     apart = None
     if check is not None:
-        found = check["differences"].items()
-        apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in found)
+        differences = check["differences"].items()
+        apart = ", ".join(f"{difference:.1e} at {name}" for name, difference in differences)
         apart = apart or "nothing to compare"
     events = [event | {"words": event_words(event["kind"])} for event in summary["events"]]
     more = state_lines(summary)
@@ -91,22 +91,22 @@ def diamond_command(
 
 def polygon_command(
     *,
-    asked: LoopChoice = LoopChoice(),
+    choice: LoopChoice = LoopChoice(),
     writing: Writing = Writing(),
     reading: OneReading = OneReading(),
 ) -> Answer:
     """Follow a loop: regular, of unequal grains, or of a snapshot; or compare orders."""
-    _which_loop(asked, OF_POLYGON, needed=True)
-    compare, named = asked.compare, f"polygon-{asked.order or asked.compare or 'grains'}"
-    named = "polygon" if asked.centres else named
-    named = f"loop-{asked.loop}-polygon" if asked.snapshot else named
-    out = out_or(writing.out, named, asked.snapshot or asked.centres)
+    _which_loop(choice, OF_POLYGON, needed=True)
+    compare, named = choice.compare, f"polygon-{choice.order or choice.compare or 'grains'}"
+    named = "polygon" if choice.centres else named
+    named = f"loop-{choice.loop}-polygon" if choice.snapshot else named
+    out = out_or(writing.out, named, choice.snapshot or choice.centres)
     with clock("grainloops polygon"):
         from studies.paths.figures import run_paths
         from studies.paths.options import ComparisonOptions
 
-        ratios = None if asked.kappa is None else (asked.kappa,)
-        orders, (loop, *_) = _loops_of(asked, reading, (asked.closure,), ratios)
+        ratios = None if choice.kappa is None else (choice.kappa,)
+        orders, (loop, *_) = _loops_of(choice, reading, (choice.closure,), ratios)
         options = loop if compare is None else ComparisonOptions(orders, loop)
         summary = run_paths(options, out, **writing.files())
     lines = _polygon_lines(summary) if compare is None else printed("compare", summary)
@@ -130,10 +130,10 @@ def _ring_of(path: Path) -> tuple[Any, Any]:
 
 
 def _which_loop(
-    asked: LoopChoice | DomainChoice, names: Sequence[str], *, needed: bool = False
+    choice: LoopChoice | DomainChoice, names: Sequence[str], *, needed: bool = False
 ) -> str:
     """Return the option that says which loop; `InputError` for several, and for none if needed."""
-    given = [f"--{name}" for name in names if getattr(asked, name) is not None]
+    given = [f"--{name}" for name in names if getattr(choice, name) is not None]
     if len(given) > 1 or (needed and not given):
         received = " and ".join(given) or "none"
         where = ", ".join(f"--{name}" for name in names)
@@ -142,7 +142,7 @@ def _which_loop(
 
 
 def _loops_of(
-    asked: LoopChoice | DomainChoice,
+    choice: LoopChoice | DomainChoice,
     reading: OneReading,
     closures: Sequence[str],
     ratios: Sequence[float] | None,
@@ -154,24 +154,25 @@ def _loops_of(
     """
     from studies.paths.options import PolygonOptions, orders_of
 
-    known = {one.name for one in fields(PolygonOptions)} - {"order", "radii", "centres", "kappa"}
-    own = [one.name for one in fields(asked) if getattr(asked, one.name) != one.default]
-    named = asdict(asked).items()
+    known = {f.name for f in fields(PolygonOptions)} - {"order", "radii", "centres", "kappa"}
+    named = asdict(choice).items()
     words: Any = {name: value for name, value in named if name in known and value is not None}
-    if asked.snapshot is not None:
-        if wrong := flags([name for name in OWN if name in own]):
+    if choice.snapshot is not None:
+        plain = type(choice)()
+        differ = [name for name in OWN if getattr(choice, name, None) != getattr(plain, name, None)]
+        if wrong := flags(differ):
             expected = "none of these: a loop of a snapshot has its own law and state"
             raise InputError(wrong, "given with --snapshot", expected, "Leave them out.")
         words = {name: value for name, value in words.items() if name not in OWN}
         words |= {"closure": closures[0]}
-        loop = _of_snapshot(asked.snapshot, asked.loop, words, reading)
+        loop = _of_snapshot(choice.snapshot, choice.loop, words, reading)
         return (loop.order,), [loop]
-    words["contact_law"] = law = _refuse_reading(asked.loop, reading)
-    words["radii"] = numbers("--radii", asked.radii)
-    if (centres := getattr(asked, "centres", None)) is not None:
+    words["contact_law"] = law = _refuse_reading(choice.loop, reading)
+    words["radii"] = numbers("--radii", choice.radii)
+    if (centres := getattr(choice, "centres", None)) is not None:
         words["centres"], words["radii"] = _ring_of(centres)
-    sizes, every = words["radii"], orders_of(asked.compare) if asked.compare else ()
-    orders = every or (asked.order or len(sizes or ()),)
+    sizes, every = words["radii"], orders_of(choice.compare) if choice.compare else ()
+    orders = every or (choice.order or len(sizes or ()),)
     if given:
         _require_orders(orders, "number of --radii" if sizes else given, each=bool(every))
     return orders, [
@@ -206,12 +207,12 @@ def _polygon_lines(summary: Summary) -> list[str]:
         f"{name}: {'none' if strain is None else f'{strain:.10f}'}"
         for name, strain in summary["critical_strain"].items()
     )
-    told = {
+    values = {
         "critical": critical,
         "listed": event_lines(summary["events"]),
         "more": state_lines(summary),
     }
-    return printed("polygon", summary | told)
+    return printed("polygon", summary | values)
 
 
 def event_lines(events: Sequence[dict[str, Any]]) -> list[str]:
@@ -237,8 +238,8 @@ def event_lines(events: Sequence[dict[str, Any]]) -> list[str]:
         for key in EVENT_VALUES:
             start, end = (f"{event[key]:.8f}" for event in (group[0], group[-1]))
             values.append(f"{key} = {start}" + (f" to {end}" if end != start else ""))
-        told = f"  {counted(count, 'pair' if pairs else 'contact')}" if count else ""
-        lines.append(f"{event_words(kind):<22} {subspace:<10} {'  '.join(values)}{told}")
+        counts = f"  {counted(count, 'pair' if pairs else 'contact')}" if count else ""
+        lines.append(f"{event_words(kind):<22} {subspace:<10} {'  '.join(values)}{counts}")
     return lines
 
 
@@ -252,15 +253,15 @@ def state_lines(summary: Summary) -> list[str]:
 
     The last one says which area stresses are over.
     """
-    told: Summary = {}
+    states: Summary = {}
     for name, state in ((name, one) for name, one in summary["states"].items() if one):
         beyond, slides = state.get("beyond"), "sliding" in state["regime"]
-        told[name] = state | {
+        states[name] = state | {
             "stability": _stability(state),
             "going_on": _stability(beyond) if beyond else None,
             "activated": bool(state["directions"] and (beyond or slides)),
         }
-    return "\n".join(printed("states", summary, states=told)).split("\n")
+    return "\n".join(printed("states", summary, states=states)).split("\n")
 
 
 def _stability(operators: dict[str, Any]) -> str:
@@ -268,10 +269,10 @@ def _stability(operators: dict[str, Any]) -> str:
     cone, verdict = operators["cone"], operators["verdict"]
     status = verdict.get("diagonal", verdict)["status"]
     wide = f"double cone of unstable directions {cone['opening_deg']:.2f} degrees wide"
-    said = [f"{status} in the normal strains (11, 22), {CONES.get(cone['status'], wide)}"]
+    verdicts = [f"{status} in the normal strains (11, 22), {CONES.get(cone['status'], wide)}"]
     others = {name: verdict[name]["status"] for name in WIDER if name in verdict}
-    said += [f"{one} in {WIDER[name]}" for name, one in others.items() if one != status]
-    return "; ".join(said)
+    verdicts += [f"{wide} in {WIDER[name]}" for name, wide in others.items() if wide != status]
+    return "; ".join(verdicts)
 
 
 def loop_command(
@@ -308,15 +309,15 @@ def loop_command(
 
         how: Any = {"closure": closure, "programme": programme, "end": end, "progress": tell}
         how |= {"in_packing": not no_packing, "named": path.name, **writing.files()}
-        found = study(read_planar(path, **reading.how_of(path)), id, out, **how)
-    summary = found.summary
-    lines = printed("loop", summary) + ([] if found.path is None else _polygon_lines(summary))
+        loop = study(read_planar(path, **reading.how_of(path)), id, out, **how)
+    summary = loop.summary
+    lines = printed("loop", summary) + ([] if loop.path is None else _polygon_lines(summary))
     return answer(writing.json, out, lines, summary["notes"])
 
 
 def domain_command(
     *,
-    asked: DomainChoice = DomainChoice(),
+    choice: DomainChoice = DomainChoice(),
     writing: Writing = Writing(),
     reading: OneReading = OneReading(),
 ) -> Answer:
@@ -324,16 +325,16 @@ def domain_command(
 
     Without options those of the paper's Tables 1 and 2.
     """
-    given, loop = _which_loop(asked, OF_DOMAIN), asked.loop
-    out = out_or(writing.out, f"loop-{loop}-domain" if asked.snapshot else "domain", asked.snapshot)
-    ratios, directions = numbers("--kappa", asked.kappa), asked.directions
+    given, loop, path = _which_loop(choice, OF_DOMAIN), choice.loop, choice.snapshot
+    out = out_or(writing.out, f"loop-{loop}-domain" if path else "domain", path)
+    ratios, directions = numbers("--kappa", choice.kappa), choice.directions
     with clock("grainloops domain") as tell:
         from studies.domain import PROGRAMMES, DomainParameters, LoopDomainParameters, run_domain
         from studies.present_domain import programmes_of
 
         if not given:
             plain = (None, "blocked", None, 0.0, "strain")
-            others = asked.closure, asked.spins, reading.law, asked.rolling, asked.programmes
+            others = choice.closure, choice.spins, reading.law, choice.rolling, choice.programmes
             if others != plain:
                 received = "given without a loop"
                 expected = "--order, --compare, --radii or --snapshot with them"
@@ -341,20 +342,20 @@ def domain_command(
                 where = "--closure, --spins, --law, --rolling, --programmes"
                 raise InputError(where, received, expected, remedy)
             _refuse_reading(loop, reading)
-            angles = numbers("--alpha0", asked.alpha0)
+            angles = numbers("--alpha0", choice.alpha0)
             count = PROGRAMMES if directions is None else directions
-            parameters = DomainParameters(angles, ratios, asked.phi_deg, count)
+            parameters = DomainParameters(angles, ratios, choice.phi_deg, count)
             summary = run_domain(parameters, out, of_parts(tell, "programmes"), **writing.files())
             return answer(writing.json, out, _domain_lines(summary))
-        if asked.alpha0 is not None:
+        if choice.alpha0 is not None:
             raise InputError("--alpha0", f"given with {given}", "diamonds alone", "Leave it out.")
-        both = asked.compare is not None and not asked.closure
-        closures = ("affine", "traction") if both else (asked.closure or "affine",)
-        _, loops = _loops_of(asked, reading, closures, ratios, given)
+        both = choice.compare is not None and not choice.closure
+        closures = ("affine", "traction") if both else (choice.closure or "affine",)
+        _, loops = _loops_of(choice, reading, closures, ratios, given)
         if directions is None:
-            linear = all(one.contact_law == "linear" for one in loops)
+            linear = all(options.contact_law == "linear" for options in loops)
             directions = programmes_of(loops[0].spins, linear=linear)
-        control: Any = asked.programmes
+        control: Any = choice.programmes
         wanted = LoopDomainParameters(tuple(loops), control, directions)
         summary = run_domain(wanted, out, of_parts(tell, "programmes"), **writing.files())
     return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])
@@ -381,9 +382,9 @@ def _loop_domain_lines(summary: Summary) -> list[str]:
 
 def _domain_lines(summary: Summary) -> list[str]:
     rows = [
-        case | found | {"contacts": contacts}
+        case | counts | {"contacts": contacts}
         for case in summary["cases"]
-        for contacts, found in case["contacts"].items()
+        for contacts, counts in case["contacts"].items()
     ]
     return printed("domain", summary, rows=rows)
 

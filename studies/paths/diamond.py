@@ -428,7 +428,7 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
                 arc = length * b
                 return np.concatenate([still + a, still - a, loop.kappa * arc, T * arc - N * a])
 
-            found = solve_ivp(slope, (0.0, 1.0), y.ravel(), "DOP853", rtol=1e-12, atol=1e-14)
-            y = found.y[:, -1].reshape(4, -1)
+            way = solve_ivp(slope, (0.0, 1.0), y.ravel(), "DOP853", rtol=1e-12, atol=1e-14)
+            y = way.y[:, -1].reshape(4, -1)
         columns[f"{route}_integrated"] = y[-1]
     return pd.DataFrame(columns)

@@ -69,7 +69,7 @@ RADIUS = 2.0
 CLOSED = 1e-5
 # Share of a shear force that keeps its sign, and with it the side on which a contact slides.
 SIGN_ALONE = 1e-200
-# Grains with free spins up to which the parts of K are told: their systems are not sparse.
+# Grains with free spins up to which the parts of K are computed: their systems are not sparse.
 MOST_SPLIT = 60
 # Most numbers in a list column of a table, grains times rows.
 MOST_NUMBERS = 100_000
@@ -243,7 +243,7 @@ class Followed:
         forces = {"normal_force": 0.0 * graph.normal_force,
                   "shear_force": SIGN_ALONE * graph.shear_force}  # fmt: skip
         bare = graph.replace(**forces, regime=graph.regime)
-        material, K = (restrict(self.tangents(one), "diagonal") for one in (bare, graph))
+        material, K = (restrict(self.tangents(loop), "diagonal") for loop in (bare, graph))
         return material, K - material
 
     @cached_property
@@ -256,7 +256,7 @@ class Followed:
     @cached_property
     def directions(self) -> dict[str, Directions]:
         """Work in all directions at the named states, unless combinations of regimes are many."""
-        found, options = dict[str, Directions](), self.options
+        directions, options = dict[str, Directions](), self.options
         for name, row in self.marks.items():
             graph, grid = self.graph_at(row), operator_diagram(self.K[row])
             about: Any = {"spins": options.spins, "volume": options.volume}
@@ -265,8 +265,8 @@ class Followed:
                 work = directional_work(graph, options.law(), grid.direction, **about)
                 share = branch_fraction(graph, options.law(), **about)
                 diagram = operator_diagram(self.K[row], work.normalised[:, 0])
-                found[name] = Directions(diagram, work, share)
-        return found
+                directions[name] = Directions(diagram, work, share)
+        return directions
 
     def sliding(self, name: str) -> GrainGraph | None:
         """A named state with all contacts at yield sliding; None if none is at yield."""
@@ -587,7 +587,7 @@ def operator_values(
         "Kmat": parts[0],
         "Kgeo": parts[1],
         "Ks": symmetric_part(K),
-        "eigenvalues_K": [[float(one.real), float(one.imag)] for one in verdict.eigenvalues],
+        "eigenvalues_K": [[float(z.real), float(z.imag)] for z in verdict.eigenvalues],
         "eigenvalues_Ks": verdict.symmetric_eigenvalues,
         "cone": {
             "status": plane["cone_status"],

@@ -6,7 +6,7 @@ Angles in degrees; grains of diameter 1, `kn = 1`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
@@ -112,12 +112,13 @@ class DiamondOptions(DiamondChoice):
     def __post_init__(self) -> None:
         _check_shared(self)
         check_choice("--contact-on-touch", self.contact_on_touch, get_args(OnTouch))
-        own = [name for name in DIAMOND_PARAMETERS if getattr(self, name) is not None]
+        chosen = [name for name in DIAMOND_PARAMETERS if getattr(self, name) is not None]
         if self.table is not None:
             check_choice("--table", self.table, tuple(TABLES))
-            if own:
+            if chosen:
                 where, remedy = "--table", "Leave --table out to choose parameters of your own."
-                raise InputError(where, f"a table and {', '.join(own)}", "one or the other", remedy)
+                received = f"a table and {', '.join(chosen)}"
+                raise InputError(where, received, "one or the other", remedy)
         inside("--alpha0", self.alpha0_deg, lambda a: 0.0 < a < 90.0, "degrees in (0, 90)")
         if self.contact_on_touch == "add":
             expected = "30 to 60 degrees with --contact-on-touch add: elsewhere opposite grains "
@@ -172,7 +173,7 @@ class DiamondOptions(DiamondChoice):
         """Value of every option by its name on the command line."""
         loop = self.parameters
         return {
-            **{one.name: getattr(self, one.name) for one in fields(self)},
+            **asdict(self),
             "alpha0_deg": round(float(np.degrees(loop.alpha0)), 12),
             "kappa": loop.kappa,
             "phi_deg": round(float(np.degrees(loop.phi)), 12),
@@ -307,11 +308,11 @@ class PolygonOptions(OfProgramme):
 
     def special(self) -> dict[str, Any]:
         """Options that make the loop other than a regular one with linear springs."""
-        own: dict[str, Any] = {"law": self.contact_law, "rolling": self.rolling}
-        own |= {"radii": self.radii, "centres": self.centres}
-        own["moved"] = None if self.centres is None else self.placed[1]
-        own = {name: value for name, value in own.items() if value not in (None, 0.0, "linear")}
-        return own | given_numbers(self)
+        extra: dict[str, Any] = {"law": self.contact_law, "rolling": self.rolling}
+        extra |= {"radii": self.radii, "centres": self.centres}
+        extra["moved"] = None if self.centres is None else self.placed[1]
+        extra = {name: value for name, value in extra.items() if value not in (None, 0.0, "linear")}
+        return extra | given_numbers(self)
 
 
 @dataclass(frozen=True)
@@ -331,8 +332,8 @@ class LoopOptions(PolygonOptions):
         from patterns import loop_of_snapshot
 
         assert self.snapshot is not None
-        found = loop_of_snapshot(self.snapshot, self.loop)
-        given, law = found.graph, found.law
+        scene = loop_of_snapshot(self.snapshot, self.loop)
+        given, law = scene.graph, scene.law
         remedy = "Follow it in Python: gl.follow(gl.loop(...))."
         law = require_linear_springs(law, "--law", remedy)
         length, kn = 2.0 * given.radii.mean(), float(np.mean(law.kn))
@@ -343,7 +344,7 @@ class LoopOptions(PolygonOptions):
         graph = GrainGraph(x=x, radii=radii, contacts=given.contacts)
         # Forces of the overlaps; they agree with the file's to rounding.
         graph = graph.replace(normal_force=law.normal_force(contact_state(graph)), shear_force=T)
-        return graph.replace(regime=found.regime), law, float(np.abs(x - x0).max())
+        return graph.replace(regime=scene.regime), law, float(np.abs(x - x0).max())
 
     @property
     def keeps_shape(self) -> bool:
@@ -375,8 +376,8 @@ class LoopOptions(PolygonOptions):
 
     def special(self) -> dict[str, Any]:
         """The snapshot, the number of the loop, and how far its grains were moved."""
-        own = {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
-        return own | given_numbers(self)
+        taken = {"snapshot": self.source, "loop": self.loop, "moved": self.taken[2]}
+        return taken | given_numbers(self)
 
 
 def loop_options(snapshot: Snapshot, loop: int | None, source: str, **words: Any) -> LoopOptions:
@@ -384,8 +385,8 @@ def loop_options(snapshot: Snapshot, loop: int | None, source: str, **words: Any
     from patterns import loop_of_snapshot
 
     order, number = loop_of_snapshot(snapshot, loop).graph.grain_count, loop or 0
-    own: Any = {"snapshot": snapshot, "loop": number, "source": source, "confine": 0.0}
-    return LoopOptions(order, **own, **words)
+    taken: Any = {"snapshot": snapshot, "loop": number, "source": source, "confine": 0.0}
+    return LoopOptions(order, **taken, **words)
 
 
 def ring_of_lengths(x: Floats, lengths: Floats) -> Floats:
