@@ -238,12 +238,8 @@ class FollowedDiamond(Followed):
         if self.options.model == "full":
             small, differences = follow_diamond(replace(self.options, model="auto")), {}
             for name in (name for name in NAMED if name in self.marks and name in small.marks):
-                rows = self.marks[name], small.marks[name]
-                full, least = (
-                    np.array([path.E1[row], path.E2[row], path.s1[row], path.s2[row]])
-                    for path, row in zip((self, small), rows, strict=True)
-                )
-                differences[name] = float(np.abs(full - least).max())
+                full, least = self.values_at(name), small.values_at(name)
+                differences[name] = max(abs(full[key] - least[key]) for key in full)
             check = {"status": self.path.status, "rows": len(self.path)}
             model["check"] = check | {"differences": differences}
         return model

@@ -373,7 +373,7 @@ class Followed:
             values = self.operators(self.tangents(slides), slides)
             beyond = {"regime": REGIME_NAMES[slides.regime].tolist(), **values}
         return {
-            **{key: float(getattr(self, key)[row]) for key in ("E1", "E2", "s1", "s2")},
+            **self.values_at(name),
             "N": path.normal_force[row],
             "T": path.shear_force[row],
             "regime": REGIME_NAMES[path.regime[row]].tolist(),
@@ -381,6 +381,11 @@ class Followed:
             "beyond": beyond,
             "directions": self.degrees(name),
         }
+
+    def values_at(self, name: str) -> dict[str, float]:
+        """Strains and stresses of a named state."""
+        row = self.marks[name]
+        return {key: float(getattr(self, key)[row]) for key in ("E1", "E2", "s1", "s2")}
 
     def operators(self, A: Floats, graph: GrainGraph) -> dict[str, Any]:
         """Operators of one state in (11, 22), and verdicts in every subspace."""
@@ -437,19 +442,16 @@ class Followed:
 
     def verification(self) -> dict[str, Any]:
         """Critical strain on the path against its root, where passed; errors of energy, balance."""
-        path = self.path
-        differences: dict[str, float | None] = {}
-        for subspace, wanted in self.critical.items():
-            on_way = [
-                float(path.H[event.index, 0])
-                for event in path.events
-                if (event.kind, event.subspace, event.stage) == ("det_Ks_zero", subspace, 0)
-            ]
-            known = bool(on_way and wanted and "A" in self.marks)
-            differences[subspace] = abs(on_way[0] - (wanted or 0.0)) if known else None
+        path, roots = self.path, self.critical if "A" in self.marks else {}
+        # The first loss in the confinement, by subspace.
+        met = {
+            event.subspace: abs(float(event.H[0]) - root)
+            for event in reversed(path.of_kind("det_Ks_zero"))
+            if event.stage == 0 and (root := roots.get(event.subspace))
+        }
         imbalance = path.imbalance
         return {
-            "critical_strain_path_against_root": differences,
+            "critical_strain_path_against_root": {name: met.get(name) for name in SUBSPACES},
             "energy_error_max": float(np.abs(path.energy_error).max()),
             "imbalance_max": float(np.nanmax(imbalance)) if np.isfinite(imbalance).any() else None,
         }
