@@ -411,9 +411,8 @@ def high_cell(cell: Floats, free: int, x: Floats, margin: float) -> Floats:
 class Contacts(NamedTuple):
     """Contacts between grains: rows of a table, their `pairs` of grains, branches `d` and normals.
 
-    `images` (C, 2) are None without a cell; `given` (C, 2) the normals of the file, else its
-    branches, None if it has neither; `off` how far each of the file's is off, `reach` (C,) the
-    lengths over the sums of the radii.
+    `images` (C, 2) are None without a cell; `of_file` are the normals and branches of the file,
+    `reach` (C,) the lengths over the sums of the radii.
     """
 
     table: Table
@@ -423,10 +422,13 @@ class Contacts(NamedTuple):
     d: Floats
     length: Floats
     n: Floats
-    given: Floats | None
     of_file: Mapping[str, Floats]
-    off: Mapping[str, Floats]
     reach: Floats
+
+    @property
+    def given(self) -> Floats | None:
+        """(C, 2) normals of the file, else its branches, which many compute from the centres."""
+        return self.of_file.get("normal", self.of_file.get("branch"))
 
     @property
     def overlap(self) -> Floats:
@@ -442,7 +444,7 @@ def read_contacts(
     cell: Floats | None,
     periodic: tuple[bool, bool] = (True, True),
 ) -> Contacts:
-    """Branches of the contacts of a table, compared with those of the file.
+    """Contacts of the rows of a table.
 
     Images come from the file, else from its branches, else they are the nearest.
     """
@@ -456,7 +458,6 @@ def read_contacts(
     count, x, radii = len(pairs), bodies.x, bodies.radii
     made = np.zeros((count, 2), dtype=np.int64) if images is None and cell is not None else images
     d, n, length, reach = (np.empty(shape) for shape in ((count, 2), (count, 2), count, count))
-    off = {name: np.zeros(count) for name in of_file}
 
     def fill(at: int) -> None:
         part = slice(at, at + BRANCH_BLOCK)
@@ -471,16 +472,9 @@ def read_contacts(
         # Coincident grains are refused by the graph.
         size = np.where(length[part] > 0, length[part], 1.0)
         n[part], reach[part] = d[part] / size[:, None], size / (radii[one] + radii[two])
-        for name, values in of_file.items():
-            own = (d if name == "branch" else n)[part]
-            off[name][part] = np.hypot(*(values[part] - own).T)
-        if "branch" in of_file:
-            off["branch"][part] /= np.where(length[part] > 0, length[part], 1.0)
 
     in_threads(fill, range(0, count, BRANCH_BLOCK))
-    # Normals come first: branches of many files are computed from the centres.
-    of_both = of_file.get("normal", of_file.get("branch"))
-    return Contacts(table, bodies, pairs, made, d, length, n, of_both, of_file, off, reach)
+    return Contacts(table, bodies, pairs, made, d, length, n, of_file, reach)
 
 
 def require_fitting(contacts: Contacts) -> None:
@@ -496,11 +490,13 @@ def require_fitting(contacts: Contacts) -> None:
     if contacts.images is not None:
         of_cell = "Give the cell of this snapshot."
     for name, values in contacts.of_file.items():
-        off = contacts.off[name]
+        expected = contacts.d if name == "branch" else contacts.n
+        off = np.hypot(*(values - expected).T)
+        if name == "branch":
+            off /= np.where(contacts.length > 0, contacts.length, 1.0)
         if off.max() <= GEOMETRY_TOLERANCE:
             continue
         c = int(np.argmax(off))
-        expected = contacts.d if name == "branch" else contacts.n
         turned = np.abs(values + expected).max() <= GEOMETRY_TOLERANCE * np.abs(expected).max()
         remedy = "All point from grain 2 to grain 1: exchange id1 and id2, or turn their signs."
         refuse(

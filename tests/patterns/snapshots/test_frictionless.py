@@ -116,3 +116,25 @@ def test_a_scene_with_shear_stiffness_and_no_friction_has_no_candidates():
     wanted = found.strain_rate.reshape(-1, 4) @ stiffness_of_grains(sample).T
     np.testing.assert_allclose(found.stress_rate.reshape(-1, 4), wanted, atol=1e-9)
     assert not np.any(found.sliding)
+
+
+def test_rough_walls_around_grains_without_friction():
+    """The walls' friction asks for no shear stiffness between the grains, which have none."""
+    sample = resting((False, False))
+    grains, own, walls = sample.grains(), sample.contacts(), sample.walls()
+    wall, many = len(grains["id"]), len(walls["id"])
+    grains = {name: np.append(values, 0) for name, values in grains.items()}
+    grains |= {"id": np.arange(wall + 1), "type": np.append(np.zeros(wall), 1)}
+    on_2 = own["fn"][:, None] * sample.normal
+    contacts = {
+        "id1": np.append(own["id1"], np.full(many, wall)),
+        "id2": np.append(own["id2"], walls["id"]),
+        "fx_on_2": np.append(on_2[:, 0], walls["fx"]),
+        "fy_on_2": np.append(on_2[:, 1], walls["fy"]),
+        "branch_x": np.append(sample.branch[:, 0], walls["branch_x"]),
+        "branch_y": np.append(sample.branch[:, 1], walls["branch_y"]),
+        "mu": np.append(np.zeros(len(own["fn"])), np.full(many, 0.5)),
+    }
+    snapshot = gl.snapshot_from_tables(grains, contacts, kn=KN)
+    assert snapshot.mechanical and not np.asarray(snapshot.law.kt).any()
+    assert snapshot.wall_contacts == many and (snapshot.walls.mu == 0.5).all()
