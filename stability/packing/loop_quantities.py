@@ -335,10 +335,7 @@ def indicators(
 
 def _mean(values: Floats) -> Floats:
     """Return means over the last axis of what is a number (L,)."""
-    known = np.isfinite(values)
-    count = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return np.asarray(np.ma.masked_invalid(values).mean(axis=1).filled(np.nan))
 
 
 def _compliances(system: System) -> tuple[Floats, Floats, Floats, Floats]:
@@ -384,11 +381,10 @@ def soft_participation(system: System, count: int = SOFTEST) -> Floats:
     (lowest,) = eigsh(matrix, k=1, which="SA", tol=1e-2, v0=start, return_eigenvectors=False)
     below = min(2.0 * lowest, -1e-3)
     values, modes = eigsh(matrix, k=count, sigma=below, which="LM", v0=start)
-    number = np.full(system.size + 1, -1)
-    number[moves] = np.arange(len(moves))
-    freedom = number[np.where(system.freedom[:, :2] >= 0, system.freedom[:, :2], system.size)]
-    carries = (freedom >= 0).all(axis=1)
-    motion = modes[freedom[carries]]
+    whole = np.zeros((system.size, modes.shape[1]))
+    whole[moves] = modes
+    carries = (system.freedom[:, :2] >= 0).all(axis=1)
+    motion = whole[system.freedom[carries, :2]]
     # A translation is the same for all grains: what is left of it without its mean is nothing.
     motion = motion - motion.mean(axis=0)
     share = np.sum(motion**2, axis=1)

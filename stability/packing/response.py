@@ -251,6 +251,7 @@ class PackingRates:
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
+        control.require_regular(self.elastic.tangent)
         return self.whole.problem(control)
 
     def rounding(self, factor: Factor, H: Floats) -> float:
@@ -326,16 +327,15 @@ class PackingRates:
         wrong = complementary_rates(yielding, active, relative)
         slip, unsure = np.where(active, wrong, -wrong), self.rounding(factor, h)
         disagreeing = wrong < -SIGN * np.abs(wrong).max(initial=0.0) - unsure
-        if found.proof == HELD_STUCK:
-            disagreeing &= ~yielding.of_two
+        stuck = yielding.of_two & (found.proof == HELD_STUCK)
+        disagreeing &= ~stuck
         lawful = np.where(active ^ disagreeing, slip, 0.0)
         pushes = forces_with_slip(yielding, relative, lawful)
         left = balancing_forces(system, pushes)
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
         size = float(np.linalg.norm(self.elastic.loads @ h))
         # Where grains move affinely, as in a lattice, loads and residual are rounding.
-        size = max(size, IDLE * float(np.linalg.norm(affine)))
-        size = size if size > 0 else 1.0
+        size = max(size, IDLE * float(np.linalg.norm(affine))) or 1.0
         residual = float(np.linalg.norm(left)) / size
         moved, sizes = system.ends >= 0, np.abs(pushes)[:, [0, 1, 0, 1, 2, 3]]
         own = np.bincount(system.ends[moved], sizes[moved], system.size)
@@ -349,7 +349,6 @@ class PackingRates:
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
         at_yield = system.kept[yielding.rows]
-        stuck = int(found.proof == HELD_STUCK) * int(np.count_nonzero(yielding.of_two))
         return response_of(
             yielding,
             (H, motion, np.where(active, slip, 0.0)),
@@ -359,7 +358,7 @@ class PackingRates:
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
             stress_rate=(factor.tangent @ h).reshape(2, 2),
-            settled=yielding.settled + stuck,
+            settled=yielding.settled + int(np.count_nonzero(stuck)),
             solutions=len(found.solutions),
             families=found.families,
             at_yield=at_yield,
@@ -462,6 +461,7 @@ def packing_rates(
     if isinstance(control, Programme):
         stress = packing_stress(yielding.system)
         control = MixedControl(*control.equations(np.zeros(4), stress.ravel()))
+    control.require_regular(rates.elastic.tangent)
     if regime is None:
         return rates.solved(control, starts).response
     return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
@@ -499,7 +499,6 @@ class PackingIncrements:
         q, M = self.rates.problem(control)
         raised = raise_load(self.yielding.distance, q, M)
         slip = raised.slip
-        yielding, elastic, system = self.yielding, self.rates.elastic, self.yielding.system
         yielding, elastic, whole = self.yielding, self.rates.elastic, self.rates.whole
         stress_of_slip, system = whole.stress_of_slip @ slip, yielding.system
         h = control.strains(elastic.tangent, stress_of_slip)

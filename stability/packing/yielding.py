@@ -44,6 +44,13 @@ class MixedControl(NamedTuple):
         """Return what the strain rate of a packing with this tangent (4, 4) is multiplied by."""
         return self.stress @ tangent + self.strain
 
+    def require_regular(self, tangent: Floats) -> None:
+        """Raise `InputError` where stress rates leave strain rates of this tangent (4, 4) open."""
+        rows = self.matrix(tangent)
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        if np.linalg.cond(rows) > 1.0 / ROUNDED:
+            raise InputError("P", "strains without a change of stress", "a stiff sample", "Give H.")
+
     def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
         """Return strain rates (4,) at which the stress rate is `tangent @ H' + offset`."""
         right = self.rate - self.stress @ offset

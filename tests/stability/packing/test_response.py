@@ -26,7 +26,7 @@ from loops.gears import spin_modes
 from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at
 from stability.factor import UNIT_STRAINS
-from stability.packing import response
+from stability.packing import probe, response
 from stability.packing.response import PackingRates
 from stability.packing.yielding import YIELD_BAND, component_control, yield_response
 from tests.oracles import eighty_bits
@@ -342,3 +342,20 @@ def test_q_and_M_are_those_of_eighty_bits(state):
     np.testing.assert_allclose(M, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
     wanted = edges[:, -1] + np.sum(yielding.gauge * affine[rows], axis=1)
     np.testing.assert_allclose(q, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_a_stress_that_does_not_determine_the_strain_is_refused(angle):
+    """A row of grains across the cell resists a stretch along itself alone, in every frame."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    row = GrainGraph(
+        x=[[0, 0], [0.99, 0]] @ turn.T, radii=[0.5, 0.5], contacts=[[0, 1], [1, 0]],
+        images=[[0, 0], [1, 0]], cell=turn @ np.diag([1.98, 3.0]), normal_force=[0.01, 0.01],
+    )  # fmt: skip
+    for P in (np.diag([1.0, -1.0]), np.diag([1.0, 0.0])):
+        with pytest.raises(InputError, match="strains without a change of stress"):
+            rates_at(Scene(row, LAW), P=turn @ P @ turn.T)
+    if not angle:
+        with pytest.raises(InputError, match="strains without a change of stress"):
+            probe(Scene(row, LAW), 4, control="stress")
+    assert rates_at(Scene(row, LAW), H=np.eye(2)).status == "unique"
