@@ -122,7 +122,6 @@ def comparison_figures(compared: Compared) -> Drawings:
 @panel(height=3.0)
 def draw_stress(found: Followed, ax: Axes) -> None:
     """Axial and lateral stress over the axial strain (Figs. 6 and 8), with the peak if any."""
-    diamond = found.gaps is not None
     slides, opens, E1 = found.slides, found.opens, found.E1
     confined = np.isin(found.stage, ("isotropic", "confinement"))
     ax.plot(E1, found.s2, color=GREY, linewidth=0.9, label="lateral stress $s_2$")
@@ -137,15 +136,14 @@ def draw_stress(found: Followed, ax: Axes) -> None:
     peak = found.peak
     if peak is not None:
         ax.plot(peak["E1"], peak["s1"], "o", color=BLACK, label="peak", **RING | {"markersize": 11})
-    if not diamond:  # whose B is the yield of all contacts
+    if found.gaps is None:  # of the diamond B is the yield of all contacts
         for kind, (marker, size, label) in EVENT_MARKS.items():
             at = [event.index for event in found.path.events if event.kind == kind]
             if at:
                 look = RING | {"markersize": size}
                 ax.plot(E1[at], found.s1[at], marker, color=GREY, label=label, **look)
     over_strain(found, ax, found.s1, "stress over $k_n$ (–)", 0.16)
-    above: Any = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 2}
-    ax.legend(**({"loc": "best"} if diamond else above))
+    outer_legend(ax, "lower left", (0.0, 1.0), 2.0, ncols=2)
 
 
 @panel()
@@ -475,6 +473,7 @@ def draw_split(found: Followed) -> Figure:
     """Material and geometric part of every entry of K, and both sources of its nonsymmetry."""
     fig = new_figure(TWO_COLUMNS, 3.6)
     wide = fig.get_figwidth() == TWO_COLUMNS
+    fig.set_figheight(3.6 if wide else 6.0)
     named = fig.subplot_mosaic("ABN;CDN" if wide else "AB;CD;NN")
     axes = [named[name] for name in "ABCDN"]
     E1, (material, geometric) = found.broken(found.E1), found.split

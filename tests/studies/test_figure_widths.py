@@ -114,6 +114,8 @@ def test_no_word_is_cut(draw, request):
     assert not cut
     # A layout that fails leaves next to nothing of them.
     assert all(ax.get_position().width > 0.15 for ax in figure.axes[:2])
+    inches = figure.get_figheight()
+    assert all(ax.get_position().height * inches > 0.6 for ax in figure.axes if ax.lines)
 
 
 def test_nothing_marks_the_edge_where_nothing_is():
