@@ -178,9 +178,16 @@ class FollowedDiamond(Followed):
         shear = (state.shear_force[:, None] * state.t)[closed]
         grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
         contacts = {
-            **{"id1": i, "id2": j, "branch_x": branch[:, 0], "branch_y": branch[:, 1]},
-            **{"fn": state.normal_force[closed], "fsx": shear[:, 0], "fsy": shear[:, 1]},
-            **{"kn": 1.0, "ks": self.loop.kappa, "mu": self.loop.mu},
+            "id1": i,
+            "id2": j,
+            "branch_x": branch[:, 0],
+            "branch_y": branch[:, 1],
+            "fn": state.normal_force[closed],
+            "fsx": shear[:, 0],
+            "fsy": shear[:, 1],
+            "kn": 1.0,
+            "ks": self.loop.kappa,
+            "mu": self.loop.mu,
         }
         return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
 

@@ -1,5 +1,6 @@
 """The site's own pages: API reference, installation."""
 
+import pkgutil
 import re
 import sys
 import tomllib
@@ -44,6 +45,15 @@ def test_the_reference_lists_its_pages():
     linked = [re.search(r"\((\w+)\.md\)", row["page"])[1] for row in rows]
     assert sorted(linked) == [path.stem for path in PAGES]
     assert linked == page("reference/index").partition(":hidden:")[2].strip("`\n").split()
+
+
+def test_functions_and_classes_of_the_rooms_are_there():
+    entry = re.compile(r"^\.\. auto(?:function|class|module|data):: (\S+)", re.M)
+    named = [
+        name for path in (DOCS / "rooms").glob("*.md") for name in entry.findall(path.read_text())
+    ]
+    assert len(named) > 30
+    assert [name for name in named if pkgutil.resolve_name(name) is None] == []
 
 
 def test_the_installation_lists_the_optional_libraries():
