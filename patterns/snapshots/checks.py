@@ -363,31 +363,25 @@ def unseen(state: Checked) -> Finding:
 
 def check_state(state: Checked) -> tuple[Finding, ...]:
     """All findings on a state, also those that are as they should be."""
+    known = state.forces_known or state.law is not None
+    zero = known and not (state.normal.any() or state.shear.any())
     # Those of one group share what they compute, and run one after the other.
     groups: list[list[Callable[[Checked], Finding | None]]]
     groups = [[distances, touching, cell, same_snapshot], [lost_contacts]]
-    zero: list[Finding] = []
-    known = state.forces_known or state.law is not None
-    if known and not (state.normal.any() or state.shear.any()):
-        zero.append(finding("forces", 0.0, "zero"))
-    elif state.law is not None:
-        groups += [
-            [unbalanced, balance, one_contact_turned, walls],
-            [directions, pulling, friction, one_ratio, sliding, flags],
-            [stiffness, one_radius, one_contact, radii, jammed, unseen],
-        ]
-    elif state.forces_known:
-        groups += [
-            [unbalanced, balance, one_contact_turned, walls],
-            [directions, pulling, needed_stiffness],
-        ]
+    if known and not zero:
+        groups.append([unbalanced, balance, one_contact_turned, walls])
+        if state.law is None:
+            groups.append([directions, pulling, needed_stiffness])
+        else:
+            groups.append([directions, pulling, friction, one_ratio, sliding, flags])
+            groups.append([stiffness, one_radius, one_contact, radii, jammed, unseen])
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def run(group: list[Callable[[Checked], Finding | None]]) -> list[Finding | None]:
         return [check(state) for check in group]
 
     found = [one for several in in_threads(run, groups) for one in several if one is not None]
-    return (*found, *zero)
+    return (*found, finding("forces", 0.0, "zero")) if zero else tuple(found)
 
 
 # Two columns of one quantity agree to this share of the mean force: clean 5e-9, text 1e-6.

@@ -45,6 +45,11 @@ HEAD = 4096  # first bytes of a file, by which its format is recognised
 PACKING = 1100
 UNCOUNTED_BYTES = 1 << 24  # up to this size the ratio is not checked
 SHARE = 0.5  # largest share of the machine's memory for the content of a file
+# Errors of libraries on damaged files.
+DAMAGED = (
+    *(pyarrow.ArrowException, OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile),
+    *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
+)
 
 
 def require_file(path: Path) -> None:
@@ -97,17 +102,7 @@ def whole_file(path: Path) -> Iterator[None]:
         raise
     except MemoryError as error:
         raise MemoryError(f"out of memory while {path} was read ({error})") from None
-    except (
-        *(
-            pyarrow.ArrowException,
-            OSError,
-            EOFError,
-            zlib.error,
-            lzma.LZMAError,
-            zipfile.BadZipFile,
-        ),
-        *(ValueError, LookupError, RuntimeError, TypeError, AttributeError, ArithmeticError),
-    ) as error:
+    except DAMAGED as error:
         if out_of_memory(error):
             raise MemoryError(f"out of memory while {path} was read") from None
         where = str(path)

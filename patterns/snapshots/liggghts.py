@@ -169,11 +169,9 @@ def _force(table: Table, axes: list[int], n: Floats, columns: Map, first: int) -
         return None
     names = FORCE_PARTS if "fnx" in columns else ("fx", "fy")
     if not {*names} <= {*columns}:
-        where, given = (
-            f"--columns for the force of {table.path}",
-            [n for n in names if n in columns],
-        )
-        raise InputError(where, ", ".join(given), ", ".join(names), "Give the others as well.")
+        received = ", ".join(name for name in names if name in columns)
+        where, remedy = f"--columns for the force of {table.path}", "Give the others as well."
+        raise InputError(where, received, ", ".join(names), remedy)
     vectors = table.columns(*(columns[name] for name in names))
     return np.asarray(vectors.reshape(len(table), -1, 2).sum(axis=1))
 

@@ -118,8 +118,12 @@ def test_a_scene_with_shear_stiffness_and_no_friction_has_no_candidates():
     assert not np.any(found.sliding)
 
 
-def test_rough_walls_around_grains_without_friction():
-    """The walls' friction asks for no shear stiffness between the grains, which have none."""
+@pytest.mark.parametrize(("names", "sign"), [(("fx_on_2", "fy_on_2"), 1), (("fx", "fy"), -1)])
+def test_rough_walls_around_grains_without_friction(names, sign):
+    """The walls' friction asks for no shear stiffness between the grains, which have none.
+
+    Forces of either grain, here the first one, are turned at the walls as between the grains.
+    """
     sample = resting((False, False))
     grains, own, walls = sample.grains(), sample.contacts(), sample.walls()
     wall, many = len(grains["id"]), len(walls["id"])
@@ -129,8 +133,8 @@ def test_rough_walls_around_grains_without_friction():
     contacts = {
         "id1": np.append(own["id1"], np.full(many, wall)),
         "id2": np.append(own["id2"], walls["id"]),
-        "fx_on_2": np.append(on_2[:, 0], walls["fx"]),
-        "fy_on_2": np.append(on_2[:, 1], walls["fy"]),
+        names[0]: sign * np.append(on_2[:, 0], walls["fx"]),
+        names[1]: sign * np.append(on_2[:, 1], walls["fy"]),
         "branch_x": np.append(sample.branch[:, 0], walls["branch_x"]),
         "branch_y": np.append(sample.branch[:, 1], walls["branch_y"]),
         "mu": np.append(np.zeros(len(own["fn"])), np.full(many, 0.5)),
@@ -138,3 +142,5 @@ def test_rough_walls_around_grains_without_friction():
     snapshot = gl.snapshot_from_tables(grains, contacts, kn=KN)
     assert snapshot.mechanical and not np.asarray(snapshot.law.kt).any()
     assert snapshot.wall_contacts == many and (snapshot.walls.mu == 0.5).all()
+    assert np.abs(snapshot.walls.force - sample.push).max() == 0
+    assert "act on the walls" not in " ".join(snapshot.notes)
