@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -171,7 +171,9 @@ class PressedContacts(ContactState):
 
 def pressed_contacts(law: ContactLaw, radii: Floats, overlap: Floats, T: Floats) -> ContactState:
     """Return contacts (C,) of these overlaps and shear forces, with the law's normal forces."""
-    n = np.broadcast_to([1.0, 0.0], (len(overlap), 2))
-    (i, j), none = radii, 0.0 * overlap
-    state = PressedContacts(i + j - overlap, n, n[:, ::-1], none, T, i, j, depth=overlap)
-    return replace(state, normal_force=np.asarray(law.closed_force(state), dtype=float))
+    n, (i, j) = np.zeros((len(overlap), 2)), radii
+    n[:, 0] = 1.0
+    frame, rest = (i + j - overlap, n, n[:, ::-1]), (T, i, j)
+    unloaded = PressedContacts(*frame, 0.0 * overlap, *rest, depth=overlap)
+    N = np.asarray(law.closed_force(unloaded), dtype=float)
+    return PressedContacts(*frame, N, *rest, depth=overlap)

@@ -68,11 +68,17 @@ class Factors(NamedTuple):
         x[self.into[freedoms], :count] = loads
         return self._solved(x, count, 0)
 
-    def motions_of_rows(self, pairs: NDArray[Any], rows: list[int]) -> Floats:
+    def motions_of_rows(self, pairs: NDArray[Any], rows: Integers) -> Floats:
         """Return motions (k, 3B) under unit forces of pairs, or shear forces beyond the pairs."""
-        x = np.zeros((len(self.into), len(rows) + -len(rows) % LOADS_AT_ONCE))
-        start = [_unit_force(pairs, row, self.into, x[:, k]) for k, row in enumerate(rows)]
-        return self._solved(x, len(rows), min(start))
+        shear, some, count = rows[:, None] >= len(pairs), pairs[rows % len(pairs)], len(rows)
+        force = np.where(shear, some["t"], some["n"])
+        moments = np.where(shear, some["arm"], 0.0)
+        x, start = np.zeros((len(self.into), count + -count % LOADS_AT_ONCE)), len(self.into)
+        for side, sense in enumerate((-1.0, 1.0)):
+            at = self.into[3 * some["grains"][:, side, None] + np.arange(3)]
+            x[at, np.arange(count)[:, None]] += np.column_stack([sense * force, -moments[:, side]])
+            start = min(start, int(at.min()))
+        return self._solved(x, count, start)
 
     def _solved(self, x: Floats, count: int, start: int) -> Floats:
         """Return motions (count, 3B) under loads in the order of elimination."""
@@ -423,23 +429,3 @@ def solve(
     for r in range(len(out)):
         for f in range(len(into)):
             out[r, f] = x[into[f], r]
-
-
-@kernel
-def _unit_force(pairs: NDArray[Any], row: int, into: Integers, out: Floats) -> int:
-    """Add a unit of normal force, or of shear force in rows beyond the pairs, to `out`.
-
-    Freedoms are numbered by `into`; the smallest number that was changed is returned.
-    """
-    shear, pair = row >= len(pairs), pairs[row % len(pairs)]
-    first = len(out)
-    for s in range(2):
-        at = 3 * pair["grains"][s]
-        for b in range(2):
-            f = pair["t"][b] if shear else pair["n"][b]
-            out[into[at + b]] += f if s else -f
-            first = min(first, into[at + b])
-        if shear:
-            out[into[at + 2]] -= pair["arm"][s]
-            first = min(first, into[at + 2])
-    return first

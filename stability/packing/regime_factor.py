@@ -189,7 +189,7 @@ class RegimeFactor:
     def _solve_ahead(self, rows: list[int]) -> None:
         """Solve for the columns of the first eight of these rows that have none."""
         new = [r for r in dict.fromkeys(rows) if r not in self.at and r not in self.ready][:BATCH]
-        motions = self._relative(self.factors.motions_of_rows(self.frame, new))
+        motions = self._relative(self.factors.motions_of_rows(self.frame, np.array(new)))
         self.ready.update(zip(new, motions, strict=True))
 
     def set_regime(self, c: int, regime: int, side: float = 0.0) -> None:
@@ -307,7 +307,7 @@ class RegimeFactor:
 
         sliding, m = contacts[self.regime[contacts] == SLIDING], len(contacts)
         self.set_regimes(sliding, ELASTIC)
-        rows = (len(self.frame) + contacts).tolist()
+        rows = len(self.frame) + contacts
         units = self._relative(self.factors.motions_of_rows(self.frame, rows))
         pairs, side, rates = self.frame[contacts], self.side[contacts], np.empty((2, m, 5 + m))
         motions = np.vstack([self.motions[:5], units])
