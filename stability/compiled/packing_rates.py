@@ -244,31 +244,6 @@ def _release(
     return held
 
 
-@kernel
-def overlaps_on_the_way(
-    pairs: NDArray[Any],
-    touching: Floats,
-    strain: Floats,
-    u: Floats,
-    h: Floats,
-    v: Floats,
-    step: float,
-    out: Floats,
-) -> None:
-    """Overlaps (4, P) at the start of a step, at the two points of `add_work`, and at the end."""
-    times = 0.0, step * GAUSS, step * (1.0 - GAUSS), step
-    for p in range(len(pairs)):
-        pair = pairs[p]
-        b0, b1, r0, r1 = _branch(pair, strain, u, h, v)
-        if pair["turns"] == 0.0:
-            n0, n1 = pair["n"][0], pair["n"][1]
-            away, rate = n0 * b0 + n1 * b1, n0 * r0 + n1 * r1
-            b0, b1, r0, r1 = away * n0, away * n1, rate * n0, rate * n1
-        for q in range(4):
-            c0, c1 = b0 + times[q] * r0, b1 + times[q] * r1
-            out[q, p] = max(touching[p] - math.sqrt(c0 * c0 + c1 * c1), 0.0)
-
-
 @inlined
 def _branch(
     pair: Any, strain: Floats, u: Floats, h: Floats, v: Floats

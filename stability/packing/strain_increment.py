@@ -145,16 +145,15 @@ class StrainIncrement:
 
     def _advance(self, h: Floats, v: Floats, step: float) -> None:
         """Go on by a time at constant rates."""
-        from stability.compiled.packing_rates import add_work, advance, overlaps_on_the_way
+        from stability.compiled.packing_rates import GAUSS, add_work, advance
 
         packing = self.packing
         normal = np.zeros((0, 0))
-        law, count = self.state.law, len(self.absent)
+        law = self.state.law
         if not law.linear:
             # Of such forces the energies at both ends are exact, whatever the rule in between.
-            overlap = np.empty((4, count))
-            moved = self.touching, self.strain, self.u, h, v
-            overlaps_on_the_way(packing.frame[:count], *moved, step, overlap)
+            times = step * np.array([0.0, GAUSS, 1.0 - GAUSS, 1.0])
+            overlap = self._overlaps(h, v, times)
             normal = law.normal_force(overlap[1:3])
             before, after = (law.normal_energy(overlap[k]) for k in (0, 3))
             self.work[0] += float(np.sum(after - before)) if step > 0 else 0.0
@@ -168,6 +167,19 @@ class StrainIncrement:
         self.strain += step * h[:4]
         self.u += step * v
         self.time += step
+
+    def _overlaps(self, h: Floats, v: Floats, times: Floats) -> Floats:
+        """Overlaps (k, C) of the pairs at times from now at constant rates."""
+        pairs = self.packing.frame[: len(self.absent)]
+        (i, j), d = pairs["grains"].T, pairs["d"]
+        u, w = (motion.reshape(-1, 3)[:, :2] for motion in (self.u, v))
+        branch = d - d @ self.strain.reshape(2, 2).T + u[j] - u[i]
+        rate = w[j] - w[i] - d @ h[:4].reshape(2, 2).T
+        branch = branch + times[:, None, None] * rate
+        # Contacts with walls keep their normals.
+        away, length = np.sum(branch * pairs["n"], axis=2), np.linalg.norm(branch, axis=2)
+        length = np.where(pairs["turns"] == 0, np.abs(away), length)
+        return np.maximum(self.touching - length, 0.0)
 
     def _change(self, c: int, kind: EventKind, rates: Floats) -> Event | None:
         """Change the regime of a contact at its event; end its rattling. The loss, if it is one."""
