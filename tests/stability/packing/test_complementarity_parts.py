@@ -1,11 +1,8 @@
 """Parts of the complementarity solver by themselves: units, Newton's barrier, branches by hand."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
-from stability import complementarity
 from stability.complementarity import (
     feasible_for_all,
     scaled_definite,
@@ -72,69 +69,6 @@ def test_branches_of_mirrored_contacts_are_parted_in_any_unit():
             np.testing.assert_allclose(found.angle, first.angle, rtol=0, atol=1e-12)
         parted += 1
     assert parted > 6
-
-
-def barrier(M, d, s, weight):
-    """The function that the search for a scaling makes smallest."""
-    sums = d[:, None] * M
-    log_det = np.linalg.slogdet(sums + sums.T + s * np.eye(len(M)))[1]
-    return weight * s - log_det - np.log(d).sum() - np.log(1.0 - d).sum()
-
-
-def test_the_search_for_a_scaling_is_newtons_method(monkeypatch):
-    """Slope and curvature of each step against differences of the barrier, which falls."""
-    rng, m = np.random.default_rng(3), 4
-    M = np.eye(m) + 1.1 * rng.standard_normal((m, m))
-    matrices, systems = [], []
-    inv, solve = np.linalg.inv, np.linalg.solve
-    monkeypatch.setattr(np.linalg, "inv", lambda a: matrices.append(a.copy()) or inv(a))
-    monkeypatch.setattr(
-        np.linalg, "solve", lambda a, b: systems.append((a.copy(), b.copy())) or solve(a, b)
-    )
-    tried, definite = [], complementarity.positive_definite
-    monkeypatch.setattr(
-        complementarity, "positive_definite", lambda a: tried.append(a) or definite(a)
-    )
-    found, _, blame = scaled_definite(M)
-    monkeypatch.undo()
-    assert not found and len(systems) == complementarity.BARRIER_STEPS
-    points, weights = [], []
-    for table, scaled, (_, slope) in zip(tried, matrices, systems, strict=False):
-        d = np.diag(table) / np.diag(M)
-        sums = d[:, None] * M
-        s = float(np.mean(np.diag(scaled - sums - sums.T)))
-        np.testing.assert_allclose(scaled, sums + sums.T + s * np.eye(m), rtol=0, atol=1e-8)
-        points.append(np.append(d, s))
-        weights.append(slope[-1] + np.trace(inv(scaled)))
-    assert weights[0] * abs(points[0][-1]) == pytest.approx(2 * m, rel=1e-6)
-    lowest = np.linalg.eigvalsh(0.5 * (M + M.T))[0]
-    assert points[0][-1] == pytest.approx(-1.1 * lowest + 1e-3, rel=1e-6)
-
-    def value(x, k):
-        return barrier(M, x[:-1], x[-1], weights[k])
-
-    for k in range(6):
-        (curve, slope), x, steps = systems[k], points[k], 1e-4 * np.eye(m + 1)
-        numeric = [(value(x + e, k) - value(x - e, k)) / 2e-4 for e in steps]
-        np.testing.assert_allclose(slope, numeric, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
-        second = [
-            [
-                sum(a * b * value(x + a * e + b * f, k) for a in (1, -1) for b in (1, -1)) / 4e-8
-                for f in steps
-            ]
-            for e in steps
-        ]
-        np.testing.assert_allclose(curve, second, rtol=1e-3, atol=1e-4 * np.abs(curve).max())
-    for k, (one, other) in enumerate(pairwise(points)):
-        assert value(other, k) < value(one, k)
-        curve, slope = systems[k]
-        step = -solve(curve, slope)
-        share = 1.0 / (1.0 + np.sqrt(-slope @ step))
-        np.testing.assert_allclose(other, one + share * step, rtol=0, atol=1e-8)
-        # Eight times the weight once the minimum is near.
-        grows = -slope @ step < 1.0
-        assert weights[k + 1] == pytest.approx((8.0 if grows else 1.0) * weights[k], rel=1e-6)
-    np.testing.assert_allclose(blame, np.diag(inv(matrices[-1])), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("least", "definite"), [(2e-9, True), (5e-10, False)])

@@ -3,7 +3,6 @@
 import sys
 from dataclasses import replace
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,15 +24,9 @@ from stability.packing.equations_of_motion import (
 from stability.packing.path import PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.regime_factor import (
-    ELASTIC,
-    SLIDING,
-    RegimeFactor,
-    disagreeing,
-    pivot,
     unstable_mode,
 )
 from stability.packing.response import PackingRates
-from stability.packing.strain_increment import StrainIncrement
 from stability.packing.sustain import (
     CUT,
     FLOW_STRAIN,
@@ -49,52 +42,12 @@ from stability.packing.sustain import (
     motion_past,
     move,
 )
-from stability.packing.yielding import MixedControl, forces_of_motion, yield_response
+from stability.packing.yielding import forces_of_motion, yield_response
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
 
 KN, KT, MU = 3.0, 0.7, 0.4
 sustain_module = sys.modules[sustain.__module__]
-
-
-class Rows:
-    """Pairs, then their springs against rolling, whose relative rates are given."""
-
-    def __init__(self, rates, kt, mu):
-        self.rates, self.regime, self.side = rates, [None] * len(rates), [None] * len(rates)
-        same = {"kn": KN, "slides": True, "at_touch": 0.0, "cohesion": 0.0}
-        self.frame = [{"kt": kt, "mu": mu} | same for kt, mu in zip(kt, mu, strict=True)]
-
-    def set_regime(self, row, regime, side):
-        self.regime[row], self.side[row] = regime, side
-
-    def solve(self, *control):
-        return self.rates
-
-    def relative(self, rates, row):
-        return rates[row]
-
-
-@pytest.mark.parametrize("rolls", [False, True])
-@pytest.mark.parametrize("ratio", [-1.01, -0.99, 0.0, 0.99, 1.01])
-def test_a_closing_contact_slides_where_its_rates_leave_the_cone(ratio, rolls):
-    """`T' = -kt ut`, `N' = -kn un`: it slides beyond `mu N'`, to the side of `T'`.
-
-    A spring against rolling has a stiffness and a strength of its own.
-    """
-    un = -2.0
-    edge = MU * KN * 2.0 / KT
-    other = 0.2 * KN * 2.0 / 0.05
-    rates = [(un, ratio * edge), (un, -ratio * other)][: 2 if rolls else 1]
-    packing = Rows(rates, (KT, 0.05)[: len(rates)], (MU, 0.2)[: len(rates)])
-    made = object.__new__(StrainIncrement)
-    made.packing, made.control = packing, ()
-    made.N, made.absent = np.zeros(len(rates)), [None]
-    made._close(0)
-    wanted = (SLIDING, -np.sign(ratio)) if abs(ratio) > 1 else (ELASTIC, 0.0)
-    assert (packing.regime[0], packing.side[0]) == wanted
-    if rolls:
-        assert (packing.regime[1], packing.side[1]) == (wanted[0], -wanted[1])
 
 
 def stiffer(grains, seed, mu, law=LAW):
@@ -442,79 +395,6 @@ def test_an_interval_leaves_the_point_that_it_replaces():
         for part, copy in zip(arrays, copies, strict=True):
             np.testing.assert_array_equal(part, copy)
     assert {"opening", "yield"} <= {event.kind for event in one.events} and len(one.rows) > 10
-
-
-class Edges:
-    """Contacts at yield: rates of the yield function, and their change per unit of slip of one."""
-
-    def __init__(self, value, along, regime, side):
-        self.value, self.along = np.array(value), np.array(along)
-        self.regime, self.side = np.array(regime), np.array(side)
-        self.frame, self.flipped = [None] * len(value), []
-
-    def edge(self, rates, contacts):
-        return np.column_stack([self.value, self.along])[contacts][:, : len(rates)]
-
-    def column(self, row):
-        return row
-
-    def solve(self, *control):
-        return "base"
-
-    def driven(self, control, columns):
-        return ["unit"]
-
-    def flip(self, c):
-        self.flipped.append(c)
-        self.regime[c] = SLIDING if self.regime[c] == ELASTIC else ELASTIC
-
-
-CONTROL = MixedControl(np.zeros((4, 4)), np.eye(4), np.ones(4))
-
-
-@pytest.mark.parametrize(("value", "agrees"), [(-0.9e-9, True), (-1.1e-9, False)])
-def test_a_contact_that_agrees_to_rounding_is_flipped_at_once(value, agrees):
-    """One that slip takes further from agreement has no other regime."""
-    packing = Edges([value], [3.0], [ELASTIC], [1.0])
-    packing.motion, packing.sign = lambda unit: np.ones(6), lambda *control: 1.0
-    changed, mode = pivot(packing, CONTROL, 0, np.array([0]), 1e-9)
-    if agrees:
-        assert changed == packing.flipped == [0] and not mode
-    else:
-        assert changed is None and not mode["sign_changes"] and packing.flipped == [0, 0]
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_contact_that_slip_reaches_first_changes_its_regime(side):
-    """Slip of contact 0 agrees at 2; contact 1 is reached at 1.5, contact 2 at 3, 3 never."""
-    value, along = [-2.0, 3.0, 6.0, 1.0], [0.0, 2.0 * side, 2.0 * side, -1.0 * side]
-    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
-    # The rate of contact 0 itself does not change: it agrees once its slip is its excess.
-    found, _ = pivot(packing, CONTROL, 0, np.arange(4), 1e-9)
-    assert found == [1, 0] and packing.flipped == [1, 0]
-    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
-    packing.value[1] = 4.1
-    assert pivot(packing, CONTROL, 0, np.arange(4), 1e-9)[0] == [0]
-    # Reached at 1.75, with what the slip before has left of it.
-    packing = Edges(value, along, [ELASTIC] * 4, [side, 1.0, 1.0, 1.0])
-    packing.value[2] = 3.5
-    assert pivot(packing, CONTROL, 0, np.arange(4), 1e-9)[0] == [1, 2, 0]
-
-
-def test_contacts_that_disagree_come_worst_first():
-    """Sticking ones by rates below zero, sliding ones above it, beyond rounding."""
-    regime = [ELASTIC, SLIDING, ELASTIC, SLIDING, ELASTIC, SLIDING]
-    packing = Edges([-2.0, 3.0, 1.0, -1.0, -0.9e-9, 0.9e-9], np.zeros(6), regime, np.ones(6))
-    assert disagreeing(packing, None, np.arange(6), 1e-9).tolist() == [1, 0]
-    assert disagreeing(packing, None, np.array([0, 2]), 1e-9).tolist() == [0]
-
-
-def test_rates_below_rounding_are_a_share_of_the_stiffest_spring():
-    """1e-9 of what it gains where a pair of mean grains goes with the cell."""
-    packing = SimpleNamespace(stiffest=3.0, length=0.25)
-    rates = np.array([0.5, -4.0, 1.0, 0.0, 99.0])
-    found = RegimeFactor.rounding(packing, rates)
-    assert found == pytest.approx(1e-9 * 4.0 * 3.0 * 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(("speeds", "number"), [([3, 3, 3, 0], 3), ([3, 0, 0, 0], 1), ([0] * 4, 0)])

@@ -51,7 +51,7 @@ def settle(frozen, control, critical):
 def test_pivots_find_the_only_solution(stress_held):
     """They lead to that of `rates_at` where enumeration proves that there is no other."""
     counts, compared = [], 0
-    for seed in range(50):
+    for seed in range(12):
         graph, frozen, critical = stuck_packing(seed)
         H = np.random.default_rng(seed).normal(size=(2, 2))
         control = MixedControl(NONE, ALL, H.ravel())
@@ -67,7 +67,7 @@ def test_pivots_find_the_only_solution(stress_held):
         strain = frozen.solve(control)[:4]
         np.testing.assert_allclose(strain, wanted.strain_rate.ravel(), rtol=0, atol=1e-4)
     # Many pivots change more contacts than the one that is asked for.
-    assert compared > 30 and sum(count > 1 for count in counts) > 20
+    assert compared > 7 and sum(count > 1 for count in counts) > 5
 
 
 def held_stiffness(frozen):
