@@ -24,15 +24,14 @@ from patterns.snapshots.frame import (
 from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
-# Columns by the number of numbers in a row; the header of a frame has 6 numbers in 2D, else 8.
+# Columns by the number of numbers in the header of a frame: 6 in two dimensions, else 8.
 DATA_COLUMNS = {
-    8: ("x", "y", "vx", "vy", "radius", "angle", "omega", "info"),
-    14: (
+    6: ("x", "y", "vx", "vy", "radius", "angle", "omega", "info"),
+    8: (
         *("x", "y", "z", "vx", "vy", "vz", "radius", "alpha", "beta", "gamma"),
         *("omega_x", "omega_y", "omega_z", "info"),
     ),
 }
-HEADERS = {8: 6, 14: 8}
 FSTAT_COLUMNS = (
     *("time", "i", "j", "cx", "cy", "cz", "delta", "delta_t", "fn", "ft"),
     *("nx", "ny", "nz", "tx", "ty", "tz"),
@@ -53,7 +52,7 @@ def data_head(line: bytes) -> Head | None:
     words = line.split()
     try:
         numbers = [float(word) for word in words]
-        return Head(int(words[0]), numbers[1], len(numbers)) if len(words) in (6, 8) else None
+        return Head(int(words[0]), numbers[1], len(words)) if len(words) in DATA_COLUMNS else None
     except ValueError:
         return None
 
@@ -95,11 +94,11 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
             line += 1
             continue
         width = len(line_at(text, span[0])[0].split())
-        if HEADERS.get(width) != head.width:
+        if width != len(DATA_COLUMNS[head.width]):
             received = f"{head.width} numbers in the header and {width} a row"
             remedy = "Write the file with the layout of 8 or of 14 columns."
             raise InputError(where, received, "6 and 8 in two dimensions, or 8 and 14", remedy)
-        yield Listing(where, head.time, DATA_COLUMNS[width], text, span)
+        yield Listing(where, head.time, DATA_COLUMNS[head.width], text, span)
         line += head.grains + 1
     rest = text[int(ends[-1]) + 1 if len(ends) else 0 :]
     if rest.strip():
@@ -144,8 +143,7 @@ def is_mercury(path: Path, head: bytes) -> bool:
     first = data_head(lines[0])
     if first is None or len(lines) < 3:
         return False
-    width = len(lines[1].split())
-    return width in DATA_COLUMNS and HEADERS[width] == first.width
+    return len(lines[1].split()) == len(DATA_COLUMNS[first.width])
 
 
 def mercury_frames(source: Source) -> Frames:
