@@ -157,6 +157,7 @@ def test_a_path_that_leaps_is_lost_with_the_state_before():
     np.testing.assert_array_equal(path.H[-1], 0)
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0], ids=["none slides", "all at yield"])
 def test_shares_at_yield(share):
     """Without shear forces there is no event; with all at yield each contact finds its regime."""
     graph = packed(16, 2, LAW)
