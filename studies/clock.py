@@ -19,8 +19,8 @@ COMPILING = "compiling kernels, once: about half a minute"
 CLEAR = "\r\x1b[K"
 
 
-# Seconds from which on work is long: an estimate is printed without a terminal too, after so many
-# seconds: the first part loads kernels.
+# Seconds from which on work is long: an estimate is printed without a terminal too, once the parts
+# have taken so many seconds: the first one loads kernels.
 LONG, STEADY = 30.0, 5.0
 # Called with how many parts are done, the seconds that the others will take, and their number.
 Progress = Callable[[int, float, int], object]
@@ -47,7 +47,8 @@ def of_parts(tell: Callable[..., object], what: str) -> Progress:
 
     def progress(done: int, seconds: float, left: int) -> None:
         others = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.0f} min"
-        tell(f"{done} of {done + left} {what}, about {others} left", long=seconds > LONG)
+        steady = done > 1 and seconds * done > STEADY * left
+        tell(f"{done} of {done + left} {what}, about {others} left", seconds > LONG and steady)
 
     return progress
 
@@ -82,8 +83,7 @@ def clock(name: str, *, line: bool = True) -> Iterator[Callable[..., None]]:
 
     def tell(more: str, long: bool = False) -> None:
         nonlocal estimated
-        steady = time.monotonic() - start > STEADY
-        if long and steady and not (shown or quiet or estimated):
+        if long and not (shown or quiet or estimated):
             estimated = True
             print(f"{name}: {more}", file=sys.stderr, flush=True)
         text[0] = f", {more}"

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 
 from loops import InputError
 from loops.closures import Closure
+from loops.errors import check_type, path_of
 from loops.errors import number as checked_number
-from loops.errors import path_of
 from loops.scene import Scene, Subject
 from loops.shown import Shown, counted
 from patterns import Snapshot, loop_of_snapshot
@@ -91,7 +91,7 @@ def study(
     end: float | None = None,
     in_packing: bool = True,
     named: str = "a snapshot",
-    progress: Callable[..., object] = lambda *_, **__: None,
+    progress: Callable[..., object] = lambda *_: None,
     **how: Any,
 ) -> LoopStudy:
     """Study one loop, as `grainloops loop` does: closures, cone, path and domain.
@@ -140,6 +140,8 @@ def study(
     """
     folder = None if out is None else path_of("out", out, "Name a folder.")
     end = None if end is None else checked_number("end", end)
+    check_type("named", named, str, "Give a name, or leave it out.")
+    check_type("progress", progress, Callable, "Give a function, or leave it out.")
     words: Any = {"closure": closure, "programme": programme, "end": end}
     snapshot = snapshot_of(source)
     options = loop_options(snapshot, number, named, **words)
@@ -169,7 +171,7 @@ def study(
         configuration, summary = options.described(), path.summary()
         subject, unit = Scene(options.graph(), options.law()), "over $k_n$"
         tables |= path.tables()
-    of_domain = of_parts(lambda text, **how: progress(f"its domain: {text}", **how), "programmes")
+    of_domain = of_parts(lambda text, *long: progress(f"its domain: {text}", *long), "programmes")
     domain = tried("domain", lambda: loop_domain(subject, options.closure, progress=of_domain))
     summary |= {"closures": known.to_dict("records"), "notes": summary["notes"] + notes}
     if domain is not None:

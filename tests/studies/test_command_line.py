@@ -197,6 +197,7 @@ def test_a_wait_for_kernels_is_told_once(quiet, told, tmp_path, monkeypatch, cap
     """While numba compiles, and after two seconds."""
     monkeypatch.setenv("TTY_COMPATIBLE", "0" if quiet else "")
     monkeypatch.setattr("studies.clock.TICK", 0.01)
+    monkeypatch.setattr("studies.clock.CLOCK_PATIENCE", 60.0)
     with clock("grainloops snapshot"):
         assert compiled_anew(0.05) == 2.0
     assert capsys.readouterr().err == ""
@@ -227,23 +228,23 @@ def compiled_anew(seconds: float) -> float:
 
 
 def test_the_time_left_is_told_after_some_seconds_of_long_work(monkeypatch, capsys):
-    """Forty parts, two of them done before: at the pace of the others, once that is steady."""
+    """Forty parts, once their pace is steady; those that are done before don't count for it."""
     now = [0.0]
     monkeypatch.setattr("studies.clock.time.monotonic", lambda: now[0])
     monkeypatch.setattr("studies.clock.CLOCK_PATIENCE", 60.0)
     with clock("grainloops sustain") as tell:
-        after_one = paced(of_parts(tell, "directions"), 40, 2)
+        after_one = paced(of_parts(tell, "directions"), 40)
         for _ in range(4):
             now[0] += 2.0
             after_one()
     said = capsys.readouterr().err
-    assert said == "grainloops sustain: 5 of 40 directions, about 1 min left\n"
+    assert said == "grainloops sustain: 3 of 40 directions, about 1 min left\n"
     told = []
-    after_one = paced(lambda *given: told.append(given), 2)
+    after_one = paced(lambda *given: told.append(given), 9, 6)
     for seconds in (3.0, 5.0):
         now[0] += seconds
         after_one()
-    assert told == [(1, 3.0, 1), (2, 0.0, 0)]
+    assert told == [(7, 6.0, 2), (8, 4.0, 1)]
     with pytest.raises(gl.InputError, match="progress: got 3, expected"):
         paced(3, 2)
 

@@ -72,7 +72,9 @@ LAW_OF_FILE = (
     "poisson:number shear_history:choice adhesion:number cohesion:number"
 )
 READ = (
-    "contacts:path cell:shaped format:choice columns:columns periodic:choice strict: " + LAW_OF_FILE
+    "contacts:path cell:shaped cells:path format:choice columns:columns periodic:choice strict: "
+    + LAW_OF_FILE
+    + LAW_OF_FILE
 )
 MASSES = "mass:shaped inertia:shaped velocity:shaped spin:shaped"
 EVOLVED = (
@@ -165,7 +167,7 @@ CALLS = {
     ),
     "loop_domain": (
         {"loop": "loop", "closure": "affine", "directions": 4},
-        "loop:sample closure:choice spins:choice control:choice directions:count",
+        "loop:sample closure:choice spins:choice control:choice directions:count progress:call",
     ),
     "loop_table": (
         {"snapshot": "sample"},
@@ -233,12 +235,12 @@ CALLS = {
     "study": (
         {"source": "sample", "number": 62, "in_packing": False},
         "source:sample number:count out:name closure:choice programme:choice end:number "
-        "in_packing:",
+        "in_packing: named:name progress:call",
     ),
     "sustain": (
         {"scene": "packing", "directions": [[1.0, 0.0]], "largest": 1e-4, "spread": False},
         "scene:sample directions:shaped subspace:choice largest:number interval:number "
-        "large:number most_snaps:count spread: hold:choice",
+        "large:number most_snaps:count spread: hold:choice progress:call",
     ),
     "symbolic_tangent": ({"graph": "ring", "law": LAW}, "graph:graph law:law closure:choice"),
     "symmetric_spectrum": ({"K": "K"}, "K:shaped"),
