@@ -96,7 +96,7 @@ def study(
 ) -> LoopStudy:
     """Study one loop, as `grainloops loop` does: closures, cone, path and domain.
 
-    What this loop or its law has no answer to is left out, and a note says why.
+    What can't be answered of this loop, or under its law, is left out, and a note says why.
 
     Parameters
     ----------

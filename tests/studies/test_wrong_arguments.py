@@ -74,7 +74,6 @@ LAW_OF_FILE = (
 READ = (
     "contacts:path cell:shaped cells:path format:choice columns:columns periodic:choice strict: "
     + LAW_OF_FILE
-    + LAW_OF_FILE
 )
 MASSES = "mass:shaped inertia:shaped velocity:shaped spin:shaped"
 EVOLVED = (
