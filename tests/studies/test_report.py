@@ -260,9 +260,12 @@ const fs = require("fs"), m = {exports: {}};
 const [script, page] = [process.argv[1], process.argv[2]].map((f) => fs.readFileSync(f, "utf8"));
 new Function("module", script)(m);
 const loops = m.exports.readLoops(page.match(/id="map-data-0">(.*?)<\\/script>/s)[1]);
-const x = loops.columns.x, y = loops.columns.y, found = [];
+const found = [], mean = (k, axis) => {
+  const at = loops.corners.slice(2 * loops.offsets[k], 2 * loops.offsets[k + 1]);
+  return at.filter((_, j) => j % 2 === axis).reduce((a, b) => a + b) / (at.length / 2);
+};
 for (let k = 0; k < loops.count; k++)
-  found.push(m.exports.loopAt(loops, x[k] - loops.origin[0], y[k] - loops.origin[1]));
+  found.push(m.exports.loopAt(loops, mean(k, 0), mean(k, 1)));
 const colours = Object.fromEntries(loops.colour_by.map((name) => {
   const c = m.exports.colouring(loops, name);
   return [name, [Math.min(...c.shade), Math.max(...c.shade), c.palette.length]];
@@ -280,7 +283,7 @@ def test_script_finds_the_loop_under_the_pointer(page):
         [NODE, "-e", PROBE, str(script), str(path)], capture_output=True, text=True, check=True
     )
     result = json.loads(done.stdout)
-    # The centroid of a loop may lie outside it where it is not convex.
+    # The mean of a loop's corners may lie outside it where it is not convex.
     found = np.array(result["found"])
     hit = found == np.arange(len(found))
     assert hit[np.asarray(table["order"]) == 3].all()
