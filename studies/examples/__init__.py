@@ -45,7 +45,8 @@ def save(
     The table has the name of the figure, those in `more` their own.
     """
     with study(f"example {name}", out, {}, units, force=True, csv=True) as results:
-        results.write_results({name: table, **more}, numbers, [(name, figure)])
+        results.write_results({name: table, **more}, numbers)
+        results.save_figures([(name, figure)])
     return dict(numbers)
 
 

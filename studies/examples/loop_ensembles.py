@@ -33,7 +33,7 @@ from loops import (
     traction_tangent,
 )
 from loops.arrays import Floats
-from patterns import random_loop, read_snapshot, sample_cell, sample_path
+from patterns import random_loop, read_snapshot, sample_path
 from stability import restrict, symmetric_spectrum
 from studies.examples import read, run_example, save
 from studies.style import BLACK, ONE_COLUMN, VERMILION, new_panels, styled
@@ -148,7 +148,7 @@ def draw(table: pd.DataFrame) -> Figure:
 
 def main(out: Path, *paths: Path, batches: int = BATCHES) -> dict[str, Any]:
     """Draw the ensembles, rank the real loops, and write table and figure."""
-    snapshots = [read(path) for path in paths] or [read_snapshot(sample_path(), cell=sample_cell())]
+    snapshots = [read(path) for path in paths] or [read_snapshot(sample_path())]
     parts, drawn = list[pd.DataFrame](), list[pd.DataFrame]()
     for snapshot in snapshots:
         law, regime = snapshot.mechanics()

@@ -1,6 +1,7 @@
 """Random loops in balance: forces against the functions of single loops, and their ranks."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import (
@@ -11,7 +12,7 @@ from loops import (
     traction_tangent,
 )
 from stability import judge
-from studies.examples import loop_ensembles
+from studies.examples import loop_ensembles, save
 from studies.examples.loop_ensembles import measures, random_loops, ranked
 
 LAW = LinearFrictional(1.0, 0.5, 0.5)
@@ -68,6 +69,15 @@ def test_loops_of_the_ensemble_itself_have_uniform_ranks():
     assert len(rank) > 100 and abs(rank.mean() - 0.5) < 4.0 / np.sqrt(12 * len(rank))
     shifted = ranked(real.assign(lambda_min=real.lambda_min - 0.5), random)["rank"].dropna()
     assert shifted.mean() < 0.2
+
+
+def test_an_example_writes_its_figure_its_table_and_its_numbers(tmp_path):
+    orders = {"order": [3, 4], "rank": [0.5, 0.4], "rank_high": [0.6, 0.5]}
+    table = pd.DataFrame(orders)
+    save(tmp_path, "loop_ensembles", loop_ensembles.draw(table), {"random": 2}, table)
+    names = {path.name for path in tmp_path.iterdir()}
+    files = {f"loop_ensembles.{ending}" for ending in ("png", "parquet", "csv")}
+    assert names == {*files, "summary.json"}
 
 
 @pytest.mark.slow
