@@ -154,8 +154,7 @@ def main(out: Path, *paths: Path, batches: int = BATCHES) -> dict[str, Any]:
         law, regime = snapshot.mechanics()
         for batch in loop_batches(snapshot.graph.replace(regime=regime), snapshot.faces):
             found = measures(batch.graph, law.take(batch.contacts), snapshot.mean_kn)
-            sticks: Any = batch.graph.regime == Regime.ELASTIC
-            parts.append(found[sticks.all(axis=1)])
+            parts.append(found[np.all(batch.graph.regime == Regime.ELASTIC, axis=1)])
     kt, mu = float(np.mean(law.kt)) / snapshots[-1].mean_kn, float(np.max(law.mu))  # type: ignore
     plain, rng = LinearFrictional(1.0, kt, mu), np.random.default_rng(SEED)
     radii = np.concatenate([snapshot.graph.radii for snapshot in snapshots])
