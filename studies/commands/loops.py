@@ -73,8 +73,8 @@ def diamond_command(
     chosen = {choice.alpha0_deg, choice.kappa, choice.phi_deg, choice.confine} != {None}
     out = out_or(writing.out, "diamond" if chosen else f"diamond-table{choice.table or 1}")
     with clock("grainloops diamond"):
-        from studies.paths.figures import run_paths
         from studies.paths.options import DiamondOptions
+        from studies.paths.run import run_paths
 
         summary = run_paths(DiamondOptions(**asdict(choice)), out, **writing.files())
     check = summary["model"]["check"]
@@ -102,8 +102,8 @@ def polygon_command(
     named = f"loop-{choice.loop}-polygon" if choice.snapshot else named
     out = out_or(writing.out, named, choice.snapshot or choice.centres)
     with clock("grainloops polygon"):
-        from studies.paths.figures import run_paths
         from studies.paths.options import ComparisonOptions
+        from studies.paths.run import run_paths
 
         ratios = None if choice.kappa is None else (choice.kappa,)
         orders, (loop, *_) = _loops_of(choice, reading, (choice.closure,), ratios)

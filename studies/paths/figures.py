@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,12 +28,10 @@ from stability import (
     spectrum,
     symmetric_spectrum,
 )
-from studies.output import Summary
-from studies.paths.diamond import FollowedDiamond, follow_diamond, path_dependence_table
-from studies.paths.followed import RADIUS, Followed, follow_loop, operator_diagram
-from studies.paths.options import ComparisonOptions, DiamondOptions, LoopOptions, PolygonOptions
-from studies.paths.orders import Compared, compare_orders
-from studies.study import Drawings, study
+from studies.paths.diamond import FollowedDiamond, path_dependence_table
+from studies.paths.followed import RADIUS, Followed, operator_diagram
+from studies.paths.orders import Compared
+from studies.study import Drawings
 from studies.style import (
     BLACK,
     BLUE,
@@ -579,23 +576,3 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     works.set(ylim=(0.0, None))
     works.legend(loc="upper left")
     return fig
-
-
-def run_paths(
-    options: DiamondOptions | PolygonOptions | ComparisonOptions, out: Path, **how: Any
-) -> Summary:
-    """Follow a diamond, a loop or several orders; write `summary.json`, tables and figures."""
-    command, title, follow_all, figures = QUESTIONS[type(options)]
-    with study(command, out, options.described(), **how) as results:
-        followed = follow_all(options)
-        drawings, title = figures(followed), title.format(options)
-        return results.write_results(followed.tables(), followed.summary(), drawings, title)
-
-
-# Command, title, what follows its loops, and figures, by the kind of options.
-QUESTIONS: dict[type, tuple[str, str, Any, Any]] = {
-    DiamondOptions: ("diamond", "Diamond", follow_diamond, diamond_figures),
-    PolygonOptions: ("polygon", "Loop of {.order} grains", follow_loop, polygon_figures),
-    LoopOptions: ("polygon", "Loop of {.order} grains", follow_loop, polygon_figures),
-    ComparisonOptions: ("polygon --compare", "Loops by order", compare_orders, comparison_figures),
-}

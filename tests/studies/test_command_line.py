@@ -267,3 +267,12 @@ def test_python_is_told_of_directions_and_programmes():
     assert [(done, left) for done, _, left in told] == [(1, 4), (2, 3), (3, 2), (4, 1), (5, 0)]
     with pytest.raises(gl.InputError, match="progress: got 3"):
         gl.loop_domain(one, "traction", directions=5, progress=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", [["diamond"], ["polygon", "--order", "6"]])
+def test_without_figures_nothing_that_draws_is_loaded(words, tmp_path):
+    asked = [*words, "--figures", "none", "--out", str(tmp_path / "out")]
+    script = f"import sys; from tests.command import run; assert run(*{asked}) == 0; "
+    script += "assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT, capture_output=True)

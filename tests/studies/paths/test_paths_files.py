@@ -18,10 +18,10 @@ from studies.paths.figures import (
     draw_polar,
     draw_stress,
     overlaps,
-    run_paths,
 )
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
+from studies.paths.run import run_paths
 from studies.style import STYLE
 from tests.conftest import leave_undrawn
 from tests.studies.paths.followed import followed, summary_of
