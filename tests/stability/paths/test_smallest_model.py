@@ -172,14 +172,15 @@ def test_the_judged_tangent_is_the_full_one(subspace):
 
 @pytest.mark.parametrize(("length", "kn"), [(1e-3, 1e-3), (1.0, 1.0), (1e3, 1e3)])
 @pytest.mark.parametrize(
-    ("shear", "off", "symmetry"),
+    ("shear", "off", "rough", "symmetry"),
     [
-        (0.0, 0.0, "D4 (order 8)"), (1e-18, 0.0, "D4 (order 8)"), (1e-10, 0.0, "none"),
-        (0.0, 5e-13, "D4 (order 8)"), (0.0, 5e-12, "D2 (order 4)"),
+        (0.0, 0.0, 0.0, "D4 (order 8)"), (1e-18, 0.0, 0.0, "D4 (order 8)"),
+        (1e-10, 0.0, 0.0, "none"), (0.0, 0.0, 1e-8, "D1 (order 2)"),
+        (0.0, 5e-13, 0.0, "D4 (order 8)"), (0.0, 5e-12, 0.0, "D2 (order 4)"),
     ],
 )  # fmt: skip
-def test_a_symmetry_is_kept_within_rounding_in_any_units(shear, off, symmetry, length, kn):
-    """A shear force of one contact breaks it, and strains that are not equal."""
+def test_a_symmetry_is_kept_within_rounding_in_any_units(shear, off, rough, symmetry, length, kn):
+    """A shear force or the friction of one contact breaks it, and strains that are not equal."""
     square = regular_polygon(4, strain=0.05)
     graph = square.replace(
         x=length * square.x, x0=length * square.x, radii=0.5 * length * np.ones(4),
@@ -187,7 +188,8 @@ def test_a_symmetry_is_kept_within_rounding_in_any_units(shear, off, symmetry, l
         shear_force=kn * length * shear * np.array([1.0, 0.0, 0.0, 0.0]),
     )  # fmt: skip
     stage = Stage(programmes.proportional_strain(1.0, 1.0 + off), "H11", 1e-3)
-    path = follow(Scene(graph, LinearFrictional(kn, 0.2 * kn)), stage, closure="affine")
+    law = LinearFrictional(kn, 0.2 * kn, 0.3 + rough * np.array([1.0, 0.0, 0.0, 0.0]))
+    path = follow(Scene(graph, law), stage, closure="affine")
     assert path.model.symmetry == symmetry
 
 
