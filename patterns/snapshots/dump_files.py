@@ -215,7 +215,11 @@ class Atoms(NamedTuple):
         """(C, 2) array: vectors `gap` (C, 2) less whole cells."""
         if self.cell is None:
             return gap
-        return np.asarray(gap - nearest_images(gap, self.cell, self.periodic) @ self.cell.T)
+        # Vectors below half the cell's least singular value are the nearest ones.
+        far = np.flatnonzero(np.hypot(*gap.T) >= 0.5 * np.linalg.norm(self.cell, -2))
+        nearest = gap.copy()
+        nearest[far] -= nearest_images(gap[far], self.cell, self.periodic) @ self.cell.T
+        return nearest
 
 
 class FoundContacts(NamedTuple):
