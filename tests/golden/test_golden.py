@@ -32,8 +32,8 @@ SENSITIVE = {
     **dict.fromkeys(("/grains/", "/w2/"), 1e-8),
     "/held/spread": 100.0,
 }
-# The square: its smallest eigenvalue beyond the yield is double, any of its directions may be told.
-DOUBLE = "/beyond/verdict/full/witness"
+# Of squares and hexagons the smallest eigenvalue may be double: any direction of its plane holds.
+DOUBLE = "/verdict/full/witness"
 # Errors are rounding itself: they may shrink, and grow to ten times what they were.
 NOISE = (
     "error",
