@@ -166,7 +166,7 @@ def polar_work(found: Probe, ax: PolarAxes) -> None:
     ax.set_ylim(0.0, RADIUS + 1.05)
     polar_grid(ax, [1.0, 2.0, 3.0], ["−1", "0", "1"], 112.5)
     note = f"\n×: {len(unknown)} of {len(theta)} undetermined" if len(unknown) else ""
-    share = f"{100 * found.unstable_fraction:.2g} %" if found.determined.any() else "unknown share"
+    share = f"{100 * found.unstable_fraction:.3g} %" if found.determined.any() else "unknown share"
     ax.set_title(
         rf"$w_2$ along $({driven}'_{{11}}, {driven}'_{{22}})$ (degrees)"
         f"\n$w_2 < 0$ in {share} of directions{note}"

@@ -395,7 +395,7 @@ def missed_stresses(followed: Row) -> list[str]:
     """Warnings of the intervals whose replay ends away from the stress of the later snapshot."""
     return [
         f"from snapshot {one['snapshots'][0]} to {one['snapshots'][1]} the replay ends "
-        f"{100 * one['replay_stress_error']:.2g} % of p from the later snapshot's stress: its "
+        f"{100 * one['replay_stress_error']:.3g} % of p from the later snapshot's stress: its "
         "loops are not predicted"
         for one in followed["replay_missed_stress"]
     ]

@@ -439,7 +439,7 @@ def compare_places(
             place + step * (k - 0.5 * (len(places) - 1)), middle, (middle - low, high - middle),
             fmt="osD^v"[k % 5], color=PLACE_COLOURS[k % len(PLACE_COLOURS)], markersize=4,
             elinewidth=0.8,
-            label=f"{name}: {counted(here.sum(), 'loop')}, {percent:.2g} %{of} unstable",
+            label=f"{name}: {counted(here.sum(), 'loop')}, {percent:.3g} %{of} unstable",
         )  # fmt: skip
     ax.axhline(0.0, color=GREY, linewidth=0.6)
     ax.set_xticks(place, labels=GROUPS)

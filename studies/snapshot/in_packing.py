@@ -213,7 +213,7 @@ def _said(one: dict[str, Any]) -> str:
     if one.get("confirmed") is not None:
         confirmed = f"; {one['confirmed']} confirmed"
     numbers = f"({one['unstable']} of {one['count']}{confirmed})"
-    return f"{100 * one['mean']:.2g} +- {100 * one['std_error']:.1g} % {numbers}"
+    return f"{100 * one['mean']:.3g} +- {100 * one['std_error']:.2g} % {numbers}"
 
 
 def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
@@ -289,7 +289,7 @@ def held_snapshot(
     if held.spread > REST_SPREAD:
         notes.append(
             "the state at rest depends on how it is reached: with two values of damping the "
-            f"stresses differ by {100 * held.spread:.2g} %; all results apply only to "
+            f"stresses differ by {100 * held.spread:.3g} %; all results apply only to "
             "the state at rest that was found"
         )
     planes = held.boundary.walls
