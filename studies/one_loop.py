@@ -215,4 +215,4 @@ def draw_closures(found: LoopStudy, ax: Axes) -> None:
         look: Any = {"fmt": marker, "color": colour, "label": label, "capsize": 2.0}
         ax.errorbar(closures[name], closures["closure"].map(JUDGE_TITLES), xerr=error, **look)
     ax.set(xlabel="eigenvalues of $K_s$ over the mean $k_n$ (–)", ylim=(len(closures) - 0.5, -0.5))
-    outer_legend(ax, "upper center", (0.5, 0.0), 4.5, ncols=3)
+    outer_legend(ax, "upper center", (0.5, 0.0), 4.5, ncols=3, columnspacing=1.0)

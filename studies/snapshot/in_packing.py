@@ -213,7 +213,7 @@ def _said(one: dict[str, Any]) -> str:
     if one.get("confirmed") is not None:
         confirmed = f"; {one['confirmed']} confirmed"
     numbers = f"({one['unstable']} of {one['count']}{confirmed})"
-    return f"{100 * one['mean']:.3g} +- {100 * one['std_error']:.2g} % {numbers}"
+    return f"{100 * one['mean']:.2g} +- {100 * one['std_error']:.1g} % {numbers}"
 
 
 def place_columns(place: LoopsInPlace, kn: float) -> dict[str, Floats]:
