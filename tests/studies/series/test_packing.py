@@ -205,7 +205,7 @@ def test_replays_that_miss_the_stress_are_named_by_their_snapshots():
     assert missed_stresses(summary) == [
         f"from snapshot {one} to {two} the replay ends {share} % of p from the later snapshot's "
         "stress: its loops are not predicted"
-        for one, two, share in ((8, 9, "1.2"), (9, 12, "2"))
+        for one, two, share in ((8, 9, "1.23"), (9, 12, "2"))
     ]
     assert summary["replay_rate_from"] == {"as given": 4}
     assert (summary["programme"], summary["damping"]) == ("straight", 0.2)
