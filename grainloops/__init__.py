@@ -73,9 +73,11 @@ if TYPE_CHECKING:
     from studies.frames import loop_table as loop_table
     from studies.frames import path_table as path_table
     from studies.frames import to_geodataframe as to_geodataframe
+    from studies.frames import write_vtk as write_vtk
     from studies.one_loop import study as study
     from studies.present_domain import loop_domain as loop_domain
     from studies.probe import probe as probe
+    from studies.series.tables import animate as animate
     from studies.series.tables import fates as fates
     from studies.series.tables import increments as increments
     from studies.series.tables import series as series
@@ -97,6 +99,8 @@ MEANT = {
     "in_packing packing place": "loop_table(snapshot, in_packing=True)",
     "work w2": "second_order_work, directional_work",
     "envelope rose map evolution": "plot.envelope, plot.rose, plot.map, plot.evolution",
+    "gif movie video animation": "animate",
+    "vtk paraview vtp": "write_vtk",
     "domain": "loop_domain, plot.domain",
     "path integrate solve": "follow",
     "predict next_state": "forecast, evolve, replay",

@@ -9,6 +9,15 @@ Examples
 '$x_1$ (length)'
 """
 
+from typing import Any
+
+from studies.command_figures import plot_chains as chains
+from studies.command_figures import plot_eigenvalues as eigenvalues
+from studies.command_figures import plot_fates as fates
+from studies.command_figures import plot_orders as orders
+from studies.command_figures import plot_polar as polar
+from studies.command_figures import plot_skill as skill
+from studies.command_figures import plot_stress_strain as stress_strain
 from studies.plots import plot_cone as cone
 from studies.plots import plot_domain as domain
 from studies.plots import plot_envelope as envelope
@@ -19,4 +28,17 @@ from studies.plots import plot_path as path
 from studies.plots import plot_rose as rose
 from studies.style import figure_width
 
-__all__ = ["cone", "domain", "envelope", "evolution", "figure_width", "loop", "map", "path", "rose"]
+# fmt: off
+__all__ = [
+    "chains", "cone", "domain", "eigenvalues", "envelope", "evolution", "fates", "figure_width",
+    "loop", "map", "orders", "path", "polar", "rose", "skill", "stress_strain",
+]
+# fmt: on
+
+
+def __getattr__(name: str) -> Any:
+    """Say which figure may be meant."""
+    from difflib import get_close_matches
+
+    near = ", ".join(get_close_matches(name, __all__)) or ", ".join(__all__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}: see {near}", name=name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ import pyarrow as pa
 
 from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
-from loops.errors import check_type
+from loops.errors import check_type, path_of
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
@@ -20,7 +21,7 @@ from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_se
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Event, Path
 from stability.packing.path import columns
-from studies.output import SIGNS, components, described, provenance
+from studies.output import SIGNS, components, described, folder_within, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import BANDS, add_in_packing
@@ -103,6 +104,48 @@ def loop_table(
     return frame
 
 
+def write_vtk(
+    folder: str | os.PathLike[str], snapshot: Snapshot, table: pd.DataFrame | None = None
+) -> None:
+    """Write `loops.vtp` and `contacts.vtp` for ParaView, as `grainloops snapshot --vtk` does.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it is not there; files of these names in it are replaced.
+    snapshot : Snapshot
+        Loops across the border of a periodic cell are unrolled.
+    table : pandas.DataFrame, optional
+        One row a loop, in their order, whose numbers are written; `loop_table` if left out.
+
+    Raises
+    ------
+    InputError
+        Without vtk; if branches cross; for a table of other loops.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> write_vtk("paraview", read_snapshot(sample_path()))  # doctest: +SKIP
+    """
+    out, snapshot = path_of("folder", folder, "Name a folder."), planar(snapshot)
+    own = _of_loops(snapshot, table)
+    out.mkdir(parents=True, exist_ok=True)
+    with folder_within(out) as partial:
+        columns = {str(name): own[name].to_numpy() for name in own}
+        tables.write_paraview(partial, snapshot, columns, provenance("snapshot", {}))
+
+
+def _of_loops(snapshot: Snapshot, table: pd.DataFrame | None) -> pd.DataFrame:
+    """The table of the loops of a snapshot; `InputError` for one of others."""
+    own, loops = loop_table(snapshot) if table is None else table, len(snapshot.faces.loops)
+    check_type("table", own, pd.DataFrame, "Give gl.loop_table(snapshot), or leave it out.")
+    if len(own) != loops:
+        received, expected = f"{len(own)} rows", f"one a loop, {loops}"
+        raise InputError("table", received, expected, "Give the table of this snapshot.")
+    return own
+
+
 def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> GeoDataFrame:
     """Loops as polygons with the columns of their table, for GeoPandas and GIS files.
 
@@ -138,11 +181,7 @@ def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> Ge
         raise InputError("to_geodataframe", "no library", "geopandas", remedy) from None
     snapshot = planar(snapshot)
     offsets, corners, _ = tables.loop_polygons(snapshot.graph, snapshot.faces)
-    own = loop_table(snapshot) if table is None else table
-    check_type("table", own, pd.DataFrame, "Give gl.loop_table(snapshot), or leave it out.")
-    if len(own) != len(offsets) - 1:
-        received, expected = f"{len(own)} rows", f"one a loop, {len(offsets) - 1}"
-        raise InputError("table", received, expected, "Give the table of this snapshot.")
+    own = _of_loops(snapshot, table)
     rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(own)), np.diff(offsets)))
     frame = geopandas.GeoDataFrame(own, geometry=shapely.polygons(rings))
     frame.attrs = dict(own.attrs)

@@ -363,6 +363,25 @@ def plot_fabric(found: Fabric, ax: Axes | None = None) -> Axes:
     return plot_rose(found.snapshot, ax=ax)
 
 
+def series_table(
+    given: pd.DataFrame | str | os.PathLike[str],
+    name: str,
+    needed: tuple[str, ...] = (),
+    file: str = "evolution.parquet",
+) -> pd.DataFrame:
+    """A table of a series: as it is given, from its file, or from the result folder."""
+    remedy = "Give the folder of grainloops series, or its table."
+    if not isinstance(given, pd.DataFrame):
+        path = path_of(name, given, remedy)
+        path = path / file if path.is_dir() else path
+        if not path.is_file():
+            raise InputError(name, str(path), "a file that is there", remedy)
+        given = pd.read_parquet(path)
+    if lacking := [column for column in needed if column not in given]:
+        raise InputError(name, f"no column {', '.join(lacking)}", "these columns", remedy)
+    return given
+
+
 @drawn(ONE_COLUMN, 2.8, over=True)
 def plot_evolution(
     evolution: pd.DataFrame | str | os.PathLike[str],
@@ -398,14 +417,7 @@ def plot_evolution(
     >>> plot_evolution(table, "mean_order", ax=Figure().add_subplot()).get_ylabel()
     'mean order'
     """
-    table, ax = evolution, axes_or_new(ax)
-    if not isinstance(table, pd.DataFrame):
-        remedy = "Give the folder of grainloops series, or its table."
-        path = path_of("evolution", table, remedy)
-        path = path / "evolution.parquet" if path.is_dir() else path
-        if not path.is_file():
-            raise InputError("evolution", str(path), "a file that is there", remedy)
-        table = pd.read_parquet(path)
+    table, ax = series_table(evolution, "evolution"), axes_or_new(ax)
     names = _columns(table, x, y, "one of the table evolution")
     for name, colour, marker in zip(names, cycle(LINE_COLOURS), cycle("osD^vP")):
         error = f"{name}_error"

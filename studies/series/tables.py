@@ -17,12 +17,13 @@ from loops.errors import check_type, listed, path_of
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
-from studies.output import Row, provenance
+from studies.output import Row, folder_within, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
 from studies.series.chains import chain_bends
 from studies.series.packing import facts, nonaffinity
 from studies.series.skill import actual_values, score_skill
+from studies.snapshot.table import loop_columns
 
 File = str | os.PathLike[str]
 
@@ -227,6 +228,41 @@ def series(
     frame = pd.concat(tables, ignore_index=True)
     frame.attrs = provenance("series", {})
     return frame
+
+
+def animate(snapshots: Iterable[Snapshot], folder: str | os.PathLike[str]) -> None:
+    """Write `animation.gif` of snapshots: their loops by order and by smallest eigenvalue.
+
+    Parameters
+    ----------
+    snapshots : iterable of Snapshot
+        States of one sample in order, such as `gl.read_frames(path)`.
+    folder : path
+        Made if it is not there; with the program ffmpeg it gets `animation.mp4` too.
+
+    Raises
+    ------
+    InputError
+        If there is no snapshot, or branches cross.
+
+    Examples
+    --------
+    >>> from patterns import read_snapshot, sample_path
+    >>> animate([read_snapshot(sample_path())] * 2, "moving")  # doctest: +SKIP
+    """
+    from studies.series.figures import SMALLEST, AnimationFrame, animate_series
+
+    out = path_of("folder", folder, "Name a folder.")
+    states = listed("snapshots", snapshots, Snapshot, "Give snapshots in order.")
+
+    def frames() -> Iterator[AnimationFrame]:
+        for number, state in enumerate(map(planar, states)):
+            smallest = loop_columns(state)[SMALLEST] if state.mechanical else None
+            yield AnimationFrame(state, f"snapshot {number}", smallest)
+
+    out.mkdir(parents=True, exist_ok=True)
+    with folder_within(out) as partial:
+        animate_series(partial, frames(), provenance("series", {}))
 
 
 def _read(

@@ -288,6 +288,18 @@ CALLS |= {
         {"stress": np.zeros((4, 4)), "strain": np.eye(4), "rate": [1.0, 0, 0, 0]},
         "stress:shaped strain:shaped rate:shaped name:name",
     ),
+    "animate": ({"snapshots": [], "folder": "out"}, "folder:name snapshots:list"),
+    "plot.chains": ({"snapshot": "sample"}, "snapshot:sample"),
+    "plot.eigenvalues": ({"snapshot": "sample"}, "snapshot:sample"),
+    "plot.fates": ({"evolution": "evolution"}, "evolution:table"),
+    "plot.orders": ({"snapshot": "sample"}, "snapshot:sample"),
+    "plot.polar": ({"found": "probe"}, "found:result"),
+    "plot.skill": ({"table": "evolution"}, "table:table"),
+    "plot.stress_strain": ({"found": "evolution"}, "found:table"),
+    "write_vtk": (
+        {"folder": "out", "snapshot": "sample"},
+        "folder:name snapshot:sample table:table",
+    ),
     "plot.cone": ({"tangent": "tangent"}, "tangent:shaped"),
     "plot.domain": (
         {"loop": "loop", "closure": "affine", "directions": 4},
