@@ -339,7 +339,7 @@ def _draw_ends(found: LoopDomain, ax: Axes, origin: Floats, plane: str) -> None:
             look: Any = {"colors": colour, "linestyles": style, "linewidths": 1.3}
             ax.add_collection(LineCollection(lines, capstyle="round", **look))
             share = 100.0 * np.mean(kind == name)
-            ax.plot([], [], style, color=colour, label=f"{text} ({share:.3g} %)")
+            ax.plot([], [], style, color=colour, label=f"{text} ({share:.1f} %)")
     inside = found.yields[names].to_numpy(dtype=float)
     # Contacts that slide from the start yield in the present state itself.
     inside = inside[np.abs(inside - origin).max(axis=1) > 0.01 * np.nanmax(np.ptp(points, axis=0))]
