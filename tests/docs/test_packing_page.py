@@ -94,8 +94,8 @@ def test_shares_of_the_sample_at_rest():
         f"if contacts within a thousandth of the limit slide, {100 * middle['mean']:.1f} % "
         f"({middle['unstable']} of {middle['count']}; {middle['confirmed']} confirmed) would do "
         f"negative work in some direction, {100 * wide['mean']:.1f} % if those within a hundredth "
-        "do: this ranks loops and is no forecast; a third of all loops do negative work in the next "
-        "step anyway."
+        "do: this ranks loops and is no forecast; a third of all loops do negative work in the "
+        "next step anyway."
     )
     assert quoted in words(page("packing"))
 
