@@ -375,19 +375,20 @@ def soft_participation(system: System, count: int = SOFTEST) -> Floats:
     matrix = stiffness_matrix(system)
     matrix = (0.5 / system.unit) * (matrix + matrix.T)
     moves = np.flatnonzero(abs(matrix).sum(axis=1) > 0)
+    if len(moves) < 4:
+        # One grain and its images: no motion but the translations and its spin.
+        return np.full(system.graph.grain_count, np.nan)
     matrix = matrix[moves][:, moves].tocsc()
     count = min(count + 2, len(moves) - 1)
     start = np.random.default_rng(0).standard_normal(len(moves))
     (lowest,) = eigsh(matrix, k=1, which="SA", tol=1e-2, v0=start, return_eigenvectors=False)
-    below = min(2.0 * lowest, -1e-3)
-    values, modes = eigsh(matrix, k=count, sigma=below, which="LM", v0=start)
+    values, modes = eigsh(matrix, k=count, sigma=min(2.0 * lowest, -1e-3), which="LM", v0=start)
     whole = np.zeros((system.size, modes.shape[1]))
     whole[moves] = modes
     carries = (system.freedom[:, :2] >= 0).all(axis=1)
     motion = whole[system.freedom[carries, :2]]
     # A translation is the same for all grains: what is left of it without its mean is nothing.
-    motion = motion - motion.mean(axis=0)
-    share = np.sum(motion**2, axis=1)
+    share = np.sum((motion - motion.mean(axis=0)) ** 2, axis=1)
     kept = np.argsort(values)[share.sum(axis=0)[np.argsort(values)] > 1e-6][: count - 2]
     out = np.full(system.graph.grain_count, np.nan)
     out[carries] = share[:, kept].mean(axis=1) * len(share)

@@ -168,6 +168,13 @@ def test_soft_modes_are_those_of_the_dense_matrix():
     assert 0.0 < found.mean() <= 1.0
 
 
+def test_one_grain_among_its_images_has_no_soft_modes():
+    graph = GrainGraph([[0.0, 0.0]], [0.5], [[0, 0], [0, 0]], images=[[1, 0], [0, 1]],
+                       cell=0.99 * np.eye(2), normal_force=[0.01, 0.01])  # fmt: skip
+    found = indicators(Scene(graph, LinearFrictional(1.0, 0.5, 0.5)))
+    assert np.isnan(found["soft_modes"]).all() and np.isfinite(found["coordination"]).all()
+
+
 @pytest.mark.parametrize("stretch", [1.0, 1.1])
 def test_steric_order_of_a_triangular_lattice(stretch):
     """None where all neighbours touch; else the angles of the stretched triangles."""
