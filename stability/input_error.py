@@ -116,7 +116,8 @@ def eigenvalue_errors(
             for rule, to in found.items():
                 change = np.abs(values[rule] - to.value[batch.row]).max(axis=0)
                 known = to.error[batch.row]
-                larger = to.bound[batch.row] + np.where(np.isnan(change), np.inf, change)
+                # The states are corners of the errors at random: the worst one is a bound away.
+                larger = 2.0 * to.bound[batch.row] + np.where(np.isnan(change), np.inf, change)
                 to.error[batch.row] = np.where(np.isinf(known), larger, known)
 
     in_threads(judge, np.array_split(loops, max(1, len(loops) // LOOPS_AT_ONCE)))
