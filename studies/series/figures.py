@@ -567,7 +567,7 @@ def skill_by_predictor(table: pd.DataFrame) -> Figure:
     names = [name for name in PREDICTORS if name in {*table["predictor"]}]
     targets = [target for target in TARGETS if target in {*table["target"]}]
     shape = -(-len(targets) // 2), min(len(targets), 2)
-    height = 0.8 + (0.13 * len(names) + 0.4) * shape[0]
+    height = 0.8 + (0.13 * max(len(names), 8) + 0.4) * shape[0]
     figure, axes = new_panels(*shape, height, sharex=True, sharey=True)
     axes, after = axes.ravel(), table["snapshot_after"]
     colours = ScalarMappable(Normalize(after.min(), after.max()), SEQUENTIAL)

@@ -31,7 +31,11 @@ def test_polygons_have_the_table_s_shapes(sample):
     np.testing.assert_allclose(frame.length, table["perimeter"], rtol=1e-12)
     centre = frame.centroid
     size = np.sqrt(table["area"].to_numpy())
-    assert (np.hypot(centre.x - table["x"], centre.y - table["y"]) < 1e-6 * size).all()
+    apart = np.stack([centre.x - table["x"], centre.y - table["y"]])
+    if (cell := sample.graph.cell) is not None:
+        # Polygons are where the grains are, places of loops in the cell.
+        apart -= cell @ np.round(np.linalg.solve(cell, apart))
+    assert (np.hypot(*apart) < 1e-6 * size).all()
     assert frame.geometry.exterior.is_ccw.all()
     plain = table.drop(columns="grains")
     pd.testing.assert_frame_equal(pd.DataFrame(frame[list(plain)]), plain, check_exact=True)

@@ -58,7 +58,7 @@ def test_the_command_writes_the_page(tmp_path, found):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["domain"]["present_state"] == "stable"
     page = (out / "report.html").read_text()
-    for title in ("Closures", "Loop", "Cone", "Domain of strains", "Domain of stresses"):
+    for title in ("Closures", "Loop", "Domain of strains", "Domain of stresses"):
         assert f"{title}.</b>" in page, title
 
 
