@@ -42,13 +42,22 @@ def prune_dangling(
     """
     contacts, kept = graph.contacts, np.ones(graph.grain_count, dtype=bool)
     left = np.ones(len(contacts), dtype=bool) if closed is None else closed.copy()
-    while True:
-        degree = np.bincount(contacts[left].ravel(), minlength=len(kept))
-        loose = kept & (degree + (0 if supports is None else supports) < 2)
-        if not loose.any():
-            return kept, left
-        kept &= ~loose
-        left &= kept[contacts].all(axis=1)
+    rows, held = np.flatnonzero(left), np.zeros_like(kept, dtype=np.int64)
+    held += 0 if supports is None else supports
+    degree = np.bincount(contacts[rows].ravel(), minlength=len(kept))
+    # The sum of a grain's contact numbers is its last contact once all others are gone.
+    remaining = np.zeros(len(kept), dtype=np.int64)
+    np.add.at(remaining, contacts[rows], rows[:, None])
+    loose = np.flatnonzero(degree + held < 2)
+    while loose.size:
+        kept[loose] = False
+        last = np.unique(remaining[loose[degree[loose] == 1]])
+        left[last], ends = False, contacts[last]
+        np.subtract.at(degree, ends, 1)
+        np.subtract.at(remaining, ends, last[:, None])
+        touched = np.unique(ends)
+        loose = touched[kept[touched] & (degree[touched] + held[touched] < 2)]
+    return kept, left
 
 
 def component_labels(grains: int, contacts: Integers, kept: Flags) -> tuple[int, Integers]:

@@ -116,7 +116,7 @@ def eigenvalue_errors(
             for rule, to in found.items():
                 change = np.abs(values[rule] - to.value[batch.row]).max(axis=0)
                 known = to.error[batch.row]
-                # The states are corners of the errors at random: the worst one is a bound away.
+                # Corners of the errors at random need not hold the worst one: a margin.
                 larger = 2.0 * to.bound[batch.row] + np.where(np.isnan(change), np.inf, change)
                 to.error[batch.row] = np.where(np.isinf(known), larger, known)
 

@@ -20,7 +20,7 @@ from studies.evolve import Evolution, event_table
 from studies.frames import row_table
 from studies.output import Columns
 from studies.packing_figures import polar_work, stress_and_volume
-from studies.plots import drawn, series_table
+from studies.plots import drawn, require_polar, series_table
 from studies.series.figures import fates_over_strain, skill_by_predictor, stress_strain
 from studies.snapshot.figures import (
     chain_segments,
@@ -57,7 +57,9 @@ def plot_eigenvalues(snapshot: Snapshot | Subject) -> Figure:
     >>> len(plot_eigenvalues(read_snapshot(sample_path())).axes)
     3
     """
-    table = _judged(planar(snapshot))
+    snapshot = planar(snapshot)
+    snapshot.mechanics()
+    table = _loops_of(snapshot)
     return eigenvalue_distribution(table, group_rows(table["order"]))
 
 
@@ -68,7 +70,7 @@ def plot_orders(snapshot: Snapshot | Subject, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     snapshot : Snapshot or Scene
-        With forces.
+        Without forces no loop is judged.
     ax : matplotlib.axes.Axes, optional
         Where to draw; if left out pyplot's current axes while they are empty, else a new figure.
 
@@ -79,7 +81,7 @@ def plot_orders(snapshot: Snapshot | Subject, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError
-        If there are no forces or no loops, or branches cross.
+        If there are no loops, or branches cross.
 
     Examples
     --------
@@ -88,7 +90,7 @@ def plot_orders(snapshot: Snapshot | Subject, ax: Axes | None = None) -> Axes:
     'loop order (number of grains)'
     """
     snapshot = planar(snapshot)
-    return order_bars(snapshot_summary(snapshot, _judged(snapshot)), ax=ax)
+    return order_bars(snapshot_summary(snapshot, _loops_of(snapshot)), ax=ax)
 
 
 def plot_chains(snapshot: Snapshot | Subject) -> Figure:
@@ -116,7 +118,8 @@ def plot_chains(snapshot: Snapshot | Subject) -> Figure:
     2
     """
     snapshot = planar(snapshot)
-    table, chains = _judged(snapshot), force_chains(snapshot.graph)
+    snapshot.mechanics()
+    table, chains = _loops_of(snapshot), force_chains(snapshot.graph)
     table["chain_contacts"] = chains.on_loops(snapshot.faces)
     unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
     draw, links = loop_drawer(snapshot), chain_segments(snapshot, chains)
@@ -241,7 +244,7 @@ def plot_polar(found: Probe, ax: Axes | None = None) -> Axes:
     Raises
     ------
     InputError
-        If it is no probe.
+        If it is no probe, or the axes are not polar.
 
     Examples
     --------
@@ -252,12 +255,11 @@ def plot_polar(found: Probe, ax: Axes | None = None) -> Axes:
     'polar'
     """
     check_type("found", found, Probe, "Give what gl.probe returns.")
-    return polar_work(found, ax=ax)
+    return polar_work(found, ax=require_polar(ax))
 
 
-def _judged(snapshot: Snapshot) -> Columns:
-    """Table of the loops of a snapshot with forces and loops; `InputError` without."""
-    snapshot.mechanics()
+def _loops_of(snapshot: Snapshot) -> Columns:
+    """Table of the loops of a snapshot; `InputError` without any."""
     if not len(snapshot.faces.loops):
         remedy = "Give a snapshot whose contacts close loops."
         raise InputError("snapshot", f"no loops in {short(snapshot)}", "loops", remedy)

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
-from loops.errors import check_type, path_of
+from loops.errors import check_type
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
@@ -21,7 +21,7 @@ from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_se
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Event, Path
 from stability.packing.path import columns
-from studies.output import SIGNS, components, described, folder_within, provenance
+from studies.output import SIGNS, components, described, folder_for_files, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import BANDS, add_in_packing
@@ -121,19 +121,19 @@ def write_vtk(
     Raises
     ------
     InputError
-        Without vtk; if branches cross; for a table of other loops.
+        Without vtk; if branches cross; for a table of other loops; for a file in place of the
+        folder.
 
     Examples
     --------
     >>> from patterns import read_snapshot, sample_path
     >>> write_vtk("paraview", read_snapshot(sample_path()))  # doctest: +SKIP
     """
-    out, snapshot = path_of("folder", folder, "Name a folder."), planar(snapshot)
+    snapshot = planar(snapshot)
     own = _of_loops(snapshot, table)
-    out.mkdir(parents=True, exist_ok=True)
-    with folder_within(out) as partial:
-        columns = {str(name): own[name].to_numpy() for name in own}
-        tables.write_paraview(partial, snapshot, columns, provenance("snapshot", {}))
+    columns = {str(name): own[name].to_numpy() for name in own}
+    with folder_for_files(folder) as partial:
+        tables.write_paraview(partial, snapshot, columns, provenance("loop_table", {}))
 
 
 def _of_loops(snapshot: Snapshot, table: pd.DataFrame | None) -> pd.DataFrame:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats
+from loops.errors import path_of
 from stability.spectra import COMPONENTS
 from studies import __version__
 
@@ -137,6 +138,26 @@ def folder_within(out: Path) -> Iterator[Path]:
         move_files(partial, out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def folder_for_files(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """Folder to write files into that join what is in `folder`, which is made if it is not there.
+
+    Nothing is left behind by an error; `InputError` for a file in its place.
+    """
+    out = path_of("folder", folder, "Name a folder.")
+    require_folder(out, force=True)
+    fresh = not out.exists()
+    try:
+        with errors_of(out):
+            out.mkdir(parents=True, exist_ok=True)
+            with folder_within(out) as partial:
+                yield partial
+    except BaseException:
+        if fresh and out.is_dir() and not any(out.iterdir()):
+            out.rmdir()
+        raise
 
 
 def list_files(folder: Path) -> None:

@@ -352,10 +352,15 @@ def plot_rose(snapshot: Snapshot, of: str = "contacts", ax: Axes | None = None) 
     ['second order: a = 0.186 ± 0.049, -79.6°', 'all contacts: 819']
     """
     check_choice("of", of, ("contacts", "branches", "loops"))
+    return draw_rose(planar(snapshot), of, ax=require_polar(ax))
+
+
+def require_polar(ax: Axes | None) -> PolarAxes:
+    """Return polar axes; `InputError` for others."""
     if not isinstance(ax, PolarAxes):
         expected, remedy = "polar axes", "Make them with projection='polar', or leave ax out."
         raise InputError("ax", type(ax).__name__, expected, remedy)
-    return draw_rose(planar(snapshot), of, ax=ax)
+    return ax
 
 
 def plot_fabric(found: Fabric, ax: Axes | None = None) -> Axes:

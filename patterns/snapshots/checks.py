@@ -349,16 +349,16 @@ OPEN_DIGITS = 0.01
 
 def unseen(state: Checked) -> Finding:
     """List the quantities that one snapshot cannot determine, such as kt."""
-    untold, fit, percent = ["kt"], state.fit, 0.0
+    unknown, fit, percent = ["kt"], state.fit, 0.0
     if state.sliding is not None and not state.sliding.any():
-        untold.append("mu")
+        unknown.append("mu")
     if fit is None:
-        untold.append("overlaps")
+        unknown.append("overlaps")
     elif state.rounded > OPEN_DIGITS * fit.typical:
-        untold.append("digits")
+        unknown.append("digits")
         percent = 100 * state.rounded / fit.typical
-    lines = "; ".join(sentences()["unseen"][one] for one in untold).format(percent=percent)
-    return finding("unseen", len(untold), untold=lines)
+    lines = "; ".join(sentences()["unseen"][one] for one in unknown).format(percent=percent)
+    return finding("unseen", len(unknown), unknown=lines)
 
 
 def check_state(state: Checked) -> tuple[Finding, ...]:

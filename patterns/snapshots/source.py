@@ -1,4 +1,4 @@
-"""What is read: a file and the options of `read_snapshot`, checked."""
+"""A file and the options of `read_snapshot`, checked."""
 
 from __future__ import annotations
 

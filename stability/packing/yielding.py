@@ -49,7 +49,8 @@ class MixedControl(NamedTuple):
         rows = self.matrix(tangent)
         rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
         if np.linalg.cond(rows) > 1.0 / ROUNDED:
-            raise InputError("P", "strains without a change of stress", "a stiff sample", "Give H.")
+            received = "stress rates that do not determine the strain rates"
+            raise InputError("P", received, "a sample that is stiff in all directions", "Give H.")
 
     def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
         """Return strain rates (4,) at which the stress rate is `tangent @ H' + offset`."""

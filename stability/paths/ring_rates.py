@@ -171,9 +171,8 @@ def problem_in(floats: Floats, whole: Integers) -> Problem:
         floats[:a].reshape((3, L)), floats[a:b].reshape((n, WIDTH)),
         floats[b:c].reshape((ROWS, 9)), floats[c:d].reshape((N, 4)), floats[d:e],
         floats[e:f].reshape((3, N)), floats[f:g], floats[g:h].reshape((S, 2, 2)),
-        floats[h : h + 16 * K].reshape((K, 4, 4)), whole[HEADER:i],
-        whole[i:j].reshape((5, n + 1)),
-whole[j:k], whole[k:m].reshape((S, n)), whole[m:q].reshape((M, 2)), whole[q:r],
+        floats[h : h + 16 * K].reshape((K, 4, 4)), whole[HEADER:i], whole[i:j].reshape((5, n + 1)),
+        whole[j:k], whole[k:m].reshape((S, n)), whole[m:q].reshape((M, 2)), whole[q:r],
         whole[r : r + 2 * Q].reshape((Q, 2)),
     )  # fmt: skip
 

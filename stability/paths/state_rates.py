@@ -234,7 +234,7 @@ class StateRates:
 
     @cached_property
     def solved(self) -> ring.Problem:
-        """What the kernels and numpy know of the state."""
+        """Contacts, rates and tangent of the state, as the kernels and numpy solve for them."""
         state, answers = self.state, Answers(self.model, self.mode, self.programme)
         p, y = answers.p, pack(state.place, state.shear_force, state.parameter, state.work)
         p.shared[0, : len(y)], p.shared[1, :5] = y, self.gauge

@@ -68,7 +68,7 @@ def drawn_forces(rng: np.random.Generator, a: Floats, B: Floats) -> Floats:
 def random_loops(
     rng: np.random.Generator, order: int, count: int, law: LinearFrictional, **how: Any
 ) -> GrainGraph:
-    """Those of `count` random loops of mean diameter 1 that a uniform stress can load.
+    """Draw `count` random loops of mean diameter 1; keep those that a uniform stress can load.
 
     `how` are options of `patterns.random_loop`. Overlaps of a thousandth are left out: grains just
     touch.

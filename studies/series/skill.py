@@ -118,7 +118,7 @@ def interval_columns(
 
 
 def part_columns(part: Path, wanted: Sequence[str] | None = None) -> Columns:
-    """Those columns that a part of any dataset has, or all but lists."""
+    """Read columns of a part of a dataset: those wanted that it has, or all but lists."""
     there = pyarrow.parquet.read_schema(part)
     kinds = zip(there.names, there.types, strict=True)
     plain = [name for name, kind in kinds if not pa.types.is_nested(kind)]

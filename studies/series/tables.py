@@ -17,7 +17,7 @@ from loops.errors import check_type, listed, path_of
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
-from studies.output import Row, folder_within, provenance
+from studies.output import Row, folder_for_files, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
 from studies.series.chains import chain_bends
@@ -243,7 +243,7 @@ def animate(snapshots: Iterable[Snapshot], folder: str | os.PathLike[str]) -> No
     Raises
     ------
     InputError
-        If there is no snapshot, or branches cross.
+        If there is no snapshot, branches cross, or a file is in place of the folder.
 
     Examples
     --------
@@ -252,7 +252,6 @@ def animate(snapshots: Iterable[Snapshot], folder: str | os.PathLike[str]) -> No
     """
     from studies.series.figures import SMALLEST, AnimationFrame, animate_series
 
-    out = path_of("folder", folder, "Name a folder.")
     states = listed("snapshots", snapshots, Snapshot, "Give snapshots in order.")
 
     def frames() -> Iterator[AnimationFrame]:
@@ -260,9 +259,8 @@ def animate(snapshots: Iterable[Snapshot], folder: str | os.PathLike[str]) -> No
             smallest = loop_columns(state)[SMALLEST] if state.mechanical else None
             yield AnimationFrame(state, f"snapshot {number}", smallest)
 
-    out.mkdir(parents=True, exist_ok=True)
-    with folder_within(out) as partial:
-        animate_series(partial, frames(), provenance("series", {}))
+    with folder_for_files(folder) as partial:
+        animate_series(partial, frames(), provenance("loop_table", {}))
 
 
 def _read(

@@ -32,8 +32,10 @@ SENSITIVE = {
     **dict.fromkeys(("/grains/", "/w2/"), 1e-8),
     "/held/spread": 100.0,
 }
-# Of squares and hexagons the smallest eigenvalue may be double: any direction of its plane holds.
-DOUBLE = "/verdict/full/witness"
+# Where the smallest eigenvalue is double any direction of its plane holds: of the square beyond its
+# yield, of a regular loop in (11, 22, 12, 21).
+DOUBLE = "/beyond/verdict/full/witness"
+REGULAR = "polygon-4-oedometric", "polygon-6-edge-free"
 # Errors are rounding itself: they may shrink, and grow to ten times what they were.
 NOISE = (
     "error",
@@ -106,7 +108,10 @@ def stored(name):
 def test_answers_are_the_stored_ones(name, tmp_path):
     # Through JSON as the stored ones: tuples become lists.
     found = json.loads(json.dumps(CASES[name](tmp_path)))
-    assert differences(found, stored(name)) == []
+    differ = differences(found, stored(name))
+    if name in REGULAR:
+        differ = [line for line in differ if "/verdict/full/witness[" not in line]
+    assert differ == []
 
 
 def test_every_stored_answer_is_compared():

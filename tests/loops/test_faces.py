@@ -122,6 +122,37 @@ def test_pinch_is_passed_twice_by_the_outside_only():
     ]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_pruning_is_that_of_one_grain_after_the_other(seed):
+    """Also where some contacts count and walls support grains."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 30))
+    pairs = np.array([(i, j) for i in range(count) for j in range(i) if rng.random() < 2.2 / count])
+    contacts = pairs.reshape(-1, 2)
+    graph = GrainGraph(x=rng.uniform(size=(count, 2)), radii=np.ones(count), contacts=contacts)
+    for closed in (None, rng.random(len(contacts)) < 0.8):
+        for supports in (None, rng.integers(0, 3, count)):
+            kept = np.ones(count, dtype=bool)
+            left = np.ones(len(contacts), dtype=bool) if closed is None else closed.copy()
+            held = np.zeros(count, dtype=int) if supports is None else supports
+            while (
+                loose := kept & (np.bincount(contacts[left].ravel(), minlength=count) + held < 2)
+            ).any():
+                grain = np.flatnonzero(loose)[0]
+                kept[grain] = False
+                left &= ~(contacts == grain).any(axis=1)
+            found = prune_dangling(graph, closed, supports)
+            assert np.array_equal(found[0], kept) and np.array_equal(found[1], left)
+
+
+def test_a_long_chain_is_pruned_grain_by_grain():
+    chain = np.column_stack([np.arange(30_000), np.arange(1, 30_001)])
+    ring = np.vstack([chain, [[0, 30_001], [30_001, 1]]])
+    x = np.random.default_rng(0).uniform(size=(30_002, 2))
+    graph = GrainGraph(x=x, radii=np.ones(30_002), contacts=ring)
+    assert np.flatnonzero(prune_dangling(graph)[0]).tolist() == [0, 1, 30_001]
+
+
 def test_dangling_chain_is_pruned_and_numbers_stay_those_of_the_graph():
     x, square = polygon(4, first=3, centre=(9, 0))
     chain = [[0, 1], [1, 2], [2, 3]]

@@ -114,8 +114,9 @@ def test_drawn_errors_of_the_forces_stay_within_the_errors(sample, share, draws)
     errors = errors_of(graph, N=force, T=force)
     near = at_edge(gl.contact_state(graph), law, errors).any(axis=0)
     found = eigenvalue_errors(graph, law, regime, sample.faces, errors, sample.faces.loops)
-    rng, outside = np.random.default_rng(1), dict.fromkeys(RULES, 0)
-    for _ in range(draws):
+    outside = dict.fromkeys(RULES, 0)
+    for seed in range(1, draws + 1):
+        rng = np.random.default_rng(seed)
         u, v = rng.uniform(-1.0, 1.0, (2, graph.contact_count))
         drawn = graph.replace(
             normal_force=graph.normal_force + u * force, shear_force=graph.shear_force + v * force

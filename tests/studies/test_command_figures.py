@@ -1,5 +1,7 @@
 """What `gl.plot` draws of the figures of commands is what their tables hold."""
 
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -85,6 +87,35 @@ def test_animations_and_files_for_paraview_are_those_of_the_commands(sample, tmp
         == {"loops.vtp", "contacts.vtp"}
         <= {file.name for file in (tmp_path / "out").iterdir()}
     )
+
+
+def test_orders_are_drawn_without_forces_and_polar_axes_are_needed(sample):
+    tables = sample.tables()
+    pairs = {name: tables["contacts"][name] for name in ("id1", "id2")}
+    bare = gl.snapshot_from_tables(grains=tables["grains"], contacts=pairs)
+    assert gl.plot.orders(bare, ax=Figure().add_subplot()).get_ylabel() == "share of the loops (–)"
+    with pytest.raises(gl.InputError, match="got no forces"):
+        gl.plot.eigenvalues(bare)
+    with pytest.raises(gl.InputError, match="expected polar axes"):
+        gl.plot.polar(gl.probe(sample, 4, hold="strain"), ax=Figure().add_subplot())
+
+
+def test_a_file_in_place_of_the_folder_is_refused_and_nothing_is_left(
+    sample, tmp_path, monkeypatch
+):
+    (tmp_path / "taken").write_text("mine")
+    for write in (
+        lambda where: gl.write_vtk(where, sample),
+        lambda where: gl.animate([sample], where),
+    ):
+        with pytest.raises(gl.InputError, match="got a file, expected a folder"):
+            write(tmp_path / "taken")
+        assert (tmp_path / "taken").read_text() == "mine"
+    # Without the library nothing is made.
+    monkeypatch.setitem(sys.modules, "vtkmodules.util.numpy_support", None)
+    with pytest.raises(gl.InputError, match="vtk"):
+        gl.write_vtk(tmp_path / "new", sample)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
 def test_a_name_that_is_none_points_to_those_that_are():

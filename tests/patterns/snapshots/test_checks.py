@@ -271,7 +271,7 @@ def test_scales_of_forces_and_stiffness_are_told(path, options, column, factor, 
     assert f"or kn is {1 / ratio:.4g} times what" in told.says
     kn = float(np.median(healthy.law.kn)) * ratio * (factor if column == "kn" else 1)
     assert float(told.remedy.split("kn = ")[1].split(",")[0]) == pytest.approx(kn, rel=0.05)
-    assert told.remedy.endswith("one snapshot does not tell which of the two.")
+    assert told.remedy.endswith("one snapshot does not show which of the two.")
 
 
 @pytest.mark.parametrize(("path", "options"), HEALTHY[:2])
@@ -398,7 +398,7 @@ def test_walls_are_needed_or_not():
 
 def test_one_snapshot_says_what_it_does_not_tell():
     says = found(read_snapshot(sample_path()), "unseen").says
-    assert says == "one snapshot does not tell kt, two of them a small step apart do"
+    assert says == "one snapshot does not determine kt, two of them a small step apart do"
     tables = read_snapshot(sample_path()).tables()
     for name in ("x", "y"):
         tables["grains"][name] = np.array([float(f"{v:.6g}") for v in tables["grains"][name]])

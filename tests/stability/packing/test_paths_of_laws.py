@@ -90,15 +90,18 @@ def test_the_error_halves_the_energy_closes_and_a_slow_replay_comes_to_it(name):
     size = np.linalg.norm(ends[-1])
     coarse, fine = (np.linalg.norm(a - b) / size for a, b in pairwise(ends))
     assert coarse / fine > 1.9 and fine < most
-    assert max(left_over(path) for path in paths) < 1e-9
+    assert max(left_over(path) for path in paths) < 1e-10
     times = (2e3, 4e3) if name in OWN else (2e4, 2e5)
     states = [replay(scene, strain, duration=time, viscous=0.02).state for time in times]
     fast, slow = (np.linalg.norm(carried(state, count) - ends[-1]) / size for state in states)
     assert slow < 1.01 * fast and slow < slowly
-    # Without shear stiffness springs of the path hold spins that the rate problem leaves free.
-    if scene.graph.cell is None or name == "no shear stiffness":
+    if scene.graph.cell is None:
         return
     rates = rates_at(scene, H=strain, yield_band=1 - 1e-6)
+    if name == "no shear stiffness":
+        # A mechanism moves: its rates hang on a spring, and the status says so.
+        assert rates.status == "not converged"
+        return
     first = follow(scene, strained(1e-6 * strain), interval=1e-9, **how)
     change = (first.P[-1] - first.P[0]) / 1e-6
     np.testing.assert_allclose(change, rates.stress_rate.ravel(), rtol=1e-4, atol=1e-5)
@@ -111,4 +114,4 @@ def test_the_error_halves_the_energy_closes_and_a_slow_replay_comes_to_it(name):
 def test_the_energy_closes_through_instabilities(name, target, past):
     stage = Stage(programmes.drained_biaxial(), "H11", target)
     path = follow(scene_of(name)[0], stage, closure="packing", past=past, interval=4e-5)
-    assert path.status == "finished" and left_over(path) < 1e-9
+    assert path.status == "finished" and left_over(path) < 1e-10

@@ -353,9 +353,9 @@ def test_a_stress_that_does_not_determine_the_strain_is_refused(angle):
         images=[[0, 0], [1, 0]], cell=turn @ np.diag([1.98, 3.0]), normal_force=[0.01, 0.01],
     )  # fmt: skip
     for P in (np.diag([1.0, -1.0]), np.diag([1.0, 0.0])):
-        with pytest.raises(InputError, match="strains without a change of stress"):
+        with pytest.raises(InputError, match="do not determine the strain rates"):
             rates_at(Scene(row, LAW), P=turn @ P @ turn.T)
     if not angle:
-        with pytest.raises(InputError, match="strains without a change of stress"):
+        with pytest.raises(InputError, match="do not determine the strain rates"):
             probe(Scene(row, LAW), 4, control="stress")
     assert rates_at(Scene(row, LAW), H=np.eye(2)).status == "unique"

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loops import GrainGraph, LinearFrictional, Regime, Scene, contact_state
+from loops import GrainGraph, LinearFrictional, Regime, contact_state
 from loops.laws.frictional import TOUCHING_RTOL
 from patterns import regular_polygon
-from stability import Stage, follow, programmes
+from stability import Stage, programmes
 from stability.paths.loop_path import RELEASE, LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
 from stability.paths.state import Mode, initial_state, unpack
@@ -73,16 +73,3 @@ def test_grains_that_overlap_by_more_than_rounding_press_at_once(length, kn):
         end = SimpleNamespace(fired=[("opposite_contact", 0)], pairs=np.array([[0, 2]]))
         solver._take_on_contacts(end)
         assert solver.mode.regime.tolist() == [Regime.ELASTIC] * 4 + [regime]
-
-
-@pytest.mark.parametrize(("length", "kn"), UNITS)
-def test_a_control_may_join_stress_and_strain(length, kn):
-    """A loop between springs: `P11 + kn H11` grows by kn times the parameter, P22 stays."""
-    graph, law = square(length, kn, 0.02)
-    rows = np.diag([1.0, 0.0, 0.0, 1.0]), np.diag([kn, 1.0, 1.0, 0.0])
-    springs = programmes.combination(*rows, [kn, 0.0, 0.0, 0.0], "springs")
-    path = follow(Scene(graph, law), Stage(springs, "parameter", 0.01), closure="traction")
-    assert path.status == "finished" and path.H[-1, 0] > 1e-3
-    joined = path.P[:, 0] / kn + path.H[:, 0]
-    np.testing.assert_allclose(joined - joined[0], path.parameter, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(path.P[:, 3] / kn, path.P[0, 3] / kn, rtol=0, atol=1e-14)
