@@ -352,7 +352,7 @@ class Table:
 
     def _number_of(self, where: str, row: int, word: Any) -> float:
         try:
-            return float(str(word))
+            return float(word if isinstance(word, bytes) else str(word))
         except ValueError:
             where, received = f"{where}, row {self.number(row)}", repr(str(word)[:60])
             raise InputError(where, received, "a number", "Correct the file.") from None
@@ -403,7 +403,8 @@ def as_array(column: Any) -> NDArray[Any]:
         return np.asarray(np.from_dlpack(pyarrow.concat_arrays(column.chunks)))
     if numbers or pyarrow.types.is_null(kind) or pyarrow.types.is_boolean(kind):
         return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy())
-    return np.array(column.to_pylist(), dtype=str)
+    # Bytes of a damaged file stay bytes: `column` names the first that is no number.
+    return np.array(column.to_pylist(), dtype=None if pyarrow.types.is_binary(kind) else str)
 
 
 def require_columns(*wanted: tuple[Table, tuple[str, ...]]) -> None:

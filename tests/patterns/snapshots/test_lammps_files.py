@@ -123,6 +123,16 @@ def test_bad_dumps(dumps, case):
     assert "\n" not in str(error.value)
 
 
+def test_bytes_that_are_no_text_are_named(dumps):
+    rows = dumps[1].read_bytes().split(b"\n")
+    words = rows[20].split()
+    words[4] = b"\xff" + words[4][1:]
+    rows[20] = b" ".join(words)
+    dumps[1].write_bytes(b"\n".join(rows))
+    with pytest.raises(InputError, match=r"row 11: got .*xff.*expected a number"):
+        read(dumps[0])
+
+
 def test_a_number_cut_short_is_not_read(dumps):
     dumps[1].write_text(dumps[1].read_text().rstrip()[:-3])
     with pytest.raises(InputError, match=r"step 500.*a last line without its end"):
