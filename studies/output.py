@@ -371,6 +371,9 @@ def as_arrow(values: Any) -> Any:
         kinds = {type(value) for value in values}
         if kinds in ({int}, {str}) or kinds <= {float, np.float64}:
             values = np.array(values)
+    if isinstance(values, np.ndarray) and values.ndim == 2:  # a list in each row
+        starts = np.arange(len(values) + 1, dtype=np.int32) * values.shape[1]
+        return pa.ListArray.from_arrays(as_arrow(starts), as_arrow(values.ravel()))
     if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind not in "fibU":
         return pa.array(values)
     parts = [np.ascontiguousarray(values)]

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, ClassVar, get_args
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -46,7 +45,7 @@ from stability import (
     operator_norm,
     restrict,
 )
-from studies.output import Summary
+from studies.output import Columns, Summary
 from studies.paths.followed import (
     NAMED,
     YIELD_RTOL,
@@ -129,7 +128,7 @@ class FollowedDiamond(Followed):
         return diamond_states(self.loop, *at, sliding=True, added=states.added[row])
 
     @cached_property
-    def table(self) -> pd.DataFrame:
+    def table(self) -> Columns:
         """Table of the path, one row per state; the cone's angles are from E1 towards E2."""
         direction, chords = self.direction, on_axes(self.path, self.path.normal_force)
         moves, states = np.isfinite(direction[:, 0]), self.states
@@ -149,7 +148,7 @@ class FollowedDiamond(Followed):
             **{f"chord_{axis}": chords[:, axis - 1] for axis in (1, 2)},
             **self.energies,
         }
-        return pd.DataFrame(columns)
+        return columns
 
     @cached_property
     def ignored(self) -> FollowedDiamond | None:
@@ -158,19 +157,20 @@ class FollowedDiamond(Followed):
             return None
         return follow_diamond(replace(self.options, contact_on_touch="ignore"))
 
-    def tables(self) -> dict[str, pd.DataFrame]:
+    def tables(self) -> dict[str, Columns]:
         """Every table by its name."""
         tables = {"path": self.table, "polar": self.polar_table()}
         tables["path_dependence"] = path_dependence_table(self.loop)
         if "A" in self.marks:
             tables |= {f"{name}_A": table for name, table in self.snapshot("A").items()}
         if self.ignored is not None:
-            both = {"ignored": self.ignored.table, "added": self.table}
-            joined = pd.concat(both, names=["opposite"])[ADDED_COLUMNS]
-            tables["added_contact"] = joined.reset_index("opposite").reset_index(drop=True)
+            both = self.ignored.table, self.table
+            joined = {key: np.concatenate([one[key] for one in both]) for key in ADDED_COLUMNS}
+            opposite = np.repeat(["ignored", "added"], [len(one["E1"]) for one in both])
+            tables["added_contact"] = {"opposite": opposite, **joined}
         return tables
 
-    def snapshot(self, name: str) -> dict[str, pd.DataFrame]:
+    def snapshot(self, name: str) -> dict[str, Columns]:
         """A named state as the two tables of a plain snapshot, `grains` and `contacts`."""
         graph = self.graph_at(self.marks[name])
         closed, state, x = graph.regime != Regime.OPEN, contact_state(graph), graph.x
@@ -178,18 +178,15 @@ class FollowedDiamond(Followed):
         shear = (state.shear_force[:, None] * state.t)[closed]
         grains = {"id": np.arange(len(x)), "x": x[:, 0], "y": x[:, 1], "radius": 0.5}
         contacts = {
-            "id1": i,
-            "id2": j,
-            "branch_x": branch[:, 0],
-            "branch_y": branch[:, 1],
-            "fn": state.normal_force[closed],
-            "fsx": shear[:, 0],
-            "fsy": shear[:, 1],
-            "kn": 1.0,
-            "ks": self.loop.kappa,
-            "mu": self.loop.mu,
+            **{"id1": i, "id2": j, "branch_x": branch[:, 0], "branch_y": branch[:, 1]},
+            **{"fn": state.normal_force[closed], "fsx": shear[:, 0], "fsy": shear[:, 1]},
+            **{"kn": 1.0, "ks": self.loop.kappa, "mu": self.loop.mu},
         }
-        return {"grains": pd.DataFrame(grains), "contacts": pd.DataFrame(contacts)}
+        # Constants fill their columns.
+        return {
+            name: dict(zip(table, np.broadcast_arrays(*table.values()), strict=True))
+            for name, table in (("grains", grains), ("contacts", contacts))
+        }
 
     def state(self, name: str) -> dict[str, Any]:
         """A named state with its operators; B also as it is beyond, with sliding contacts."""
@@ -234,7 +231,7 @@ class FollowedDiamond(Followed):
                 {"kind": kind, **{key: float(table[key][row]) for key in EVENT_VALUES}}
                 for kind, row in self.listed
             ],
-            "end": {key: float(table[key].iloc[-1]) for key in (*STATE_VALUES, *self.energies)},
+            "end": {key: float(table[key][-1]) for key in (*STATE_VALUES, *self.energies)},
             "added_contact": None if self.ignored is None else added,
             "figures": figures,
         }
@@ -406,7 +403,7 @@ def on_axes(path: LoopPath, values: NDArray[np.generic]) -> Floats:
 # ---- Fig. 4
 
 
-def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataFrame:
+def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> Columns:
     """Fig. 4: work along both routes over the turn of the branch, (9), (10) and integrated.
 
     `kn = l0 = 1`, `kt = kappa`; the compression is the confinement, where there is one.
@@ -415,7 +412,7 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
     alpha = np.linspace(0.0, LAST_ANGLE, angles)
     columns = {
         "alpha_deg": np.degrees(alpha),
-        "compression": D,
+        "compression": np.full(angles, D),
         "shear_then_compress": work_shear_then_compress(1.0, alpha, D, 1.0, loop.kappa),
         "compress_then_shear": work_compress_then_shear(1.0, alpha, D, 1.0, loop.kappa),
     }
@@ -434,4 +431,4 @@ def path_dependence_table(loop: DiamondParameters, angles: int = 46) -> pd.DataF
             way = solve_ivp(slope, (0.0, 1.0), y.ravel(), "DOP853", rtol=1e-12, atol=1e-14)
             y = way.y[:, -1].reshape(4, -1)
         columns[f"{route}_integrated"] = y[-1]
-    return pd.DataFrame(columns)
+    return columns

@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
@@ -28,9 +27,11 @@ from stability import (
     spectrum,
     symmetric_spectrum,
 )
+from studies.output import Columns
 from studies.paths.diamond import FollowedDiamond, path_dependence_table
 from studies.paths.followed import RADIUS, Followed, operator_diagram
 from studies.paths.orders import Compared
+from studies.paths.thresholds import SUBSPACES
 from studies.study import Drawings
 from studies.style import (
     BLACK,
@@ -105,7 +106,7 @@ def polygon_figures(found: Followed) -> Drawings:
     yield "loop", lambda: draw_loops(found, ends)
     yield "stress_strain", lambda: draw_stress(found)
     yield from path_figures(found)
-    if found.subspaces.filter(like="unstable_fraction").any(axis=None):
+    if any(found.subspaces[f"unstable_fraction_{subspace}"].any() for subspace in SUBSPACES):
         yield "unstable_fraction", lambda: draw_unstable_fraction(found)
 
 
@@ -164,10 +165,10 @@ def draw_operators(found: Followed, of: str, ax: Axes) -> None:
 @panel(4.2, 2.8)
 def draw_cone(found: Followed, ax: Axes) -> None:
     """Instability cone in (11, 22) along the path, with the path's own direction (Fig. 12)."""
-    E1, half = found.E1, 0.5 * found.plane["cone_opening_deg"].to_numpy()
+    E1, half = found.E1, 0.5 * found.plane["cone_opening_deg"]
     half = np.where(half > 0.0, half, np.nan)
     # The paper's alphaE counts from E2 towards E1.
-    axis = np.mod(90.0 - found.plane["cone_axis_deg"].to_numpy(), 180.0)
+    axis = np.mod(90.0 - found.plane["cone_axis_deg"], 180.0)
     for k, (a, b) in enumerate(pairwise([0, *found.jumps.tolist(), len(found.path)])):
         ax.fill_between(
             E1[a:b], (axis - half)[a:b], (axis + half)[a:b], facecolor="none",
@@ -189,7 +190,7 @@ def draw_unstable_fraction(found: Followed, ax: Axes) -> None:
     """Share of strain directions with negative work under the operator of the path, by subspace."""
     table, E1 = found.subspaces, found.broken(found.E1)
     for subspace, colour, style, label in SUBSPACE_LOOKS:
-        share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"].to_numpy())
+        share = found.broken(100.0 * table[f"unstable_fraction_{subspace}"])
         ax.plot(E1, share, color=colour, linestyle=style, label=label)
     over_strain(found, ax, None, "unstable directions of $K$ (%)")
     ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])
@@ -435,7 +436,7 @@ def over_order(
     orders = compared.table["order"]
     for column, (marker, colour, label) in looks.items():
         ax.plot(orders, compared.table[column], marker, color=colour, label=label, **HOLLOW)
-    ticks = orders.to_numpy()[:: max(len(orders) // 10, 1)]
+    ticks = orders[:: max(len(orders) // 10, 1)]
     ax.set(xlabel="order of the loop, $n$", xticks=ticks, ylabel=ylabel)
 
 
@@ -531,14 +532,14 @@ def draw_added_contact(found: FollowedDiamond, ignored: FollowedDiamond) -> Figu
 
 
 @styled()
-def draw_path_dependence(table: pd.DataFrame) -> Figure:
+def draw_path_dependence(table: Columns) -> Figure:
     """Two routes between the same two positions of a contact, and the work along each (Fig. 4).
 
     Lines are (9) and (10), points the integrated rate law.
     """
     fig, ((geometry, works),) = new_panels(1, 2, 2.8, width_ratios=[1.0, 1.25])
     # Routes of the centre of sphere 2 around sphere 1, distance and angle.
-    compression = float(table["compression"].iloc[0])
+    compression = float(table["compression"][0])
     alpha, start = np.radians(40.0), np.radians(20.0)
     ends = {"A": (1.0, start), "B": (1.0, start + alpha)}
     ends |= {"D": (1.0 - compression, start), "C": (1.0 - compression, start + alpha)}
@@ -568,7 +569,7 @@ def draw_path_dependence(table: pd.DataFrame) -> Figure:
     ):
         works.plot(table["alpha_deg"], table[route], color=colour, label=label)
         works.plot(
-            table["alpha_deg"].iloc[points], table[f"{route}_integrated"].iloc[points], "o",
+            table["alpha_deg"][points], table[f"{route}_integrated"][points], "o",
             color=colour, markerfacecolor="white", markersize=3.5, clip_on=False,
         )  # fmt: skip
     works.plot([], [], "o", color=GREY, markerfacecolor="white", label="rate law integrated")

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from loops import (
@@ -45,7 +44,7 @@ from stability import (
 )
 from stability import Path as LoopPath
 from stability.path import describe
-from studies.output import Summary, definitions, values_of
+from studies.output import Columns, Summary, definitions, values_of
 from studies.paths.options import DiamondOptions, LoopOptions, PolygonOptions, file_notes
 from studies.paths.thresholds import SUBSPACES, thresholds
 
@@ -276,23 +275,23 @@ class Followed:
         regime = np.where(edge.at_yield, Regime.SLIDING, edge.regime)
         return self.graph_at(self.marks[name]).replace(regime=regime)
 
-    def polar_table(self) -> pd.DataFrame:
+    def polar_table(self) -> Columns:
         """Normalised second-order work in every direction at the named states (45).
 
         `x, y` are points `(2 + w2) (cos alphaE, sin alphaE)`, `tan(alphaE) = E1'/E2'`.
         """
         names = ("state", "alphaE_deg", "w2", "x", "y", "regime", "solutions")
-        empty = pd.DataFrame(columns=names).astype(dict.fromkeys(names[1:5], float))
-        tables, ring = [empty], len(self.path.x[0])
+        none, ring = np.zeros(0), len(self.path.x[0])
+        rows = [(none.astype(str), none, none, none, none, none.astype(str), none.astype(str))]
         for state, (diagram, work, _) in self.directions.items():
             slips = (work.regime == Regime.SLIDING).any(axis=1)
             opens = (work.regime[:, :ring] == Regime.OPEN).any(axis=1)
             kinds = [work.status == "none", slips, opens]
             regime = np.select(kinds, ["none", "sliding", "open"], "elastic")
             angle, (x, y) = np.degrees(diagram.angle), diagram.points.T
-            values = (state, angle, diagram.work, x, y, regime, work.status)
-            tables.append(pd.DataFrame(dict(zip(names, values, strict=True))))
-        return pd.concat(tables[1:] or tables, ignore_index=True)
+            states = np.full(len(angle), state)
+            rows.append((states, angle, diagram.work, x, y, regime, work.status))
+        return dict(zip(names, map(np.concatenate, zip(*rows, strict=True)), strict=True))
 
     def degrees(self, name: str) -> dict[str, float] | None:
         """Degrees of 360 with negative work, without and with several solutions, at a state."""
@@ -304,12 +303,12 @@ class Followed:
         return {kind: degrees if degrees > CLOSED else 0.0 for kind, degrees in known.items()}
 
     @cached_property
-    def plane(self) -> pd.DataFrame:
+    def plane(self) -> Columns:
         """Spectra and cone in (11, 22) of every row, see `plane_columns`."""
         return plane_columns(self.K, self.det_K, self.det_Ks)
 
     @cached_property
-    def subspaces(self) -> pd.DataFrame:
+    def subspaces(self) -> Columns:
         """`lambda_min_*` and `unstable_fraction_*` of every subspace at every row."""
         columns: dict[str, Floats] = {}
         for subspace in SUBSPACES:
@@ -319,7 +318,7 @@ class Followed:
             values = np.where(np.abs(values) <= RTOL * operator_norm(K)[..., None], 0.0, values)
             columns[f"lambda_min_{subspace}"] = values[:, 0]
             columns[f"unstable_fraction_{subspace}"] = unstable_fraction(values)
-        return pd.DataFrame(columns)
+        return columns
 
     @cached_property
     def critical(self) -> dict[str, float | None]:
@@ -327,7 +326,7 @@ class Followed:
         return thresholds(self.options)
 
     @cached_property
-    def table(self) -> pd.DataFrame:
+    def table(self) -> Columns:
         """Table of the path, one row per state; work is over `kn` and the reference area."""
         path, H, P = self.path, self.path.H, self.path.P
         columns: dict[str, Any] = {
@@ -335,11 +334,11 @@ class Followed:
             "parameter": path.parameter,
             **{"E1": H[:, 0], "E2": H[:, 3], "H12": H[:, 1], "H21": H[:, 2]},
             **{"s1": P[:, 0], "s2": P[:, 3], "s12": P[:, 1], "s21": P[:, 2]},
-            "N": list(path.normal_force),
-            "T": list(path.shear_force),
-            "regime": REGIME_NAMES[path.regime].tolist(),
-            "x": list(path.x[..., 0]),
-            "y": list(path.x[..., 1]),
+            "N": path.normal_force,
+            "T": path.shear_force,
+            "regime": REGIME_NAMES[path.regime],
+            "x": path.x[..., 0],
+            "y": path.x[..., 1],
             **{f"A{a}_{b}": path.A[:, i, j] for i, a in enumerate(COMPONENTS)
                for j, b in enumerate(COMPONENTS)},
             **part_columns(**dict(zip(("Kmat", "Kgeo"), self.split, strict=True))),
@@ -350,7 +349,8 @@ class Followed:
             "energy_error": path.energy_error,
             "imbalance": path.imbalance,
         }  # fmt: skip
-        return pd.DataFrame(columns).iloc[self.written_rows()]
+        rows = self.written_rows()
+        return {name: np.asarray(column)[rows] for name, column in columns.items()}
 
     def written_rows(self) -> Integers:
         """Rows of the table: all of the path; of large loops ends of stages and a selection."""
@@ -361,7 +361,7 @@ class Followed:
         ends, picked = np.flatnonzero(np.diff(self.path.stage)), np.linspace(0, count - 1, most)
         return np.unique(np.concatenate([picked.astype(int), ends, ends + 1]))
 
-    def tables(self) -> dict[str, pd.DataFrame]:
+    def tables(self) -> dict[str, Columns]:
         """Tables by name; none of a loop that takes no load."""
         return {"path": self.table, "polar": self.polar_table()} if self.loaded else {}
 
@@ -542,7 +542,7 @@ def first_yield(path: LoopPath, mu: Floats | float) -> Event | None:
     return None
 
 
-def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
+def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> Columns:
     """Determinants, eigenvalues of Ks (ascending) and of K, verdict and cone in (11, 22).
 
     A cone that closes within the tolerance is a single direction, of opening 0.
@@ -566,7 +566,7 @@ def plane_columns(K: Floats, det_K: Floats, det_Ks: Floats) -> pd.DataFrame:
         "cone_edge_2_deg": edges[:, 1],
         "unstable_fraction": opening / 180.0,
     }  # fmt: skip
-    return pd.DataFrame(columns)
+    return columns
 
 
 def part_columns(**parts: Floats) -> dict[str, Floats]:
@@ -582,7 +582,10 @@ def operator_values(
 
     `determinants` (2, 1): Of K and of Ks.
     """
-    verdict, plane = judge(K), plane_columns(K[None], *determinants).iloc[0]
+    verdict, plane = (
+        judge(K),
+        {name: column[0] for name, column in plane_columns(K[None], *determinants).items()},
+    )
     return {
         **{name: float(plane[name]) for name in ("det_K", "det_Ks")},
         "K": K,

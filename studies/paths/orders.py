@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from studies.output import Row, Summary, definitions, values_of
+from studies.output import Columns, Row, Summary, definitions, values_of
 from studies.paths.followed import Followed, first_yield, follow_loop
 from studies.paths.options import ComparisonOptions
 
@@ -40,7 +39,7 @@ class Compared:
         return rows
 
     @cached_property
-    def table(self) -> pd.DataFrame:
+    def table(self) -> Columns:
         """One row per order; NaN where a loop has no such state."""
         rows = []
         for loop in self.loops:
@@ -51,16 +50,17 @@ class Compared:
                 values = loop[name] or {}
                 row |= {f"{name}_{key}": values.get(key, np.nan) for key in ("E1", "E2", "s1")}
             rows.append(row | {"end_E1": loop["end"]["E1"], "status": loop["status"]})
-        return pd.DataFrame(rows)
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
-    def tables(self) -> dict[str, pd.DataFrame]:
+    def tables(self) -> dict[str, Columns]:
         """A row per order; strains, stresses, determinants, smallest eigenvalue of Ks of paths."""
         parts = []
         for order, path in zip(self.options.orders, self.paths, strict=True):
-            columns = {"order": order, "stage": path.stage, **values_of(path, *CURVES)}
-            smallest = path.path.symmetric_eigenvalues[:, 0]
-            parts.append(pd.DataFrame(columns | {"lambda_min": smallest}))
-        return {"compare": self.table, "paths": pd.concat(parts, ignore_index=True)}
+            columns = {"order": np.full(len(path.path), order), "stage": np.asarray(path.stage)}
+            columns |= values_of(path, *CURVES)
+            parts.append(columns | {"lambda_min": path.path.symmetric_eigenvalues[:, 0]})
+        joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        return {"compare": self.table, "paths": joined}
 
     def summary(self) -> Summary:
         """Summary of the study, without its provenance."""

@@ -18,12 +18,7 @@ QUESTIONS: dict[type, tuple[str, str, Any, str]] = {
     DiamondOptions: ("diamond", "Diamond", follow_diamond, "diamond"),
     PolygonOptions: ("polygon", "Loop of {.order} grains", follow_loop, "polygon"),
     LoopOptions: ("polygon", "Loop of {.order} grains", follow_loop, "polygon"),
-    ComparisonOptions: (
-        "polygon --compare",
-        "Loops by order",
-        compare_orders,
-        "comparison",
-    ),
+    ComparisonOptions: ("polygon --compare", "Loops by order", compare_orders, "comparison"),
 }
 
 

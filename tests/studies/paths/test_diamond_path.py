@@ -2,6 +2,7 @@
 
 import mpmath
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import Regime
@@ -242,7 +243,7 @@ def test_cone_beyond_B_is_that_of_the_sliding_operator():
 
 
 def test_works_of_both_routes_by_integration():
-    table = path_dependence_table(DiamondOptions(table=2).parameters, 7)
+    table = pd.DataFrame(path_dependence_table(DiamondOptions(table=2).parameters, 7))
     alpha, D = np.radians(table["alpha_deg"].to_numpy()), table["compression"].to_numpy()
     for route, closed in (
         ("shear_then_compress", shear_then_compress(1.0, alpha, D, 1.0, 0.24)),

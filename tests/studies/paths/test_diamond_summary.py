@@ -2,6 +2,7 @@
 
 import mpmath
 import numpy as np
+import pandas as pd
 import pytest
 
 from loops import InputError
@@ -22,7 +23,7 @@ def strains(path):
 
 def isotropic_rows(path):
     """Columns of the rows of the isotropic stage."""
-    rows = path.table[path.table["stage"] == "isotropic"]
+    rows = pd.DataFrame(path.table).query("stage == 'isotropic'")
     return {key: values.to_numpy() for key, values in rows.items()}
 
 
