@@ -42,7 +42,6 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.verdict import loop_stability
-from tests.oracles.drained import drained_end
 from tests.oracles.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
 
 # Least total time of the repeated runs in seconds; the fastest run counts.
@@ -53,7 +52,6 @@ TRACED = 2.0
 POINT_B = (0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503)
 # Increase of E1 from A to a strain beyond B.
 SPAN = 0.11
-PATH_COUNTS = (1, 100, 10_000)
 DIRECTION_COUNTS = (36, 360, 3600, 36_000)
 BATCH_SIZES = (1, 10, 100, 1000, 10_000)
 # Names of `compiled=False` and `compiled=True`.
@@ -149,12 +147,9 @@ def largest(errors: Any) -> float:
 
 
 def path_methods(quick: bool) -> Rows:
-    """The drained path to point B of Table 1: by `follow`, and in closed form."""
+    """The drained path to point B of Table 1 by `follow`."""
     rows = Rows("paths", "quadrature, 20 digits", quick)
     rows.add("path solver", "paths 1", path_solver, error_at_b(path_solver()), 1, True)
-    for paths in PATH_COUNTS[: 2 if quick else None]:
-        call = partial(exact_solver, paths)
-        rows.add("exact solver", f"paths {paths}", call, error_at_b(call()), paths)
     return rows
 
 
@@ -174,13 +169,6 @@ def path_solver() -> tuple[float, float, float]:
     )
     row = next(event.index for event in path.events if event.kind == "yield")
     return float(path.H[row, 0]), float(path.H[row, 3]), float(path.P[row, 0])
-
-
-def exact_solver(paths: int) -> tuple[float, float, float]:
-    """E1, E2, s1 at B by the closed forms, for several paths at once."""
-    alpha0 = np.full(paths, TABLE_1.alpha0)
-    state = drained_end(alpha0, TABLE_1.kappa, TABLE_1.phi, TABLE_1.confinement).state
-    return float(state.E1[-1]), float(state.E2[-1]), float(state.s1[-1])
 
 
 def error_at_b(found: tuple[float, float, float]) -> float:

@@ -7,7 +7,6 @@ import pandas as pd
 from studies.forecast import PARTS, calibration
 from tests.docs.pages import DOCS, page, tables
 from tests.docs.test_how_to import words
-from tests.tools.forecasting import DRAWN, figure_of
 
 SCORES = pd.read_csv(DOCS / "figures/forecast.csv")
 
@@ -41,11 +40,3 @@ def test_counts_of_all_series_are_those_that_are_stored():
     told = [f"{row.true} of {row.loops}" for row in (*both.itertuples(), one, none)]
     (line,) = (one for one in page("evidence/forecast").splitlines() if "fourth quarter" in one)
     assert re.findall(r"\d+ of \d+", line) == told
-
-
-def test_every_predictor_is_in_the_figure():
-    panels = figure_of(SCORES, calibration()).axes
-    assert len(panels) == 4
-    for ax in panels[1:]:
-        labels = {line.get_label() for line in ax.lines}
-        assert set(DRAWN) <= labels

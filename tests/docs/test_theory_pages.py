@@ -30,7 +30,7 @@ from stability import bromwich_margin, restrict, symmetric_part, symmetric_spect
 from tests.docs.pages import DOCS, page, says, section, tables, unsaid
 from tests.docs.test_citations import PAGES, SOURCES
 from tests.docs.test_paper_page import equation_numbers
-from tests.oracles.drained import drained_end, drained_path, printed_states_after_turn
+from tests.oracles.drained import drained_path, printed_states_after_turn
 from tests.oracles.stability_fraction import imhof_fraction
 
 sys.path.insert(0, str(DOCS / "site"))
@@ -190,7 +190,7 @@ def test_free_spins_need_no_shear_beyond_four():
 def test_points_B():
     (rows,) = tables(section(page("theory/diamond"), "## The drained biaxial path"))
     for row, p in zip(rows, (TABLE_1, TABLE_2), strict=True):
-        state = drained_end(p.alpha0, p.kappa, p.phi, p.confinement).state
+        state = drained_path(p).end
         found = [float(state.E1), float(state.E2), float(state.s1)]
         quoted = [float(row[f"${name}$"]) for name in ("E_1", "E_2", "s_1")]
         np.testing.assert_allclose(found, quoted, rtol=0, atol=2e-15)

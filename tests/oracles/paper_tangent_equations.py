@@ -25,6 +25,7 @@ from patterns.diamond.closed_form import (
 from stability import bromwich_margin, restrict, second_order_work, symmetric_part
 from tests.oracles.diamond_forces import (
     congruence,
+    determinant,
     force_geometric_tangent,
     force_material_tangent,
     force_rates,
@@ -32,7 +33,6 @@ from tests.oracles.diamond_forces import (
     lagrangian_tangent,
     side_rates,
 )
-from tests.oracles.diamond_general import determinant
 from tests.oracles.paper_samples import Samples, difference, operator_difference, random_samples
 
 Floats = NDArray[np.float64]

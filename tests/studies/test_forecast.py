@@ -18,6 +18,7 @@ from studies.forecast import (
     KINDS,
     NEVER,
     PARTS,
+    WAYS,
     Calibration,
     calibration,
     forecast_reach,
@@ -32,9 +33,8 @@ from studies.forecast import (
 from studies.series.skill import score_skill
 from tests.command import run
 from tests.packings import LAW, jammed
-from tests.tools.forecasting import SERIES, counted, measured
 from tests.unsaved import leave_files_empty
-from tests.yade_slow import COLLECTION, in_collection
+from tests.yade_slow import in_collection, slow, strain_between
 
 DRIVEN = {"to": -3e-3, "axis": 2, "interval": 1e-4}
 
@@ -389,6 +389,12 @@ def test_what_is_no_sample_or_no_option_is_refused(sample, tmp_path):
         gl.evolve(gl.loop(sample, 3).scene, to=1e-5)
 
 
+def lost_between(one, two):
+    """Loops of a snapshot that are no more in a later one."""
+    match = match_contacts(one.graph, one.ids, two.graph, two.ids)
+    return loop_fates(match, one.faces, two.faces).before != Fate.SURVIVED
+
+
 @pytest.mark.slow
 def test_loops_that_yade_lost_are_told_from_the_earlier_snapshot():
     folder = sample_path("slow")
@@ -401,8 +407,7 @@ def test_loops_that_yade_lost_are_told_from_the_earlier_snapshot():
         for number in (10, 13)
     )  # fmt: skip
     found = gl.forecast(one, "biaxial", to=6e-5, axis=2, spread=False)
-    match = match_contacts(one.graph, one.ids, two.graph, two.ids)
-    lost = loop_fates(match, one.faces, two.faces).before != Fate.SURVIVED
+    lost = lost_between(one, two)
     p = found.loops["lost_probability"].to_numpy()
     # The page says so: 33 are likely lost, and Yade lost them, of 38.
     assert lost.sum() == 38 and (p > 0.5).sum() == 33 and lost[p > 0.5].all()
@@ -413,22 +418,11 @@ def test_loops_that_yade_lost_are_told_from_the_earlier_snapshot():
 @pytest.mark.parametrize("pair", [(12, 13), (24, 25)])
 def test_a_step_of_the_collection_is_told_by_the_other_series(pair):
     """Loops that Yade loses have the large probabilities, by series that this one is not among."""
-    (series,) = (one for one in SERIES if one.folder == "yade-slow")
-    loops = measured(COLLECTION.parent, series, pair)
-    assert set(loops["path_status"]) == {"finished"}
-    known = calibration().without("yade-slow")
-    for kind in KINDS:
-        ways = (loops[f"{way}_{kind}"].to_numpy() for way in ("path", "replay"))
-        said, base = known.probability(kind, *ways, float(loops["reach"][0]))
-        value = np.where(loops[kind] == 1, -1.0, 1.0)
-        some = loops[kind].notna().to_numpy()
-        score = score_skill(said[some], value[some], signed=False)
-        true = value[some] < 0
-        errors = [np.mean((p[some] - true) ** 2) for p in (said, base)]
-        assert score["auc"] > 0.9 and errors[0] < 0.3 * errors[1], kind
-    # These loops are among those that were counted.
-    rows = counted(loops).set_index(["level", "kind", "path", "replay"])
-    stored = calibration().table
-    stored = stored[stored["series"] == "yade-slow"].set_index(["level", "kind", "path", "replay"])
-    for name in ("loops", "true"):
-        assert (rows[name] <= stored[name].reindex(rows.index)).all()
+    one, two = (slow(number)[0] for number in pair)
+    found = gl.forecast(one, "biaxial", to=strain_between(one, two)[1, 1], axis=2, spread=False)
+    ways = (places(found.evolution, way).lost for way in WAYS.values())
+    said, base = calibration().without("yade-slow").probability("lost", *ways, found.reach)
+    lost = lost_between(one, two)
+    assert score_skill(said, np.where(lost, -1.0, 1.0), signed=False)["auc"] > 0.9
+    errors = [np.mean((p - lost) ** 2) for p in (said, base)]
+    assert errors[0] < 0.3 * errors[1]

@@ -20,8 +20,7 @@ from patterns.diamond import (
 )
 from patterns.diamond.closed_form import drained_slope, geometric_softening, isotropic_determinant
 from tests.oracles import diamond_symbolic as symbolic
-from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
-from tests.oracles.diamond_general import determinant
+from tests.oracles.diamond_forces import branch_from_sides, determinant, side_lengths, stresses
 
 
 def random_states(seed, count=1000):

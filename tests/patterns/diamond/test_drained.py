@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from loops import InputError
 from patterns.diamond import (
     TABLE_1,
     TABLE_2,
@@ -16,8 +16,8 @@ from patterns.diamond import (
 )
 from patterns.diamond.closed_form import contact_displacement_rates, drained_slope
 from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
-from tests.oracles.diamond_general import drained_states
-from tests.oracles.drained import drained_path
+from tests.oracles.diamond_mpmath import yield_state
+from tests.oracles.drained import drained_path, drained_states
 
 TWENTY_DIGITS = [
     (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
@@ -58,6 +58,38 @@ def test_yield_point_of_the_papers_tables(parameters, E1, E2, s1):
     assert abs(path.end.E2 - E2) < 1e-14
     assert abs(path.end.s1 - s1) < 1e-14
     assert abs(path.end.T - parameters.mu * path.end.N) < 1e-15
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_point_b_in_25_digits(name):
+    p, path = PATHS[name], drained_path(PATHS[name])
+    with mp.workdps(25):
+        exact = yield_state(
+            p.alpha0, p.kappa, p.phi, p.confinement, float(path.end.alpha), path.direction
+        )
+        for field, value in zip(("alpha", "E1", "E2", "s1", "N", "T"), exact, strict=True):
+            found = float(getattr(path.end, field))
+            assert abs(found - value) < 1e-14 * max(abs(value), p.confinement), field
+
+
+@pytest.mark.parametrize(
+    ("alpha0", "kappa", "phi", "confinement", "status"),
+    [
+        (0.3, 0.4, 0.5, 0.0, "yield"),
+        (0.3, 0.4, 0.2, 0.0, "opening"),
+        (0.8, 0.0, 0.5, 0.2, "none"),
+        (0.8, 0.4, 0.5 * np.pi, 0.2, "none"),
+        (0.8, 0.4, 0.0, 0.2, "yield"),
+        (0.3, 0.0, 0.5, 0.0, "opening"),
+    ],
+)
+def test_ends_in_closed_form(alpha0, kappa, phi, confinement, status):
+    path = drained_path(DiamondParameters(alpha0, kappa, phi, confinement))
+    assert path.status == status
+    slides = status == "yield" and phi > 0
+    if status != "none":
+        assert path.end.alpha == pytest.approx(phi if slides else alpha0, abs=1e-15)
+        assert slides or path.end.N == pytest.approx(confinement, abs=1e-16)
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -131,5 +163,3 @@ def test_strain_control_reaches_its_limit():
     assert abs(K[1, 1] / np.tan(0.1)) < 1e-12
     state, _ = drained_states(path, angles(path, 50, float(E.alpha)))
     assert np.all(np.diff(state.E1) > 0)
-    with pytest.raises(InputError, match="up to the limit of strain control"):
-        drained_states(path, float(E.alpha) + 1e-6)

@@ -25,11 +25,11 @@ from patterns.diamond import (
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
 from stability.paths import loop_path, of_graph
-from tests.oracles.diamond_general import drained_states
 from tests.oracles.drained import drained_path as exact_drained_path
+from tests.oracles.drained import drained_states
 
 CLOSURES = ("affine", "traction")
-# Twenty digits, by a quadrature in tests.oracles.diamond_mpmath: E1, E2, s1.
+# Twenty digits, by tests.oracles.diamond_mpmath: E1, E2, s1.
 POINT_B = {
     "table 1": (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
     "table 2": (TABLE_2, 0.41619122318013548716, -0.072382919123994869769, 0.31215593602737202138),

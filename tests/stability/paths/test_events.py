@@ -11,8 +11,8 @@ from patterns import diamond, regular_polygon
 from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
 from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
-from tests.oracles.diamond_general import drained_states
 from tests.oracles.drained import drained_path as exact_drained_path
+from tests.oracles.drained import drained_states
 
 CLOSURES = ("affine", "traction")
 LAW = LinearFrictional(kn=1.0, kt=TABLE_1.kappa, mu=TABLE_1.mu)

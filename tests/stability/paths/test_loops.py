@@ -18,8 +18,8 @@ from loops import (
 from patterns import regular_polygon
 from patterns.diamond import DiamondParameters
 from stability import Stage, follow, programmes
-from tests.oracles.diamond_general import drained_states
 from tests.oracles.drained import drained_path as exact_drained_path
+from tests.oracles.drained import drained_states
 
 CLOSURES = ("affine", "traction")
 SPINS = ("blocked", "affine", "free")
