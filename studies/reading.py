@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from patterns import Snapshot, count_frames, planar, read_snapshot
 from patterns.snapshots.cells import FILE_ENDINGS, cell_reader, number_reader
 from patterns.snapshots.columns import WORDS
 from patterns.snapshots.formats import frame_steps
+from patterns.snapshots.source import Source
 from patterns.snapshots.tables import read_table
 from studies.output import as_json, code_version, provenance, readable
 
@@ -33,10 +33,9 @@ CONTENTS = re.compile(
 
 def reading(**how: Any) -> dict[str, Any]:
     """All options of `read_planar` but the path: the given ones, defaults for the others."""
-    asked = list(inspect.signature(read_snapshot).parameters.values())[1:]
-    # Friction has one name in a configuration, and so has the cell.
-    defaults = {one.name: one.default for one in asked if one.name not in ("phi", "cells")}
-    return {**defaults, "strict": False, "drop_crossings": False, **how}
+    names = [one.name for one in fields(Source) if one.name != "path"]
+    defaults = dict.fromkeys([*names, "frame"]) | {"format": "auto", "strict": False}
+    return {**defaults, "drop_crossings": False, **how}
 
 
 def read_planar(
@@ -128,9 +127,7 @@ def plan_series(
                 "PATHS", f"{path} twice", "each snapshot once", "Leave the repeated one out."
             )
         seen.add(path.resolve())
-    if how["cell"] is not None and cells is not None:
-        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    cell = None if cells is None else cell_reader(cells)
+    cell = cell_reader(cells, how["cell"])
     if times is None and cells is not None and read_table(cells).has("time"):
         times = cells
     time = None if times is None else number_reader("--times", times, ("time",))
@@ -142,8 +139,7 @@ def plan_series(
             count = 1
         for frame in range(count):
             own = how if count == 1 else how | {"frame": frame}
-            if cell is not None:
-                own = own | {"cell": cell(path, own["frame"])}
+            own = own | {"cell": cell(path, own["frame"])}
             at = None if time is None else time(path, own["frame"])[0]
             planned.append(PlannedSnapshot(len(planned), path.absolute(), own, at))
     return with_fingerprints(planned)

@@ -45,12 +45,14 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
     Without forces, or with normal forces alone on frictional grains, only the geometry. Findings
     that leave no meaningful result are refused if strict; doubts become notes.
     """
+    cell = as_cell(frame.cell if source.cell is None else source.cell)
+    frame = replace(frame, cell=cell, periodic=source.periodic or frame.periodic)
     plane = () if frame.grains.has("z") else ("x", "y")
     require_columns((frame.grains, (*plane, "radius")), (frame.contacts, ("id1", "id2")))
     load_ahead(len(frame.contacts))
     tables = [frame.grains, frame.contacts, *([] if frame.walls is None else [frame.walls])]
     (own, table, *of_walls), notes = in_plane(tables)
-    large, cell, ids = use_compiled(None, len(table)), as_cell(frame.cell), read_ids(own)
+    large, ids = use_compiled(None, len(table)), read_ids(own)
     named, shift, shifted = named_rows(own, table, ids, cell)
     of_type = {"given": frame.has_types, "others": bool(of_walls)}
     is_wall, kinds, findings = told_walls(own, named, cell, **of_type)

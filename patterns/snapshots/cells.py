@@ -16,18 +16,6 @@ CELL_COLUMNS = ("h_xx", "h_xy", "h_yx", "h_yy")
 FILE_ENDINGS = re.compile(r"(\.(csv|tsv|txt|dat|parquet|npz|h5|hdf5|json|gz|bz2|xz|zst))+$", re.I)
 
 
-def cell_from(
-    cells: str | Path | None, path: Path, frame: int | None, cell: ArrayLike | None
-) -> ArrayLike | None:
-    """Return the cell that is given, or that of a snapshot in a table of cells."""
-    if cells is None:
-        return cell
-    if cell is not None:
-        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
-    table = path_of("cells", cells, "Name a table.")
-    return np.reshape(cell_reader(table)(path, frame), (2, 2))
-
-
 def rows_by_number(path: Path, names: Sequence[str] = CELL_COLUMNS) -> dict[int, tuple[float, ...]]:
     """Columns of a table, its cells if none are named, by the number of the snapshot."""
     table = read_table(path)
@@ -65,9 +53,19 @@ def number_reader(
     return row_of
 
 
-def cell_reader(cells: Path) -> Callable[[Path, int | None], tuple[float, ...]]:
-    """Function that gives the cell of a snapshot, by its file and its number in one of several."""
-    return number_reader("--cells", cells, CELL_COLUMNS)
+def cell_reader(
+    cells: str | Path | None, cell: ArrayLike | None = None
+) -> Callable[[Path, int | None], ArrayLike | None]:
+    """Function that gives the cell of a snapshot, by its file and its number in one of several.
+
+    It is that of a table, else the one that is given.
+    """
+    if cells is None:
+        return lambda file, frame: cell
+    if cell is not None:
+        raise InputError("--cell, --cells", "both", "one of them", "Leave one out.")
+    row_of = number_reader("--cells", path_of("cells", cells, "Name a table."), CELL_COLUMNS)
+    return lambda file, frame: np.reshape(row_of(file, frame), (2, 2))
 
 
 def number_of(path: Path, frame: int | None = None) -> int:

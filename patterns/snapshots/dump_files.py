@@ -232,7 +232,7 @@ class FoundContacts(NamedTuple):
 
 
 # Finds the contacts of a table whose columns have no names.
-FindContacts = Callable[[Table, Atoms, DumpFrame], FoundContacts]
+FindContacts = Callable[[Table, Atoms, DumpFrame, Source], FoundContacts]
 
 
 def frames_of_dumps(source: Source, find: FindContacts) -> Frames:
@@ -252,9 +252,9 @@ def frames_of_dumps(source: Source, find: FindContacts) -> Frames:
     if unused:
         notes = (f"{counted(len(unused), 'step')} of {path} without atoms, such as {unused[0]}",)
 
-    def read(own: DumpFrame, local: DumpFrame, notes: Notes) -> Frame:
+    def read(own: DumpFrame, local: DumpFrame, notes: Notes, source: Source) -> Frame:
         _require_one_box(own, local)
-        atoms, contacts, forces, said = find(local.read(), read_atoms(own, source), own)
+        atoms, contacts, forces, said = find(local.read(), read_atoms(own, source), own, source)
         walls, of_walls = read_walls(own, atoms, source.columns)
         if walls is None and not all(atoms.periodic):
             of_walls = ("no columns of walls: their forces are missing from the stress",)

@@ -7,12 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from numpy.typing import ArrayLike
-
 from loops import InputError
 from loops.errors import check_choice, whole_number
 from patterns.snapshots.build import build_snapshot
-from patterns.snapshots.cells import cell_from
+from patterns.snapshots.cells import cell_reader
 from patterns.snapshots.files import head_of, require_file
 from patterns.snapshots.frame import Frames, frame_of_tables, is_table, table_frames
 from patterns.snapshots.geometry import as_cell
@@ -31,7 +29,7 @@ class Format(NamedTuple):
 
     `recognises(path, head)`: whether a file of this name that begins so is in this format.
     `frames(source)`: the snapshots of a file, without reading their rows. A damaged one is
-    counted, and raises `InputError` when it is read.
+    counted, and raises `InputError` when it is read, which may be in another cell.
     """
 
     recognises: Callable[[Path, bytes], bool]
@@ -75,24 +73,9 @@ def read_snapshot(
     path: str | Path,
     contacts: str | Path | None = None,
     *,
-    cell: ArrayLike | None = None,
     cells: str | Path | None = None,
-    periodic: str | None = None,
-    kn: float | None = None,
-    kt: float | None = None,
-    mu: float | None = None,
-    phi: float | None = None,
-    shear_increment: str | None = None,
-    law: str | None = None,
-    young: float | None = None,
-    poisson: float | None = None,
-    shear_history: str | None = None,
-    adhesion: float | None = None,
-    cohesion: float | None = None,
-    format: str = "auto",
-    columns: Mapping[str, str | int] | None = None,
-    strict: bool = True,
     frame: int | None = None,
+    **options: Any,
 ) -> Snapshot:
     """Read one snapshot of a simulation, of a file with several that one alone.
 
@@ -114,11 +97,16 @@ def read_snapshot(
     contacts : str or Path, optional
         The file of contacts. Found beside `path` if left out: for tables, `grains` in its name
         replaced by `contacts`.
+    cells : str or Path, optional
+        A table with the cell of each snapshot, columns `snap, h_xx, h_xy, h_yx, h_yy`; `snap` is
+        the last number in the name of the file, or `frame`.
+    frame : int, optional
+        Which snapshot of a file with several, from 0; -1 is the last one.
+
+    Other Parameters
+    ----------------
     cell : (2, 2) array, optional
         Periodic cell, its columns are the cell vectors (length); comes before the file's own.
-    cells : str or Path, optional
-        A table with that of each snapshot, columns `snap, h_xx, h_xy, h_yx, h_yy`; `snap` is the
-        last number in the name of the file, or `frame`.
     periodic : {'xy', 'x', 'y'}, optional
         Along which of these vectors the sample is periodic, by default both. Between walls the
         other one gets the height from foot to foot.
@@ -149,10 +137,8 @@ def read_snapshot(
         Plain name to the column that holds it, its number from 0 in a table without header, 'none'
         for a column that is not to be used.
     strict : bool
-        Whether a finding that leaves no meaningful result is refused; if not, it stands
-        in the notes and in `Snapshot.findings`.
-    frame : int, optional
-        Which snapshot of a file with several, from 0; -1 is the last one.
+        Whether a finding that leaves no meaningful result is refused, which is so if left out; if
+        not, it stands in the notes and in `Snapshot.findings`.
 
     Returns
     -------
@@ -175,14 +161,8 @@ def read_snapshot(
     >>> snapshot.graph.grain_count, snapshot.graph.contact_count, snapshot.wall_contacts
     (600, 819, 61)
     """
-    source = source_of(
-        path, contacts, cell=cell, periodic=periodic, kn=kn, kt=kt, mu=mu, phi=phi,
-        shear_increment=shear_increment, law=law, young=young, poisson=poisson,
-        shear_history=shear_history, adhesion=adhesion, cohesion=cohesion, columns=columns,
-        strict=strict,
-    )  # fmt: skip
-    reader = format_of(source.path, format)
-    found = reader.frames(source)
+    source = source_of(path, contacts, **options)
+    found = frames_of(source)
     if frame is None and len(found) > 1:
         remedy = "Give --frame 0 for the first, --frame -1 for the last; for all: series."
         raise InputError(str(path), f"{len(found)} snapshots", "one", remedy)
@@ -190,10 +170,8 @@ def read_snapshot(
     if place >= len(found):
         received, expected = f"{path} has {len(found)}", f"a number below {len(found)}"
         raise InputError(f"--frame {place}", received, expected, "Count from 0.")
-    if cells is not None:
-        source = _in_cell(source, cells, None if frame is None else place % len(found))
-        found = reader.frames(source)
-    return build_snapshot(found[place](), source)
+    own = _in_cells(source, cells)(None if frame is None else place % len(found))
+    return build_snapshot(found[place].read(own), own)
 
 
 def snapshot_from_tables(
@@ -201,11 +179,7 @@ def snapshot_from_tables(
     contacts: Any,
     *,
     walls: Any = None,
-    cell: ArrayLike | None = None,
-    periodic: str | None = None,
-    columns: Mapping[str, str | int] | None = None,
-    strict: bool = True,
-    **law: Any,
+    **options: Any,
 ) -> Snapshot:
     """Make a snapshot of tables in memory, as `read_snapshot` makes one of files.
 
@@ -218,11 +192,9 @@ def snapshot_from_tables(
         A row a contact with a wall, where walls are no rows of `grains`: `id` of the grain, force
         of the wall on it `fx, fy`, `branch_x, branch_y` from the foot on the wall to its centre
         (length); perhaps the stiffness `kn, ks`, `ks` zero where nothing sticks, and friction `mu`.
-    cell, periodic, columns, strict
-        See `read_snapshot`.
-    **law
-        `kn`, `kt`, `mu`, `phi`, `shear_increment`, `law`, `young`, `poisson`, `shear_history`,
-        `adhesion`, `cohesion` of `read_snapshot`.
+    **options
+        Other parameters of `read_snapshot`, but for the format: `cell`, `periodic`, `columns`,
+        `strict`, those of the law.
 
     Returns
     -------
@@ -250,9 +222,7 @@ def snapshot_from_tables(
     """
     given = {"grains": grains, "contacts": contacts} | ({} if walls is None else {"walls": walls})
     tables = {kind: given_table(kind, one) for kind, one in given.items()}
-    source = source_of(
-        "tables", cell=cell, periodic=periodic, columns=columns, strict=strict, **law
-    )
+    source = source_of("tables", **options)
     return build_snapshot(frame_of_tables(source, tables), source)
 
 
@@ -260,22 +230,17 @@ def read_frames(
     path: str | Path,
     contacts: str | Path | None = None,
     *,
-    cell: ArrayLike | None = None,
     cells: str | Path | None = None,
-    periodic: str | None = None,
-    format: str = "auto",
-    columns: Mapping[str, str | int] | None = None,
-    strict: bool = True,
-    **law: Any,
+    **options: Any,
 ) -> Iterator[Snapshot]:
     """Read every snapshot of a file, one after the other.
 
     Parameters
     ----------
-    path, contacts, cell, cells, periodic, format, columns, strict
+    path, contacts, cells
         See `read_snapshot`.
-    **law
-        Its options of the law, `kn` to `cohesion`.
+    **options
+        Its other parameters.
 
     Yields
     ------
@@ -294,23 +259,17 @@ def read_frames(
     >>> [(snapshot.step, len(snapshot.faces.loops)) for snapshot in read_frames(path)]
     [(0, 323)]
     """
-    source = source_of(
-        path, contacts, cell=cell, periodic=periodic, columns=columns, strict=strict, **law
-    )
-    reader = format_of(source.path, format)
-    found = reader.frames(source)
-    for place, read in enumerate(found):
-        own = source
-        if cells is not None:
-            own = _in_cell(source, cells, place if len(found) > 1 else None)
-            read = reader.frames(own)[place]
-        yield build_snapshot(read(), own)
+    source = source_of(path, contacts, **options)
+    found, in_cell = frames_of(source), _in_cells(source, cells)
+    for place, moment in enumerate(found):
+        own = in_cell(place if len(found) > 1 else None)
+        yield build_snapshot(moment.read(own), own)
 
 
-def _in_cell(source: Source, cells: str | Path, frame: int | None) -> Source:
-    """Files with the cell of this frame from a table."""
-    cell = cell_from(cells, source.path, frame, source.cell)
-    return replace(source, cell=as_cell(cell))
+def _in_cells(source: Source, cells: str | Path | None) -> Callable[[int | None], Source]:
+    """Function that gives the source with its cell at a frame, as given or of a table."""
+    cell_of = cell_reader(cells, source.cell)
+    return lambda frame: replace(source, cell=as_cell(cell_of(source.path, frame)))
 
 
 def count_frames(
@@ -337,27 +296,27 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    source = source_of(path, contacts, columns=columns)
-    return len(format_of(source.path, format).frames(source))
+    return len(frames_of(source_of(path, contacts, format=format, columns=columns)))
 
 
 def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:
     """Step, iteration or time of each snapshot in a file, None where only reading it would tell."""
-    source = source_of(path, how.get("contacts"), columns=how.get("columns"))
-    return [one.step for one in format_of(path, how.get("format") or "auto").frames(source)]
+    given = {name: how.get(name) for name in ("contacts", "format", "columns")}
+    return [one.step for one in frames_of(source_of(path, **given))]
 
 
-def format_of(path: Path, name: str = "auto") -> Format:
-    """The format of a file."""
-    if name != "auto":
-        check_choice("--format", name, ("auto", *FORMATS))
-        return FORMATS[name]
+def frames_of(source: Source) -> Frames:
+    """Snapshots of a file, by the reader of its format."""
+    path = source.path
+    if source.format != "auto":
+        check_choice("--format", source.format, ("auto", *FORMATS))
+        return FORMATS[source.format].frames(source)
     require_file(path)
     head = head_of(path)
     refuse_lossy(path, head)
     for reader in FORMATS.values():
         if reader.recognises(path, head):
-            return reader
+            return reader.frames(source)
     received = f"a file of unknown format beginning with {head[:40]!r}"
     remedy = "Name its format by --format, or export plain tables."
     raise InputError(str(path), received, f"one of the formats {', '.join(FORMATS)}", remedy)

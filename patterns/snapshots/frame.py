@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import pyarrow
@@ -23,6 +23,7 @@ from loops.laws.frictional import ShearHistory, ShearIncrement, checked_incremen
 from loops.scene import Subject
 from loops.shown import counted
 from patterns.snapshots.columns import (
+    KINDS,
     LAYOUTS,
     WHEN,
     is_column,
@@ -102,17 +103,11 @@ def require_column(
         raise InputError(f"--columns {name}={column}", received, expected, "Correct the name.")
 
 
-# Snapshots that a format finds in a file, each read by a call.
-@dataclass(frozen=True)
-class Moment:
-    """One of them, and its step, iteration or time, if that is known before it is read."""
+class Moment(NamedTuple):
+    """One snapshot in a file: what reads it, and its step, iteration or time, if known before."""
 
-    read: Callable[[], Frame]
+    read: Callable[[Source], Frame]
     step: float | None = None
-
-    def __call__(self) -> Frame:
-        """Read it."""
-        return self.read()
 
 
 Frames = Sequence[Moment]
@@ -150,7 +145,7 @@ class Listing:
 
 
 Found = TypeVar("Found", bound=Listing)
-ReadPair = Callable[[Found, Found, Notes], Frame]
+ReadPair = Callable[[Found, Found, Notes, Source], Frame]
 
 
 def paired(
@@ -196,7 +191,7 @@ def paired(
     return readers
 
 
-def _refuse(error: InputError) -> Frame:
+def _refuse(error: InputError, source: Source) -> Frame:
     raise error
 
 
@@ -218,44 +213,24 @@ def table_frames(source: Source) -> Frames:
     "shear_increment": "radii", "law": "hertz", "shear_history": "force"}`, null for no cell. Tables
     with a column `step` or `time` of several values hold a snapshot each.
     """
-    told: dict[str, Any] = {}
-    one_file = source.contacts is None and source.path.name.lower().endswith(ARRAY_FILES)
 
     @cache
-    def load() -> dict[str, Table]:
-        if one_file and (found := _groups(source, told)):
-            return found
-        wanted = {*source.columns.values()}
+    def whole() -> Frame:
+        tables, told = _in_one_file(source) or _in_files(source)
+        return frame_of_tables(source, tables, **told)
 
-        def own(path: Path) -> Table:
-            return read_table(path, lambda name: is_column(name) or name in wanted)
-
-        read = {"grains": own(source.path)}
-        names, hint = names_beside(source.path, "contacts"), "Name it by --contacts."
-        expected = few(names) or "contacts_... beside grains_..., particles_, nodes_, ..."
-        lacks = "no table of contacts beside it"
-        read["contacts"] = own(contacts_path(source, names, lacks, expected, hint))
-        if walls := beside(source.path, *names_beside(source.path, "walls")):
-            read["walls"] = own(walls)
-        told.update(_cell_beside(source.path))
-        return _with_layout(read, source)
-
-    def read(name: str = "", value: float = 0.0, notes: Notes = ()) -> Frame:
-        frame = frame_of_tables(source, load(), **told)
-        if not name:
-            return frame
-        parts: dict[str, Any] = {kind: getattr(frame, kind) for kind in load()}
-        parts = {kind: one.take(one.column(name) == value) for kind, one in parts.items()}
+    def read(name: str, value: float, notes: Notes, _: Source) -> Frame:
+        parts: dict[str, Any] = {kind: getattr(whole(), kind) for kind in KINDS}
+        parts = {k: t and t.take(t.column(name) == value) for k, t in parts.items()}
         parts[name] = value
-        return replace(frame, **parts, notes=(*frame.notes, *notes))
+        return replace(whole(), **parts, notes=(*whole().notes, *notes))
 
     if not _may_be_long(source):
-        return [Moment(read, _cell_beside(source.path).get("step"))]
-    frame = frame_of_tables(source, load(), **told)
-    tables = [frame.grains, frame.contacts, *([frame.walls] if frame.walls else [])]
+        return [Moment(lambda _: whole(), _cell_beside(source.path).get("step"))]
+    tables = [table for kind in KINDS if (table := getattr(whole(), kind))]
     long = [name for name in WHEN if any(t.has(name) and np.ptp(t.column(name)) for t in tables)]
     if not long:
-        return [Moment(read, frame.step)]
+        return [Moment(lambda _: whole(), whole().step)]
     for table in tables:
         if not table.has(long[0]):
             received, wanted = f"columns {listed(table.names)}", f"a column {long[0]!r}"
@@ -286,17 +261,39 @@ def _may_be_long(source: Source) -> bool:
     return any(read_as(name.rpartition("/")[2], "grains") in WHEN for name in names)
 
 
-def _groups(source: Source, told: dict[str, Any]) -> dict[str, Table]:
-    """Tables of the groups of one file, none if it has none; its cell joins what is told."""
+Told = dict[str, Any]  # fields of a `Frame` besides its tables
+
+
+def _in_one_file(source: Source) -> tuple[dict[str, Table], Told] | None:
+    """Tables of the groups of one file and its cell, None if it has no groups."""
+    if source.contacts is not None or not source.path.name.lower().endswith(ARRAY_FILES):
+        return None
     names, arrays = read_arrays(source.path, lambda name: is_column(name) or name == "cell")
+    if not any(name.startswith("contacts/") for name in names):
+        return None
     found: dict[str, Table] = {}
-    if any(name.startswith("contacts/") for name in names):
-        told["cell"] = arrays.get("cell")
-        for group in ("grains", "contacts"):
-            own = [n.removeprefix(f"{group}/") for n in names if n.startswith(f"{group}/")]
-            values = {n: arrays[f"{group}/{n}"] for n in own if f"{group}/{n}" in arrays}
-            found[group] = table_of_arrays(f"{group} of {source.path}", own, values)
-    return found
+    for group in ("grains", "contacts"):
+        own = [n.removeprefix(f"{group}/") for n in names if n.startswith(f"{group}/")]
+        values = {n: arrays[f"{group}/{n}"] for n in own if f"{group}/{n}" in arrays}
+        found[group] = table_of_arrays(f"{group} of {source.path}", own, values)
+    return found, {"cell": arrays.get("cell")}
+
+
+def _in_files(source: Source) -> tuple[dict[str, Table], Told]:
+    """Tables of the file of grains and of those beside it, and what stands in that of the cell."""
+    mapped = {*source.columns.values()}
+
+    def own(path: Path) -> Table:
+        return read_table(path, lambda name: is_column(name) or name in mapped)
+
+    read = {"grains": own(source.path)}
+    names, hint = names_beside(source.path, "contacts"), "Name it by --contacts."
+    expected = few(names) or "contacts_... beside grains_..., particles_, nodes_, ..."
+    lacks = "no table of contacts beside it"
+    read["contacts"] = own(contacts_path(source, names, lacks, expected, hint))
+    if walls := beside(source.path, *names_beside(source.path, "walls")):
+        read["walls"] = own(walls)
+    return _with_layout(read, source), _cell_beside(source.path)
 
 
 def _with_layout(tables: dict[str, Table], source: Source) -> dict[str, Table]:
@@ -325,10 +322,6 @@ def frame_of_tables(source: Source, tables: Mapping[str, Table], **told: Any) ->
         notes.append(f"radius is half the column 'diameter' of {grains.path}")
     if found["contacts"].has(*YADE_COLUMNS):
         told.setdefault("shear_increment", "radii")
-    if source.cell is not None:
-        told["cell"] = source.cell
-    if source.periodic is not None:
-        told["periodic"] = source.periodic
     told["notes"] = (*told.get("notes", ()), *notes)
     told.setdefault("has_types", "type" in source.columns)
     walls = found.get("walls")

@@ -178,7 +178,7 @@ def lammps_frames(source: Source) -> Frames:
     """
     check_names(source.columns, (*ATOM_NAMES, *WALL_NAMES, *CONTACT_NAMES))
 
-    def find(table: Table, atoms: Atoms, frame: DumpFrame) -> FoundContacts:
+    def find(table: Table, atoms: Atoms, frame: DumpFrame, source: Source) -> FoundContacts:
         columns, contacts, normal, shear = guess_columns(table, atoms, source.columns)
         found = [(name, columns[name]) for name in CONTACT_NAMES if name in columns]
         shown = ", ".join(f"{name}={column}" for name, column in found if column != NONE)

@@ -69,7 +69,7 @@ def liggghts_frames(source: Source) -> Frames:
     """
     check_names(source.columns, (*ATOM_NAMES, *LIGGGHTS_NAMES))
 
-    def find(table: Table, atoms: Atoms, frame: DumpFrame) -> FoundContacts:
+    def find(table: Table, atoms: Atoms, frame: DumpFrame, source: Source) -> FoundContacts:
         columns = given_columns(table, source.columns, LIGGGHTS_NAMES)
         contacts, first = recognised_pairs(table, atoms, columns)
         force = _force(table, atoms.axes, contacts.n, columns, first + 3)

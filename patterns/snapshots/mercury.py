@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -158,10 +157,10 @@ def mercury_frames(source: Source) -> Frames:
     path = contacts_path(source, [name] if ".fstat" in name else [], lacks, wanted, hint)
     grains = _until_fault(_data_listings(source.path, open_text(source.path)))
     contacts = _until_fault(_fstat_listings(path, open_text(path)))
-    return paired(grains, contacts, partial(_mercury_frame, source), path, "time", TIME_TOLERANCE)
+    return paired(grains, contacts, _mercury_frame, path, "time", TIME_TOLERANCE)
 
 
-def _mercury_frame(source: Source, data: Listing, fstat: Listing, notes: Notes) -> Frame:
+def _mercury_frame(data: Listing, fstat: Listing, notes: Notes, source: Source) -> Frame:
     axes = "xyz" if "z" in data.names else "xy"
     grains, table = data.read([*axes, "radius"]), fstat.read(FSTAT_COLUMNS[1:])
     x, radii = grains.columns(*axes), grains.column("radius")

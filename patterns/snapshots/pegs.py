@@ -55,7 +55,7 @@ def pegs_frames(source: Source) -> Frames:
         where, received = str(lists), "no contacts in any frame of the positions"
         raise InputError(where, received, "contacts", "Take both files of one run.")
 
-    def read(number: float) -> Frame:
+    def read(number: float, _: Source) -> Frame:
         x = grains[grains[:, 0] == number]
         rows = contacts[contacts[:, 0] == number]
         bodies = {
@@ -88,9 +88,8 @@ def pegs_frames(source: Source) -> Frames:
         return Frame(
             Table(source.path, bodies),
             Table(lists, table),
-            source.cell,
-            float(number),
-            tuple(notes),
+            step=float(number),
+            notes=tuple(notes),
             measured=True,
             has_types=True,
         )

@@ -36,6 +36,7 @@ class Source:
     contacts: Path | None = None
     cell: Floats | None = None
     periodic: tuple[bool, bool] | None = None
+    format: str = "auto"
     columns: Mapping[str, str] = field(default_factory=dict)
     strict: bool = True
     law: LawName | None = None

@@ -185,7 +185,7 @@ def is_yade_save(path: Path, head: bytes) -> bool:
 
 def yade_save_frames(source: Source) -> Frames:
     """The one snapshot of a save, as `export_tables` of the export snippet has it."""
-    return [Moment(lambda: frame_of_save(source, read_save(source.path)))]
+    return [Moment(lambda own: frame_of_save(own, read_save(own.path)))]
 
 
 def frame_of_save(source: Source, save: Save) -> Frame:

@@ -192,10 +192,11 @@ class OneReading(PlaneReading):
 
     def how_of(self, path: Path) -> dict[str, Any]:
         """The options for this file: its cell from the table of `--cells`, if that is given."""
-        from patterns.snapshots.cells import cell_from
+        from patterns.snapshots.cells import cell_reader
 
         given = self.how()
-        return given | {"cell": cell_from(given.pop("cells"), path, self.frame, given["cell"])}
+        cell = cell_reader(given.pop("cells"), given["cell"])(path, self.frame)
+        return given | {"cell": cell}
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from patterns import Snapshot, planar, read_snapshot
-from patterns.snapshots.cells import cell_reader
 from studies.output import as_json
 from studies.study import study
 
@@ -27,8 +25,7 @@ def read(path: Path) -> Snapshot:
     """Return a snapshot, its cell from the table `macro.csv` beside it where it has one."""
     macro = path.parent / "macro.csv"
     periodic = macro.is_file() and "h_xx" in macro.read_text().split("\n", 1)[0]
-    cell = np.reshape(cell_reader(macro)(path, None), (2, 2)) if periodic else None
-    return planar(read_snapshot(path, cell=cell))
+    return planar(read_snapshot(path, cells=macro if periodic else None))
 
 
 def save(

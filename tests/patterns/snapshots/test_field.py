@@ -4,6 +4,7 @@ import bz2
 import gzip
 import lzma
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -615,6 +616,33 @@ def test_tables_with_a_column_of_steps(tmp_path, name, periodic):
     assert [one.step or one.time for one in read_frames(path, cell=cell, **LAW)] == [200.0, 300.0]
     with pytest.raises(InputError, match=r"a column '(step|time)', as in the other table"):
         read(put(tmp_path, sample, grains, sample.contacts(), walls), sample, frame=0)
+
+
+def test_cells_of_the_snapshots_of_a_table_are_read_once(tmp_path, monkeypatch):
+    sample, read_files = resting(PERIODIC), []
+
+    def long(table):
+        rows = len(next(iter(table.values())))
+        return {"step": np.repeat([5, 6, 7], rows)} | {n: np.tile(v, 3) for n, v in table.items()}
+
+    path = put(tmp_path, sample, long(sample.grains()), long(sample.contacts()))
+    matrix = [",".join(map(repr, map(float, sample.cell.ravel())))] * 3
+    rows = [f"{k},{row}\n" for k, row in enumerate(matrix)]
+    (tmp_path / "cells.csv").write_text("".join(["snap,h_xx,h_xy,h_yx,h_yy\n", *rows]))
+
+    for module in ("frame", "cells"):
+        target = f"patterns.snapshots.{module}.read_table"
+        whole = sys.modules[f"patterns.snapshots.{module}"].read_table
+
+        def spy(file, *wanted, whole=whole):
+            read_files.append(file.name)
+            return whole(file, *wanted)
+
+        monkeypatch.setattr(target, spy)
+    found = list(read_frames(path, cells=tmp_path / "cells.csv", **LAW))
+    assert [one.step for one in found] == [5.0, 6.0, 7.0]
+    assert all((one.graph.cell == sample.cell).all() for one in found)
+    assert sorted(read_files) == ["cells.csv", "contacts_1.csv", "grains_1.csv"]
 
 
 @pytest.mark.slow

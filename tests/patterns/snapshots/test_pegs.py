@@ -138,3 +138,9 @@ def test_commands_take_it_or_name_the_imbalance(command, status, tmp_path, capsy
     assert run(command, path, *options) == status
     said = capsys.readouterr()
     assert "of the mean contact force" in said.out + said.err
+
+
+def test_periodic_without_a_period_is_refused(tmp_path):
+    path, _, _ = write(tmp_path)
+    with pytest.raises(InputError, match=r"--periodic: got no cell"):
+        read_snapshot(path, periodic="x")
