@@ -6,7 +6,8 @@ import errno
 import math
 import os
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from numbers import Integral, Number, Real
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,16 @@ class InputError(ValueError):
     def __str__(self) -> str:
         message = f"{self.where}: got {self.received}, expected {self.expected}. {self.remedy}"
         return " ".join(message.split())
+
+
+@contextmanager
+def library(where: str, name: str, extra: str = "") -> Iterator[None]:
+    """Raise `InputError` with the remedy if a library that is imported here is not installed."""
+    try:
+        yield
+    except ImportError:
+        remedy = f"Install it: pip install {extra or name}."
+        raise InputError(where, f"no {name}", f"{name}, installed", remedy) from None
 
 
 def out_of_memory(error: BaseException) -> bool:

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
-from loops.errors import check_type
+from loops.errors import check_type, library
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
@@ -173,12 +173,9 @@ def to_geodataframe(snapshot: Snapshot, table: pd.DataFrame | None = None) -> Ge
     >>> polygons = to_geodataframe(read_snapshot(sample_path()))  # doctest: +SKIP
     >>> polygons.to_file("loops.gpkg")  # doctest: +SKIP
     """
-    try:
+    with library("to_geodataframe", "geopandas", "grainloops[geo]"):
         import geopandas
         import shapely
-    except ImportError:
-        remedy = "Install it: pip install grainloops[geo]."
-        raise InputError("to_geodataframe", "no library", "geopandas", remedy) from None
     snapshot = planar(snapshot)
     offsets, corners, _ = tables.loop_polygons(snapshot.graph, snapshot.faces)
     own = _of_loops(snapshot, table)

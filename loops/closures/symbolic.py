@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loops.arrays import Floats
 from loops.assembly import contact_regime
 from loops.closures.system import Closure, HasLaw, named_closure, with_law
-from loops.errors import InputError
+from loops.errors import library
 from loops.geometry import reference_volume, require_loop
 from loops.graph import GrainGraph, contact_state, require_one_state
 from loops.laws.frictional import ContactLaw
@@ -46,8 +45,8 @@ class SymbolicTangent(NamedTuple):
     values: dict[Any, float]
 
     def __repr__(self) -> str:
-        named = {"A": self.A, "S": self.S, "K": self.K, "compliance C = K^-1": self.C}
-        shown = [f"{name}: {M.shape}" for name, M in named.items() if M is not None]
+        named = zip(("A", "S", "K", "compliance C = K^-1"), self, strict=False)
+        shown = [f"{name}: {M.shape}" for name, M in named if M is not None]
         return f"SymbolicTangent({', '.join(shown)}, symbols: {len(self.values)})"
 
 
@@ -93,56 +92,42 @@ def symbolic_tangent(
     [kn,       T/l],
     [ 0, -N/l + kt]])
     """
-    try:
+    with library("gl.symbolic_tangent", "sympy"):
         import sympy
-        from sympy.matrices.utilities import dotprodsimp
-    except ImportError:
-        remedy = "Install it: pip install sympy."
-        raise InputError("gl.symbolic_tangent", "no sympy", "sympy", remedy) from None
     graph, law = with_law(graph, law)
     require_one_state(graph)
     require_loop(graph)
-    named_closure(closure)
-    state, values = contact_state(graph), dict[Any, float]()
-
-    def symbols(name: str, numbers: Any) -> list[Any]:
-        numbers = np.broadcast_to(numbers, graph.contact_count)
-        alike = np.ptp(numbers) <= SAME_RTOL * np.abs(numbers).max()
-        numbered = [name if alike else f"{name}_{c + 1}" for c in range(len(numbers))]
-        found = [sympy.Symbol(one, real=True) for one in numbered]
-        values.update(zip(found, numbers.tolist(), strict=True))
-        return found
-
-    def polar(end: str, branches: Floats) -> tuple[list[Any], list[Any]]:
-        angles = symbols(f"theta{end}", np.arctan2(branches[:, 1], branches[:, 0]))
-        normals = [sympy.Matrix([sympy.cos(angle), sympy.sin(angle)]) for angle in angles]
-        return symbols(f"l{end}", np.hypot(*branches.T)), normals
-
-    own = polar("", graph.branches)
-    reference = own if np.array_equal(graph.x0, graph.x) else polar("0", graph.reference_branches)
-    D, g = law.local_stiffness(state, contact_regime(state, law)), law.shear_kinematics(state)[0]
-    kn, kt = symbols("kn", D[:, 0, 0]), symbols("kt", g * D[:, 1, 1])
-    slope = symbols("m", D[:, 1, 0] / np.where(D[:, 0, 0] > 0.0, D[:, 0, 0], 1.0))
-    N, T = symbols("N", state.normal_force), symbols("T", state.shear_force)
-    blocks, rows, corner, eye = [], [], sympy.zeros(2, 1), sympy.eye(2)
-    for c, (length, n, l0, n0) in enumerate(zip(*own, *reference, strict=True)):
-        # A contact that sticks has no friction in its block, one that slides no shear stiffness.
-        k, m = (one[c] * int(values[one[c]] != 0.0) for one in (kt, slope))
-        blocks.append(sympy.Matrix([[kn[c], T[c] / length], [m * kn[c], k - N[c] / length]]))
-        frame, d = sympy.Matrix([[n[0], n[1]], [-n[1], n[0]]]), l0 * n0
-        middle, corner = corner + d / 2, corner + d
-        if closure == "affine":
-            rows.append(-frame * sympy.kronecker_product(eye, d.T))
-        else:
-            lever = sympy.Matrix([[middle[1], -middle[0]]])
-            rows.append(frame.row_join(-frame * sympy.kronecker_product(eye, lever)))
-    A, S, V = sympy.Matrix.vstack(*rows), sympy.diag(*blocks), sympy.Symbol("V", real=True)
-    values[V] = float(reference_volume(graph))
-    # Sums stay as they are: to simplify them takes minutes.
-    with dotprodsimp(False):
-        if closure == "affine":
-            return SymbolicTangent(A, S, A.T * S * A / V, None, values)
+    affine = named_closure(closure) == "affine"
+    state, d, d0 = contact_state(graph), graph.branches, graph.reference_branches
+    D = law.local_stiffness(state, contact_regime(state, law))
+    D[..., 1] *= law.shear_kinematics(state)[0][..., None]
+    slope = D[:, 1, 0] / np.where(D[:, 0, 0] > 0.0, D[:, 0, 0], 1.0)
+    numbers = {"V": np.array([reference_volume(graph)]), "N": state.normal_force}
+    numbers |= {"T": state.shear_force, "kn": D[:, 0, 0], "kt": D[:, 1, 1], "m": slope}
+    for end, branches in {"": d, "" if np.array_equal(d, d0) else "0": d0}.items():
+        numbers |= {f"theta{end}": np.arctan2(*branches.T[::-1]), f"l{end}": np.hypot(*branches.T)}
+    symbols, values = dict[str, list[Any]](), dict[Any, float]()
+    for name, column in numbers.items():
+        alike = np.ptp(column) <= SAME_RTOL * np.abs(column).max()
+        names = [name if alike else f"{name}_{c + 1}" for c in range(len(column))]
+        symbols[name] = [sympy.Symbol(one, real=True) for one in names]
+        values.update(zip(symbols[name], column.tolist(), strict=True))
+    f, H = sympy.Matrix(sympy.symbols("f:2")), sympy.Matrix(2, 2, sympy.symbols("H:4"))
+    [V], blocks, rows, corner = symbols.pop("V"), [], [], sympy.zeros(2, 1)
+    for c, (slides, sticks) in enumerate(D[:, 1] != 0.0):
+        N, T, kn, kt, m, theta, length, *reference = (column[c] for column in symbols.values())
+        theta0, l0 = reference or (theta, length)
+        below = [m * kn * int(slides), kt * int(sticks) - N / length]
+        blocks.append(sympy.Matrix([[kn, T / length], below]))
+        frame, axes = (sympy.rot_axis3(angle)[:2, :2] for angle in (theta, theta0))
+        branch, turned = (l0 * axes[k, :].T for k in range(2))
+        # Motions of the contacts per `H`; their forces per `f` and the stress, in the place of `H`.
+        rows.append(-frame * H * branch if affine else frame * (f + H * (corner + turned / 2)))
+        corner += turned
+    A, S = sympy.Matrix.vstack(*rows).jacobian([*H] if affine else [*f, *H]), sympy.diag(*blocks)
+    if affine:
+        return SymbolicTangent(A, S, A.T * S * A / V, None, values)
+    with sympy.matrices.utilities.dotprodsimp(False):  # to simplify sums takes minutes
         F = A.T * sympy.diag(*(block.adjugate() / block.det() for block in blocks)) * A
-        f = F[:2, :2].adjugate() / F[:2, :2].det()
-        C = (F[2:, 2:] - F[2:, :2] * f * F[:2, 2:]) / V
-    return SymbolicTangent(A, S, None, C, values)
+        relaxed = F[2:, :2] * F[:2, :2].adjugate() * F[:2, 2:] / F[:2, :2].det()
+    return SymbolicTangent(A, S, None, (F[2:, 2:] - relaxed) / V, values)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads
 from loops.compiled import load_ahead
+from loops.errors import library
 from patterns.snapshots.files import (
     Text,
     line_at,
@@ -552,12 +553,8 @@ def _read_npz(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
 
 
 def _read_hdf5(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
-    try:
+    with library(str(path), "h5py"):
         import h5py
-    except ImportError:
-        raise InputError(
-            str(path), "an HDF5 file", "h5py", "Install it: pip install h5py."
-        ) from None
     names: list[str] = []
     arrays: Arrays = {}
     sizes: list[int] = []

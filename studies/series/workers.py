@@ -26,6 +26,7 @@ import scipy.linalg  # noqa: F401
 
 from loops import InputError
 from loops.arrays import Floats, available_cores
+from loops.errors import library
 from studies import environment
 from studies.clock import Progress, clock, paced
 from studies.output import code_version, errors_of, write_whole
@@ -222,11 +223,8 @@ def _begin() -> None:
 @contextmanager
 def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
     """Connect to the scheduler at an address and check its workers."""
-    try:
+    with library("--scheduler", "distributed"):
         import distributed  # noqa: F401
-    except ImportError:
-        remedy = "Install it: pip install distributed."
-        raise InputError("--scheduler", "no Dask here", "dask.distributed", remedy) from None
     # The log of lost connections is silenced: an error reports those that matter.
     names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
     levels = {name: logging.getLogger(name).level for name in (*names, "distributed")}

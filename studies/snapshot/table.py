@@ -20,6 +20,7 @@ from loops import (
 )
 from loops.arrays import Flags, Floats, Integers
 from loops.compiled import use_compiled
+from loops.errors import library
 from loops.loop_batches import LoopNumbers, loop_numbers
 from patterns import Snapshot
 from stability.verdict import loop_spectra, loop_stability
@@ -260,15 +261,11 @@ def write_polydata(
     source: str,
 ) -> None:
     """Write cells whose points follow one another."""
-    try:
+    with library(path.name, "vtk"):
         from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
         from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
         from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
         from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-    except ImportError:
-        raise InputError(
-            path.name, "no library to write it", "vtk", "Install it: pip install vtk."
-        ) from None
     # VTK keeps pointers, not copies: every array has a name until the file is written.
     corners = np.column_stack([points, np.zeros(len(points))])
     starts, along = np.ascontiguousarray(offsets, np.int64), np.arange(len(points), dtype=np.int64)
