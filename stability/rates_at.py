@@ -14,14 +14,15 @@ from loops.closures import Closure, Spins
 from loops.closures.system import closure_of
 from loops.errors import check_choice, whole_number
 from loops.scene import Scene, Subject, of_scene
+from loops.system import packing_stress
 from loops.validation import real
 from stability.complementarity import STARTS
-from stability.packing.response import PackingResponse, packing_rates
-from stability.packing.yielding import YIELD_BAND, MixedControl, component_control
+from stability.packing.response import YIELD_BAND, PackingResponse, rate_problem
+from stability.packing.yielding import MixedControl, component_control
 from stability.paths.of_graph import rates_of_loop
 from stability.paths.regimes import EdgeTrial, Held
 from stability.paths.supported import SupportedRates, supported_rates
-from stability.programmes import Programme, combination, programme_of
+from stability.programmes import NOTHING, Programme, combination, programme_of
 from stability.regimes import Regimes
 
 
@@ -168,18 +169,16 @@ def rates_at(
     _refuse(options, of_packing if closure == "packing" else ("spins",), f"the {closure} closure")
     strain, stress = _components(H, P) if programme is None else (np.eye(2), np.eye(2))
     if closure == "packing":
-        control: MixedControl | Programme = component_control(strain, stress)
-        if programme is not None:
-            control = programme_of(programme)
-        band = YIELD_BAND if yield_band is None else yield_band
+        control = component_control(strain, stress)
         starts = STARTS if starts is None else whole_number("starts", starts, 0)
-        return packing_rates(
-            scene,
-            control,
-            regime=regime,
-            yield_band=band,
-            starts=starts,
-        )
+        rates = rate_problem(scene, yield_band=YIELD_BAND if yield_band is None else yield_band)
+        if programme is not None:
+            P = packing_stress(rates.system).ravel()
+            control = MixedControl(*programme_of(programme).equations(NOTHING, P))
+        control.require_regular(rates.elastic.tangent)
+        if regime is None:
+            return rates.solved(control, starts).response
+        return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
     spins = spins or "blocked"
     check_choice("spins", spins, get_args(Spins))
     if programme is None:

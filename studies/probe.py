@@ -20,7 +20,7 @@ from stability import Stage, follow
 from stability.packing import Probe
 from stability.packing import probe as probe_packing
 from stability.packing.hold import HoldControl
-from stability.packing.probe import probe_by_increment, probe_edge, probe_to, search_step
+from stability.packing.probe import probe_by_increment, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.path import Past
 from studies.frames import loop_work_table, order_work_table
@@ -83,8 +83,8 @@ def run_probe(
         snapshot, held = held_snapshot(read_planar(path, **how), control)
         faces, notes = snapshot.faces, list(snapshot.notes)
         edge = sample_edge(snapshot, asked.yield_band)
-        way = asked.directions, asked.control, asked.subspace
-        found = probe_edge(edge, *way, faces, progress=progress)
+        way = {"control": asked.control, "subspace": asked.subspace, "progress": progress}
+        found = probe_packing(edge, asked.directions, faces=faces, **way)
         paths, reached = list[FollowedPath](), list[float]()
         if amplitude is not None and by == "increment":
             number("candidates", share, 0.0, 1.0, open_low=True)

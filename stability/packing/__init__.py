@@ -13,9 +13,9 @@ from stability.packing.loop_regimes import loops_at_yield as loops_at_yield
 from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
-from stability.packing.response import PackingIncrements as PackingIncrements
 from stability.packing.response import PackingRates as PackingRates
 from stability.packing.response import PackingResponse as PackingResponse
 from stability.packing.response import packing_increment as packing_increment
+from stability.packing.response import rate_problem as rate_problem
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain

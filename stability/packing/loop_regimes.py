@@ -19,12 +19,11 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, frobenius
 from loops.in_place import Method, OfOrder, loop_loads, operators_in_place, polygons_of
-from loops.scene import Scene, Subject, scene_of
+from loops.scene import Subject, scene_of
 from loops.shown import Shown
 from loops.system import in_freedoms
 from stability.complementarity import SIGN, solve_from
-from stability.packing.response import PackingRates
-from stability.packing.yielding import YieldResponse, stiffness_of, yield_response
+from stability.packing.response import PackingRates, rate_problem
 from stability.spectra import restrict, subspace_basis, symmetric_modes
 
 # Candidates times freedoms beyond which no regimes are sought (160 MB, half a minute of time).
@@ -49,8 +48,8 @@ class LoopsAtYield(Shown):
     smallest : (L,) array
         Smallest eigenvalues in the symmetric subspace (force per length); not numbers where the
         stated error of `matrix` leaves no sign.
-    yielding : YieldResponse
-        The candidates, contacts with walls included.
+    rates : PackingRates
+        The rate problem of the candidates, contacts with walls included.
     softening : int or None
         Candidates that slip drives on (`M_cc <= 0`): with any, regimes agree in next to no
         direction, and the state has no rates. None where candidates are too many to look.
@@ -66,7 +65,7 @@ class LoopsAtYield(Shown):
     band: float | None
     matrix: Floats
     smallest: Floats
-    yielding: YieldResponse
+    rates: PackingRates
     softening: int | None
     direction: Floats
     work: Floats
@@ -113,19 +112,20 @@ def loops_at_yield(
         If the packing floats, or the band is no such share.
     """
     scene = scene_of(subject)
-    yielding = candidates(scene, 1.0 if band is None else band)
-    slides = np.full(len(yielding.rows), band is not None)
-    system = replace(yielding.system, stiffness=stiffness_of(yielding, slides))
+    # No stress is asked for.
+    whole = replace(scene, boundary=replace(scene.boundary, volume=1.0))
+    rates = rate_problem(whole, yield_band=1.0 if band is None else band, by_forces=True)
+    slides = np.full(len(rates.rows), band is not None)
+    system = replace(rates.system, stiffness=rates.stiffness(slides))
     matrix, error = operators_in_place(system, scene.faces, method)
     values, modes = symmetric_modes(restrict(matrix, "symmetric"))
     sure = np.abs(values[:, 0]) > error * frobenius(matrix)
     smallest, count = np.where(sure, values[:, 0], np.nan), len(values)
     direction, work = np.full((count, 3), np.nan), np.full(count, np.nan)
     sliding = np.zeros((count, len(slides)), dtype=bool)
-    found = LoopsAtYield(band, matrix, smallest, yielding, None, direction, work, sliding)
+    found = LoopsAtYield(band, matrix, smallest, rates, None, direction, work, sliding)
     if band is None or len(slides) * system.size > MOST_ENTRIES:
         return found
-    rates = PackingRates(yielding)
     softening = int(np.count_nonzero(np.diag(rates.whole.of_slip) <= 0))
     for group in polygons_of(scene.graph, scene.faces).groups if not softening else ():
         for k in np.flatnonzero(smallest[group.row] < 0):
@@ -137,22 +137,15 @@ def loops_at_yield(
     return replace(found, softening=softening)
 
 
-def candidates(scene: Scene, band: float) -> YieldResponse:
-    """Contacts from a share of their strength on, by their forces alone."""
-    # No stress is asked for.
-    whole = replace(scene, boundary=replace(scene.boundary, volume=1.0))
-    return yield_response(whole, yield_band=band, by_forces=True)
-
-
 def loop_slips(
     rates: PackingRates, group: OfOrder, k: int
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """`Q`, `M`, `A`, `Z` of a loop's strain `h` (3,): `w = Q h + M z`, `P = A h + Z z`."""
-    system, yielding = rates.yielding.system, rates.yielding
+    system = rates.system
     loads, area = loop_loads(system, group.grains[k], group.vectors[k]), group.area[k]
     under = rates.elastic.solve(loads)
     operator, strain = np.linalg.inv(loads.T @ under / area), loads.T @ rates.whole.motion / area
-    push = -(in_freedoms(system, yielding.rows, yielding.gauge) @ under) @ operator
+    push = -(in_freedoms(system, rates.rows, rates.gauge) @ under) @ operator
     basis, M = subspace_basis("symmetric"), rates.whole.of_slip + push @ strain
     return push @ basis.T, M, basis @ operator @ basis.T, basis @ operator @ strain
 

@@ -16,7 +16,7 @@ from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers, one_blas_thread
 from loops.contacts import contacts_at_start
 from loops.errors import InputError, check_choice, number, short, whole_number
-from loops.scene import Scene, of_scene
+from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.system import System
 from loops.validation import finite, real
@@ -25,7 +25,6 @@ from stability.destabilising import LinearControl, control_along, no_control
 from stability.directional.branches import plane_directions, unit_directions, works
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.loop_quantities import loop_changes, loop_sums
-from stability.packing.path import PackingPathOptions, follow_packing
 from stability.packing.regime_regions import (
     NEUTRAL,
     Cones,
@@ -35,8 +34,8 @@ from stability.packing.regime_regions import (
     Subspace,
     cones,
 )
-from stability.packing.response import PackingIncrements, PackingRates, PackingResponse
-from stability.packing.yielding import YieldResponse, direction_control, yield_response
+from stability.packing.response import YIELD_BAND, PackingRates, PackingResponse, rate_problem
+from stability.packing.yielding import direction_control
 from stability.path import Path
 from stability.programmes import NOTHING, Programme, Stage
 from stability.solution_branch import TURN
@@ -212,16 +211,17 @@ class Probe(Shown):
         )
 
 
-@of_scene
+@one_blas_thread()
 def probe(
-    scene: Scene,
+    subject: Subject | PackingRates,
     directions: ArrayLike = 72,
     *,
     control: Driven = "strain",
     subspace: Subspace = "diagonal",
-    yield_band: float = 0.99,
+    yield_band: float = YIELD_BAND,
     faces: Faces | None = None,
     starts: int = STARTS,
+    progress: Callable[[int], None] | None = None,
 ) -> Probe:
     """Probe a packing: its response in many directions from one state.
 
@@ -230,8 +230,8 @@ def probe(
 
     Parameters
     ----------
-    scene : Scene or Snapshot
-        The packing, in one state.
+    subject : Scene, Snapshot or PackingRates
+        The packing, in one state; or its rate problem, whose yield band is chosen.
     directions : int or (D, m) array_like
         Number of directions, evenly around the circle from axis 11 on (`diagonal`) or on a spiral
         over the sphere (`symmetric`); or the directions themselves, of any length.
@@ -242,9 +242,11 @@ def probe(
     yield_band : float
         Contacts with `|T| >= yield_band mu N` may slide, 0 to 1. It stands for the amplitude.
     faces : Faces, optional
-        Faces of the graph; those of the scene if left out.
+        Faces of the graph; found if left out.
     starts : int
         As in `rates_at`.
+    progress : callable, optional
+        Called after each direction with the number of those that are done.
 
     Returns
     -------
@@ -269,30 +271,14 @@ def probe(
     >>> print(found)
     probe: 8 directions, 0 undetermined, smallest w2 1, W2 < 0 in 0 % of directions
     """
-    yielding = yield_response(scene, yield_band=yield_band)
-    found = scene.faces if faces is None else faces
-    return probe_edge(yielding, directions, control, subspace, found, starts)
-
-
-@one_blas_thread()
-def probe_edge(
-    yielding: YieldResponse,
-    directions: ArrayLike,
-    control: Driven = "strain",
-    subspace: Subspace = "diagonal",
-    faces: Faces | None = None,
-    starts: int = STARTS,
-    progress: Callable[[int], None] | None = None,
-) -> Probe:
-    """Probe a rate problem that is set up already; see `probe`.
-
-    `progress` is told how many directions are done.
-    """
+    if isinstance(subject, PackingRates):
+        rates, found = subject, faces or find_faces(subject.system.graph)
+    else:
+        scene = scene_of(subject)
+        rates, found = rate_problem(scene, yield_band=yield_band), faces or scene.faces
     check_choice("control", control, get_args(Driven))
     check_choice("subspace", subspace, get_args(Subspace))
-    pieces = RegimeRegions(PackingRates(yielding), control, subspace, starts)
-    graph = yielding.system.graph
-    found = find_faces(graph) if faces is None else faces
+    pieces = RegimeRegions(rates, control, subspace, starts)
     wanted = probe_directions(directions, subspace)
     answers = _answers(pieces, wanted, progress)
     rows = [answer.response for answer in answers]
@@ -322,7 +308,7 @@ def probe_edge(
         normalised=normalised,
         elastic_strain=elastic[:, 0],
         elastic_stress=elastic[:, 1],
-        elastic_tangent=pieces.rates.elastic.tangent,
+        elastic_tangent=rates.elastic.tangent,
         piece=piece,
         tangents=np.array(pieces.tangents).reshape(-1, *[len(pieces.basis)] * 2),
         arcs=np.array(pieces.arcs).reshape(-1, 2),
@@ -336,9 +322,9 @@ def probe_edge(
         folds=pieces.folds,
         closed=all(branch.closed for branch in pieces.branches),
         solutions=_solutions(pieces, answers),
-        candidates=len(yielding.rows),
-        settled=yielding.settled,
-        system=yielding.system,
+        candidates=len(rates.rows),
+        settled=rates.settled,
+        system=rates.system,
     )
 
 
@@ -432,9 +418,7 @@ def _destabilising(
 FollowStages = Callable[[Sequence[Stage]], Sequence[Path]]
 
 
-def probe_to(
-    found: Probe, scene: Scene, amplitude: float, follow: FollowStages | None = None
-) -> Probe:
+def probe_to(found: Probe, scene: Scene, amplitude: float, follow: FollowStages) -> Probe:
     """Follow each direction of the probe by events until what is driven has grown so much.
 
     Parameters
@@ -445,9 +429,9 @@ def probe_to(
         The packing that was probed.
     amplitude : float
         Strain, or stress under stress control.
-    follow : callable, optional
-        Function that follows the stages, one a direction, and returns their paths in order; by
-        default `stability.follow`, one after the other.
+    follow : callable
+        Function that follows the stages, one a direction, as `stability.follow` does, and returns
+        their paths in order.
 
     Returns
     -------
@@ -470,49 +454,36 @@ def probe_to(
     ]
     for stage in stages:
         require_upright(at_start, *stage.programme.equations(NOTHING, NOTHING))
-    if follow is None:
-        paths: Sequence[Path] = [
-            follow_packing(scene, [stage], PackingPathOptions()) for stage in stages
-        ]
-    else:
-        paths = follow(stages)
-    done = np.array([path.status == "finished" for path in paths])
-    strain, stress = (
-        _of_finished(done, [(values[-1] - values[0]) / amplitude for values in parts])
-        for parts in ([path.H for path in paths], [path.P for path in paths])
-    )
+    paths = follow(stages)
     # Forces at the start of a path are those of the geometry.
     first, count = paths[0].states[0], graph.contact_count
     start = graph.replace(
         normal_force=first.normal_force[:count], shear_force=first.shear_force[:count]
     )
-    loops = [loop_changes(start, path.states[-1], scene.faces).additive_work for path in paths]
+    changes = [loop_changes(start, path.states[-1], scene.faces) for path in paths]
     slides = [path.state.at_limit()[: len(at_start.contacts)] for path in paths]
+    kept = [{event.contacts for event in path.of_kind("instability")} for path in paths]
     return _over_amplitude(
         found,
-        done,
-        strain,
-        stress,
+        np.array([path.status == "finished" for path in paths]),
+        [(path.H[-1] - path.H[0]) / amplitude for path in paths],
+        [(path.P[-1] - path.P[0]) / amplitude for path in paths],
+        [one.additive_work * found.area / found.system.volume / amplitude**2 for one in changes],
         status=np.array([path.status for path in paths]),
         residual=np.array([path.imbalance[-1] for path in paths]),
         sliding=np.count_nonzero(slides, axis=1),
-        disagreeing=np.array(
-            [len({event.contacts for event in path.of_kind("instability")}) for path in paths]
-        ),
-        loop_work=_of_finished(done, loops) * found.area / (found.system.volume * amplitude**2),
+        disagreeing=np.array([len(contacts) for contacts in kept]),
     )
 
 
-def probe_by_increment(
-    found: Probe, yielding: YieldResponse, faces: Faces, amplitude: float
-) -> Probe:
+def probe_by_increment(found: Probe, rates: PackingRates, faces: Faces, amplitude: float) -> Probe:
     """Answer each direction of the probe over an amplitude in one solve.
 
     Parameters
     ----------
     found : Probe
         Directions, control, subspace and elastic answers are kept.
-    yielding : YieldResponse
+    rates : PackingRates
         The packing with its candidates for sliding, as `packing_increment` has them.
     faces : Faces
         Faces of the packing.
@@ -531,38 +502,42 @@ def probe_by_increment(
         If the amplitude isn't positive.
     """
     number("amplitude", amplitude, 0.0, open_low=True)
-    increments = PackingIncrements(yielding)
     answers = [
-        increments.solved(direction_control(one, found.subspace, found.control))
+        rates.increment(direction_control(one, found.subspace, found.control))
         for one in amplitude * found.directions
     ]
-    done = np.array([answer.status != "not converged" for answer in answers])
-    strain, stress = (
-        _of_finished(done, [getattr(answer, name).ravel() / amplitude for answer in answers])
-        for name in ("strain_rate", "stress_rate")
-    )
-    loops = [additive_work(answer, faces) / amplitude**2 for answer in answers]
     return _over_amplitude(
         found,
-        done,
-        strain,
-        stress,
+        np.array([answer.status != "not converged" for answer in answers]),
+        [answer.strain_rate.ravel() / amplitude for answer in answers],
+        [answer.stress_rate.ravel() / amplitude for answer in answers],
+        [additive_work(answer, faces) / amplitude**2 for answer in answers],
         **{name: np.array([getattr(answer, name) for answer in answers]) for name in TOLD},
-        loop_work=_of_finished(done, loops),
-        candidates=len(increments.yielding.rows),
-        settled=increments.yielding.settled,
+        candidates=len(rates.nearest.rows),
+        settled=rates.settled,
     )
 
 
 def _over_amplitude(
-    found: Probe, done: Flags, strain: Floats, stress: Floats, **rest: Any
+    found: Probe,
+    done: Flags,
+    strains: Sequence[Floats],
+    stresses: Sequence[Floats],
+    loop_work: Sequence[Floats],
+    **rest: Any,
 ) -> Probe:
-    """Return the probe with increments (D, 4) over the amplitude, and nothing of the rates."""
-    basis = subspace_basis(found.subspace).T
+    """Return the probe with increments (4,) over the amplitude, and nothing of the rates.
+
+    They count where they are `done`.
+    """
+    basis, m = subspace_basis(found.subspace).T, found.directions.shape[1]
+    strain, stress, loops = (
+        np.where(done[:, None], values, np.nan) for values in (strains, stresses, loop_work)
+    )
     work = np.sum(strain * stress, axis=1)
     sizes = np.linalg.norm(strain @ basis, axis=1) * np.linalg.norm(stress @ basis, axis=1)
     normalised = work / sizes
-    known, m = normalised[done], found.directions.shape[1]
+    known = normalised[done]
     none: list[Any] = [part[:0] for part in found.solutions]
     return replace(
         found,
@@ -579,14 +554,9 @@ def _over_amplitude(
         solutions=Solutions(*none),
         unstable_fraction=float(np.mean(known < -NEUTRAL)) if len(known) else float("nan"),
         destabilising=no_control("undetermined", m),
+        loop_work=loops,
         **rest,
     )
-
-
-def _of_finished(done: Flags, rows: list[Floats]) -> Floats:
-    values = np.array(rows)
-    values[~done] = np.nan
-    return values
 
 
 def stage_along(direction: Floats, subspace: Subspace, driven: Driven, amplitude: float) -> Stage:

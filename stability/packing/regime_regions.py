@@ -27,7 +27,7 @@ from stability.packing.response import (
     PackingResponse,
     Solved,
 )
-from stability.packing.yielding import MixedControl, complementary_rates, direction_control
+from stability.packing.yielding import MixedControl, direction_control
 from stability.regimes import HELD_STUCK
 from stability.second_order_work import plane_cone
 from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch
@@ -207,8 +207,7 @@ class RegimeRegions:
         region = self.number.setdefault(solved.active.tobytes(), len(self.number))
         if region == len(self.tangents):
             tangent = self.basis @ solved.factor.tangent @ self.basis.T
-            relative = solved.factor.relative
-            lines = complementary_rates(self.rates.yielding, solved.active, relative) @ self.basis.T
+            lines = self.rates.leaving(solved.active, solved.factor.relative) @ self.basis.T
             if self.driven == "stress":
                 lines = lines @ np.linalg.inv(tangent)
             plane = len(self.basis) == 2

@@ -19,22 +19,30 @@ Theory, equation (11.24).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import contact_kinematics
+from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
+from loops.assembly import contact_kinematics, contact_tangent
+from loops.contacts import AT_YIELD
 from loops.errors import number
 from loops.graph import ContactState
-from loops.laws.frictional import ContactLaw, Regime, edge_rates
+from loops.laws.frictional import ContactLaw, Regime, edge_of, edge_rates
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
 from loops.stress_strain import cauchy_rate
-from loops.system import System, balancing_forces, packing_stress, relative_motion
+from loops.system import (
+    System,
+    balancing_forces,
+    in_freedoms,
+    packing_stress,
+    relative_motion,
+    system_of,
+)
 from stability.complementarity import (
     SIGN,
     STARTS,
@@ -47,20 +55,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.factor import Factor
-from stability.packing.yielding import (
-    ROUNDED,
-    YIELD_BAND,
-    Edge,
-    MixedControl,
-    YieldResponse,
-    complementary_rates,
-    component_control,
-    condensed,
-    forces_with_slip,
-    stiffness_of,
-    yield_response,
-)
-from stability.programmes import Programme
+from stability.packing.yielding import ROUNDED, Edge, MixedControl, component_control
 from stability.regimes import HELD_STUCK, RateStatus, SlipProblem, agreeing, of_sets
 from stability.regimes import Regimes as Found
 
@@ -94,6 +89,12 @@ IDLE = 1e-8
 # Over the largest force of the affine motion: what a grain carries at least where it is judged by
 # its own forces.
 LIGHT = 1e-6
+# Share of its strength from which a contact may slide, as simulations of some 1e-5 of strain show.
+YIELD_BAND = 0.99
+# The same over a whole increment.
+CANDIDATES = 0.7
+# Over its strength: a contact this far beyond it disagrees.
+BEYOND_STRENGTH = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -211,22 +212,54 @@ class Solved(NamedTuple):
     solutions: Flags
 
 
+@dataclass(eq=False)
 class PackingRates:
-    """The rate problem of one state, prepared for any number of strain rates."""
+    """The rate problem of one state, for any number of controls, and its increments.
 
-    def __init__(self, yielding: YieldResponse) -> None:
-        self.yielding = yielding
-        self.none = np.zeros(len(yielding.rows), dtype=bool)
-        self.every = np.arange(len(yielding.rows))
-        self.elastic = Factor(yielding.system)
-        self.last = (self.none, self.elastic)
+    Candidates for sliding are contacts within a band of their strength; in `system` they stick.
+    `rows` (m,) are their rows among the system's contacts, `gauge` (m, 4) the vectors `g`,
+    `push` (m, 4) the contact forces of a unit of `s T'`, `sliding` (m, 4, 4) their blocks when
+    they slide, `distance` (m,) what `|T|` lacks to the strength. `of_two` (m,) marks candidates
+    on a grain with two contacts. Both carry the same force, so their ratio `T/N` is one of the
+    geometry and hardly changes: those that the yield band alone would make candidates,
+    `settled` in number, are inside the cone and stick.
+    """
+
+    system: System
+    rows: Integers
+    gauge: Floats
+    push: Floats
+    sliding: Floats
+    distance: Floats
+    of_two: Flags
+    settled: int
+
+    def __post_init__(self) -> None:
+        self.none = np.zeros(len(self.rows), dtype=bool)
+        self.every = np.arange(len(self.rows))
+        # The last factor with some candidates sliding.
+        self._last: dict[bytes, Factor] = {}
         # The last matrix under which no control is infeasible.
         self._feasible: Floats = np.empty((0, 0))
+
+    @cached_property
+    def elastic(self) -> Factor:
+        """The factor with all candidates sticking."""
+        return Factor(self.system)
 
     @property
     def small(self) -> bool:
         """Whether one matrix of all candidates is solved."""
-        return len(self.every) <= CONDENSED
+        return len(self.rows) <= CONDENSED
+
+    @cached_property
+    def nearest(self) -> PackingRates:
+        """The problem of the candidates that one matrix holds: of too many the nearest to yield."""
+        if self.small:
+            return self
+        kept = np.sort(np.argsort(self.distance, kind="stable")[:CONDENSED])
+        names = ("rows", "gauge", "push", "sliding", "distance", "of_two")
+        return replace(self, **{name: getattr(self, name)[kept] for name in names})
 
     @property
     def slips_left(self) -> float:
@@ -236,18 +269,67 @@ class PackingRates:
     @cached_property
     def whole(self) -> Edge:
         """All candidates at yield, with all sticking."""
-        return condensed(self.yielding, self.none, self.elastic, self.every)
+        return self.condensed(self.none, self.every)
 
-    def response(
-        self, strain_rate: ArrayLike, stress_rate: ArrayLike | None = None, starts: int = STARTS
-    ) -> PackingResponse:
-        """Answer one control by components."""
-        return self.solved(component_control(strain_rate, stress_rate), starts).response
+    def stiffness(self, active: Flags) -> Floats:
+        """Return the blocks (E, 4, 4) with the active candidates sliding."""
+        blocks = self.system.stiffness.copy()
+        blocks[self.rows[active]] = self.sliding[active]
+        return blocks
 
-    def given(self, control: MixedControl, active: Flags) -> PackingResponse:
-        """Answer one control with these candidates sliding, whether that agrees or not."""
-        told = of_sets(Complementarity(active[None], GIVEN))
-        return self._response(self._factor(active), active, told, control)
+    def factor(self, active: Flags) -> Factor:
+        """Return the factor with these candidates sliding."""
+        if not active.any():
+            return self.elastic
+        key = active.tobytes()
+        if key not in self._last:
+            self._last = {key: Factor(self.system, self.stiffness(active), self.elastic.order)}
+        return self._last[key]
+
+    def condensed(self, active: Flags, chosen: Integers) -> Edge:
+        """Return the chosen candidates at yield, where the active ones slide.
+
+        The variable of a sticking candidate is its `z`, that of a sliding one its `w`; either
+        reduces `s T'`. What is given of each is the other one.
+        """
+        system, rows, push = self.system, self.rows[chosen], self.push[chosen]
+        factor, loads = self.factor(active), -in_freedoms(system, rows, push).T.toarray()
+        motion, sizes = factor.solve(loads), np.linalg.norm(loads, axis=0)
+        left = np.linalg.norm(loads - factor.matrix @ motion, axis=0) / sizes
+        side = np.where(active[chosen], -1.0, 1.0)[:, None]
+        leaving = in_freedoms(system, rows, self.gauge[chosen]) @ motion
+        own = np.einsum("ki,kj->ijk", push[:, :2], system.branches[rows]).reshape(4, -1)
+        return Edge(
+            self.leaving(active, factor.relative)[chosen],
+            np.eye(len(chosen)) + side * leaving,
+            factor.tangent,
+            factor.stress(motion) - own / system.volume,
+            motion,
+            float(left.max(initial=0.0)),
+        )
+
+    def leaving(self, active: Flags, relative: Floats) -> Floats:
+        """Return `w` of sticking and `z` of sliding candidates under motions `r`: (m,), (m, k)."""
+        side = np.where(active, -1.0, 1.0).reshape(-1, *[1] * (relative.ndim - 2))
+        return side * np.einsum("ci,ci...->c...", self.gauge, relative[self.rows])
+
+    def forces(self, relative: Floats, slip: Floats) -> Floats:
+        """Return changes of forces `s` (E, 4) under motions `r` (E, 4) and slips (m,)."""
+        forces = -np.einsum("eij,ej->ei", self.system.stiffness, relative)
+        forces[self.rows] -= self.push * slip[:, None]
+        return forces
+
+    def forces_of_motion(self, branch_rate: Floats, spin: Floats) -> Floats:
+        """Return changes of force (C, 2) under those of branches, angles, which decide on slip."""
+        system = self.system
+        kept = system.contacts
+        turns = spin[system.graph.contacts[kept]] * system.length
+        relative = np.zeros((len(system.branches), 4))
+        relative[: len(kept)] = np.concatenate([branch_rate[kept], turns], axis=1)
+        slip = np.maximum(-(self.distance + self.leaving(self.none, relative)), 0.0)
+        out = np.zeros_like(branch_rate)
+        out[kept] = self.forces(relative, slip)[: len(kept), :2]
+        return out
 
     def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
         """Return `q` and `M` of the complementarity problem of all candidates."""
@@ -256,9 +338,13 @@ class PackingRates:
 
     def rounding(self, factor: Factor, H: Floats) -> float:
         """Return what rates of candidates err by: rounding of the largest motion of all."""
-        affine = self.yielding.system.branches @ H.reshape(2, 2).T
+        affine = self.system.branches @ H.reshape(2, 2).T
         largest = np.abs(factor.motion @ H).max(initial=0.0) + np.abs(affine).max(initial=0.0)
-        return float(ROUNDED * np.abs(self.yielding.gauge).max(initial=0.0) * largest)
+        return float(ROUNDED * np.abs(self.gauge).max(initial=0.0) * largest)
+
+    def given(self, control: MixedControl, active: Flags) -> PackingResponse:
+        """Answer one control with these candidates sliding, whether that agrees or not."""
+        return self._solved(active, of_sets(Complementarity(active[None], GIVEN)), control).response
 
     def solved(
         self,
@@ -268,7 +354,7 @@ class PackingRates:
         complete: str = "",
     ) -> Solved:
         """Answer one control; `known` and `complete` as in `agreeing`."""
-        free = ~self.yielding.of_two
+        free = ~self.of_two
         if not self.small:
             first = self._by_parts(control, ~self.none, "")
             if first.response.status in SOLVED or free.all():
@@ -289,48 +375,59 @@ class PackingRates:
             active = found.taken.rates
         elif starts:
             active = nearest_regimes(q, M)
-        return self._solved(self._factor(active), active, found, control)
+        return self._solved(active, found, control)
 
     def rates_of(self, control: MixedControl, active: Flags) -> tuple[Floats, Floats]:
         """Return strain and stress rate (4,) of the solution with these candidates sliding."""
-        tangent = self._factor(active).tangent
+        tangent = self.factor(active).tangent
         H = control.strains(tangent)
         return H, tangent @ H
 
     def _by_parts(self, control: MixedControl, free: Flags, proof: str) -> Solved:
-        active, factor, done = regimes_by_parts(self.yielding, control, free)
-        found = of_sets(Complementarity(active[None][: int(done)], proof if done else ""))
-        return self._solved(factor, active, found, control)
+        """Answer a control with too many candidates to condense; others than `free` ones stick.
 
-    def _solved(
-        self, factor: Factor, active: Flags, found: Found[Flags], control: MixedControl
-    ) -> Solved:
-        sets = np.array([one.rates for one in found.solutions], dtype=bool)
-        response = self._response(factor, active, found, control)
-        return Solved(response, active, factor, sets.reshape(len(sets), len(self.every)))
+        Newton's flips from all sliding, each with a factorisation; when few candidates are left
+        wrong, a complementarity problem of these and those near them, with the others as they are.
+        """
+        contacts = self.system.rows.ends[self.system.kept]
+        active = free.copy()
+        best, least = active, len(active) + 1
+        for _ in range(ROUNDS):
+            factor = self.factor(active)
+            values = self.leaving(active, factor.relative @ control.strains(factor.tangent))
+            wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
+            count = int(np.count_nonzero(wrong))
+            improves = count < 0.7 * least
+            if count < least:
+                best, least = active, count
+            if count == 0:
+                return self._solved(active, of_sets(Complementarity(active[None], proof)), control)
+            # Candidates within a few contacts of the wrong ones.
+            reached = np.zeros(int(contacts.max()) + 1, dtype=bool)
+            reached[contacts[self.rows[wrong]]] = True
+            for _ in range(RINGS):
+                reached[contacts[reached[contacts].any(axis=1)]] = True
+            chosen = np.flatnonzero(free & (reached[contacts[self.rows]].all(axis=1) | wrong))
+            flips = wrong.copy()
+            if not improves and len(chosen) <= PART:
+                q, M = self.condensed(active, chosen).problem(control)
+                slips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
+                flips[chosen] = nearest_regimes(q, M) if slips is None else slips
+            active = active ^ flips
+        return self._solved(best, of_sets(Complementarity(best[None][:0], "")), control)
 
-    def _factor(self, active: Flags) -> Factor:
-        """Return the factor with these candidates sliding."""
-        if not active.any():
-            return self.elastic
-        if not np.array_equal(active, self.last[0]):
-            blocks = stiffness_of(self.yielding, active)
-            self.last = (active, Factor(self.yielding.system, blocks, self.elastic.order))
-        return self.last[1]
-
-    def _response(
-        self, factor: Factor, active: Flags, found: Found[Flags], control: MixedControl
-    ) -> PackingResponse:
-        yielding, h = self.yielding, control.strains(factor.tangent)
-        system, H, motion = yielding.system, h.reshape(2, 2), factor.motion @ h
+    def _solved(self, active: Flags, found: Found[Flags], control: MixedControl) -> Solved:
+        """Return the response with these candidates sliding, and what a search tells of it."""
+        factor, system = self.factor(active), self.system
+        h = control.strains(factor.tangent)
+        H, motion = h.reshape(2, 2), factor.motion @ h
         relative = relative_motion(system, motion, H)
-        wrong = complementary_rates(yielding, active, relative)
+        wrong = self.leaving(active, relative)
         slip, unsure = np.where(active, wrong, -wrong), self.rounding(factor, h)
         disagreeing = wrong < -SIGN * np.abs(wrong).max(initial=0.0) - unsure
-        stuck = yielding.of_two & (found.proof == HELD_STUCK)
+        stuck = self.of_two & (found.proof == HELD_STUCK)
         disagreeing &= ~stuck
-        lawful = np.where(active ^ disagreeing, slip, 0.0)
-        pushes = forces_with_slip(yielding, relative, lawful)
+        pushes = self.forces(relative, np.where(active ^ disagreeing, slip, 0.0))
         left = balancing_forces(system, pushes)
         affine = system.stiffness[:, :, :2] @ (system.branches @ H.T)[..., None]
         size = float(np.linalg.norm(self.elastic.loads @ h))
@@ -348,9 +445,8 @@ class PackingRates:
         moves = float(np.linalg.norm(left_over)) / size
         certain = moves if told else max(moves, self.slips_left)
         proof = found.proof if certain <= TRUSTED else MECHANISM
-        at_yield = system.kept[yielding.rows]
-        return response_of(
-            yielding,
+        at_yield = system.kept[self.rows]
+        response = self._response(
             (H, motion, np.where(active, slip, 0.0)),
             active,
             status=_status(found, proof, float(apart.max(initial=residual))),
@@ -358,113 +454,152 @@ class PackingRates:
             residual=residual,
             disagreeing=int(np.count_nonzero(disagreeing)),
             stress_rate=(factor.tangent @ h).reshape(2, 2),
-            settled=yielding.settled + int(np.count_nonzero(stuck)),
+            settled=self.settled + int(np.count_nonzero(stuck)),
             solutions=len(found.solutions),
             families=found.families,
             at_yield=at_yield,
             neutral=at_yield[np.abs(wrong) <= unsure],
         )
+        sets = np.array([one.rates for one in found.solutions], dtype=bool)
+        return Solved(response, active, factor, sets.reshape(len(sets), len(self.rows)))
+
+    def increment(self, control: MixedControl) -> PackingResponse:
+        """Answer one control whose strain and stress are whole increments: `packing_increment`."""
+        if not self.small:
+            return self.nearest.increment(control)
+        q, M = self.problem(control)
+        raised = raise_load(self.distance, q, M)
+        slip, elastic, system = raised.slip, self.elastic, self.system
+        stress_of_slip = self.whole.stress_of_slip @ slip
+        h = control.strains(elastic.tangent, stress_of_slip)
+        H, motion = h.reshape(2, 2), elastic.motion @ h + self.whole.motion @ slip
+        relative = relative_motion(system, motion, H)
+        left = balancing_forces(system, self.forces(relative, slip))
+        residual = float(np.linalg.norm(left)) / (float(np.linalg.norm(elastic.loads @ h)) or 1.0)
+        status: ResponseStatus = "nearest" if raised.held.any() else "one found"
+        if status == "one found" and positive_definite(M):
+            status = "unique"
+        return self._response(
+            (H, motion, slip),
+            slip > 0,
+            status=status if residual <= TRUSTED else "not converged",
+            proof="positive definite" if status == "unique" else "",
+            residual=residual,
+            disagreeing=int(np.count_nonzero(raised.held)),
+            stress_rate=(elastic.tangent @ h + stress_of_slip).reshape(2, 2),
+            settled=self.settled,
+            solutions=int(status != "nearest"),
+            reached=raised.first,
+            beyond=int(np.count_nonzero(self._beyond(relative))),
+        )
+
+    def _beyond(self, relative: Floats) -> Flags:
+        """Return contacts, no candidates, that end beyond their strength (E,)."""
+        system = self.system
+        motion = np.zeros((len(system.rows.ends), 4))
+        motion[system.kept] = relative / np.array([1.0, 1.0, system.length, system.length])
+        (beyond,) = system.rows.each(_beyond_strength, motion)
+        beyond = beyond[system.kept] & (system.regime == Regime.ELASTIC)
+        beyond[self.rows] = False
+        return np.asarray(beyond)
+
+    def _response(
+        self, moved: tuple[Floats, Floats, Floats], active: Flags, **told: Any
+    ) -> PackingResponse:
+        """Return a response with what a search told of it.
+
+        `moved` are the strain (2, 2), the motion (size,) of the freedoms, and the slips (m,) of the
+        candidates; `active` (m,) those that slide.
+        """
+        (H, motion, slip), system = moved, self.system
+        relative = relative_motion(system, motion, H)
+        forces = self.forces(relative, slip)
+        graph, n = system.graph, len(system.contacts)
+        v = np.append(motion, 0.0)[system.freedom]
+        branch_rate, force_rate = -graph.branches @ H.T, np.zeros((graph.contact_count, 2))
+        branch_rate[system.contacts] = relative[:n, :2]
+        force_rate[system.contacts] = forces[:n, :2]
+        regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+        regime[system.contacts] = system.regime[:n]
+        slides = self.rows[active]
+        regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
+        return PackingResponse(
+            strain_rate=H,
+            motion=v[:, :2],
+            spin=v[:, 2] / system.length,
+            branch_rate=branch_rate,
+            force_rate=force_rate,
+            regime=regime,
+            sliding=int(np.count_nonzero(active)),
+            candidates=len(self.rows),
+            system=system,
+            **told,
+        )
 
 
-def response_of(
-    yielding: YieldResponse,
-    moved: tuple[Floats, Floats, Floats],
-    active: Flags,
-    **told: Any,
-) -> PackingResponse:
-    """Return a response with what a search told of it.
+@one_blas_thread()
+def rate_problem(
+    scene: Scene, *, yield_band: float = YIELD_BAND, by_forces: bool = False
+) -> PackingRates:
+    """Find the contacts within the yield band, and those whose known regime is sliding.
 
-    `moved` are the strain (2, 2), the motion (size,) of the freedoms, and the slips (m,) of the
-    candidates; `active` (m,) those that slide.
+    With `by_forces` closed contacts have regimes by their forces, whatever is known of them.
     """
-    (H, motion, slip), system = moved, yielding.system
-    relative = relative_motion(system, motion, H)
-    forces = forces_with_slip(yielding, relative, slip)
-    graph, n = system.graph, len(system.contacts)
-    v = np.append(motion, 0.0)[system.freedom]
-    branch_rate, force_rate = -graph.branches @ H.T, np.zeros((graph.contact_count, 2))
-    branch_rate[system.contacts], force_rate[system.contacts] = relative[:n, :2], forces[:n, :2]
-    regime = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
-    regime[system.contacts] = system.regime[:n]
-    slides = yielding.rows[active]
-    regime[system.contacts[slides[slides < n]]] = Regime.SLIDING
-    return PackingResponse(
-        strain_rate=H,
-        motion=v[:, :2],
-        spin=v[:, 2] / system.length,
-        branch_rate=branch_rate,
-        force_rate=force_rate,
-        regime=regime,
-        sliding=int(np.count_nonzero(active)),
-        candidates=len(yielding.rows),
-        system=system,
-        **told,
+    number("yield_band", yield_band, 0.0, 1.0, open_low=True)
+    rows = scene.rows
+    regimes, may_slide, full, *parts = rows.each(partial(_near_yield, yield_band, by_forces))
+    system = system_of(scene, np.where(may_slide, Regime.ELASTIC, regimes))
+    kept = system.kept
+    degree = np.bincount(rows.ends[kept].ravel(), minlength=int(rows.ends.max(initial=0)) + 1)
+    two = (degree[rows.ends] == 2).any(axis=1)
+    inside = may_slide & two & ~full
+    found = np.flatnonzero((may_slide & ~inside)[kept])
+    gauge, push, sliding, distance = (part[kept[found]] for part in parts)
+    scale = np.array([1.0, 1.0, 1.0 / system.length, 1.0 / system.length])
+    return PackingRates(
+        system,
+        found,
+        gauge * scale,
+        push * scale,
+        scale[:, None] * sliding * scale,
+        distance,
+        two[kept[found]],
+        int(np.count_nonzero(inside[kept])),
     )
 
 
-def regimes_by_parts(
-    yielding: YieldResponse, control: MixedControl, free: Flags
-) -> tuple[Flags, Factor, bool]:
-    """Find regimes of too many candidates to condense; their factor, and whether they agree.
+def _near_yield(
+    band: float, by_forces: bool, law: ContactLaw, state: ContactState
+) -> tuple[Regimes, Flags, Flags, Floats, Floats, Floats, Floats]:
+    """Return regimes (E,), which contacts may slide, which are at their strength in full.
 
-    Candidates that are not `free` stick whatever their rates are.
-
-    Newton's flips from all sliding, each with a factorisation; when few candidates are left wrong,
-    a complementarity problem of these and those near them, with the others as they are.
+    They may from a share of their strength on, or where they are known to slide. The others are
+    `gauge`, `push`, `sliding` and `distance` of `PackingRates`, without its scale.
     """
-    contacts = yielding.system.rows.ends[yielding.system.kept]
-    active = free.copy()
-    best, least = active, len(active) + 1
-    for _ in range(ROUNDS):
-        factor = Factor(yielding.system, stiffness_of(yielding, active))
-        relative = factor.relative @ control.strains(factor.tangent)
-        values = complementary_rates(yielding, active, relative)
-        wrong = free & (values < -SIGN * np.abs(values).max(initial=0.0))
-        count = int(np.count_nonzero(wrong))
-        improves = count < 0.7 * least
-        if count < least:
-            best, least = active, count
-        if count == 0:
-            return active, factor, True
-        active = active.copy()
-        # Candidates within a few contacts of the wrong ones.
-        reached = np.zeros(int(contacts.max()) + 1, dtype=bool)
-        reached[contacts[yielding.rows[wrong]]] = True
-        for _ in range(RINGS):
-            reached[contacts[reached[contacts].any(axis=1)]] = True
-        chosen = np.flatnonzero(free & (reached[contacts[yielding.rows]].all(axis=1) | wrong))
-        if improves or len(chosen) > PART:
-            active[wrong] ^= True
-            continue
-        q, M = condensed(yielding, active, factor, chosen).problem(control)
-        flips = solve_from(q, M, np.zeros(len(chosen), dtype=bool))
-        active[chosen] ^= nearest_regimes(q, M) if flips is None else flips
-    return best, Factor(yielding.system, stiffness_of(yielding, best)), False
-
-
-def packing_rates(
-    scene: Scene,
-    control: MixedControl | Programme,
-    *,
-    regime: Literal["elastic", "sliding"] | None = None,
-    yield_band: float = YIELD_BAND,
-    starts: int = STARTS,
-) -> PackingResponse:
-    """Return rates of all grains and contacts of a packing, see `stability.rates_at`.
-
-    Centres move by `x' = -H' x + u'`, `u'` periodic, and `K [u', w] = -F_aff(H')` with the
-    contacts' tangents. Contacts at yield slide where that dissipates and stick otherwise: a
-    complementarity problem, condensed on these contacts. Theory, equations (11.1) and (11.2).
-    """
-    yielding = yield_response(scene, yield_band=yield_band)
-    rates = PackingRates(yielding)
-    if isinstance(control, Programme):
-        stress = packing_stress(yielding.system)
-        control = MixedControl(*control.equations(np.zeros(4), stress.ravel()))
-    control.require_regular(rates.elastic.tangent)
-    if regime is None:
-        return rates.solved(control, starts).response
-    return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
+    known = state.regime
+    assert known is not None
+    judged = known != Regime.OPEN if by_forces else known == Regime.ELASTIC
+    given = np.where(judged, law.regime(state), known)
+    near = edge_of(law, state, given == Regime.ELASTIC, band).at_yield
+    regimes = np.where(near, Regime.SLIDING, given).astype(np.int8)
+    strength, size = law.strength(state), np.abs(state.shear_force)
+    # Without a shear force there is no side to slide to. Frictionless contacts always slide: the
+    # shear that they carry is rounding.
+    rough = (np.asarray(law.mu) > 0) | (strength > 0)
+    may_slide = rough & (state.shear_force != 0) & (regimes == Regime.SLIDING)
+    full = edge_of(law, state, regimes != Regime.OPEN, max(band, AT_YIELD)).at_yield
+    sign, stuck = np.sign(state.shear_force)[:, None], np.full_like(regimes, Regime.ELASTIC)
+    change = law.local_stiffness(state, stuck)[:, 1] - law.local_stiffness(state, regimes)[:, 1]
+    distance = np.where(np.isfinite(strength), np.maximum(strength - size, 0.0), 0.0)
+    return (
+        regimes,
+        may_slide,
+        full,
+        sign * np.einsum("ci,cij->cj", change, contact_kinematics(state, law)),
+        sign * np.column_stack([state.t, -state.arm_i, -state.arm_j]),
+        contact_tangent(state, law, regimes),
+        distance,
+    )
 
 
 def _status(found: Found[Flags], proof: str, residual: float) -> ResponseStatus:
@@ -477,65 +612,6 @@ def _status(found: Found[Flags], proof: str, residual: float) -> ResponseStatus:
     return "not converged" if found.solutions or proof == MECHANISM else found.status
 
 
-# Share of its strength from which a contact is a candidate for sliding.
-CANDIDATES = 0.7
-# Over its strength: a contact this far beyond it disagrees.
-BEYOND_STRENGTH = 1e-6
-
-
-class PackingIncrements:
-    """The increments of one state, prepared for any number of them."""
-
-    def __init__(self, yielding: YieldResponse) -> None:
-        self.rates = PackingRates(nearest_candidates(yielding))
-        self.yielding = self.rates.yielding
-
-    def response(self, strain: ArrayLike, stress: ArrayLike | None = None) -> PackingResponse:
-        """Answer one increment, see `packing_increment`."""
-        return self.solved(component_control(strain, stress))
-
-    def solved(self, control: MixedControl) -> PackingResponse:
-        """Answer one control; strain and stress are whole increments."""
-        q, M = self.rates.problem(control)
-        raised = raise_load(self.yielding.distance, q, M)
-        slip = raised.slip
-        yielding, elastic, whole = self.yielding, self.rates.elastic, self.rates.whole
-        stress_of_slip, system = whole.stress_of_slip @ slip, yielding.system
-        h = control.strains(elastic.tangent, stress_of_slip)
-        H, motion = h.reshape(2, 2), elastic.motion @ h + whole.motion @ slip
-        relative = relative_motion(system, motion, H)
-        forces = forces_with_slip(yielding, relative, slip)
-        size = float(np.linalg.norm(elastic.loads @ h)) or 1.0
-        residual = float(np.linalg.norm(balancing_forces(system, forces))) / size
-        status: ResponseStatus = "nearest" if raised.held.any() else "one found"
-        if status == "one found" and positive_definite(M):
-            status = "unique"
-        return response_of(
-            yielding,
-            (H, motion, slip),
-            slip > 0,
-            status=status if residual <= TRUSTED else "not converged",
-            proof="positive definite" if status == "unique" else "",
-            residual=residual,
-            disagreeing=int(np.count_nonzero(raised.held)),
-            stress_rate=(elastic.tangent @ h + stress_of_slip).reshape(2, 2),
-            settled=yielding.settled,
-            solutions=int(status != "nearest"),
-            reached=raised.first,
-            beyond=int(np.count_nonzero(self._beyond(relative))),
-        )
-
-    def _beyond(self, relative: Floats) -> Flags:
-        """Return contacts, no candidates, that end beyond their strength (E,)."""
-        system = self.yielding.system
-        motion = np.zeros((len(system.rows.ends), 4))
-        motion[system.kept] = relative / np.array([1.0, 1.0, system.length, system.length])
-        (beyond,) = system.rows.each(_beyond_strength, motion)
-        beyond = beyond[system.kept] & (system.regime == Regime.ELASTIC)
-        beyond[self.yielding.rows] = False
-        return np.asarray(beyond)
-
-
 def _beyond_strength(law: ContactLaw, state: ContactState, motion: Floats) -> tuple[Flags]:
     """Return contacts (C,) that end beyond their strength under motions `r` (C, 4)."""
     un, ut = np.einsum("cij,cj->ic", contact_kinematics(state, law), motion)
@@ -544,20 +620,6 @@ def _beyond_strength(law: ContactLaw, state: ContactState, motion: Floats) -> tu
     with np.errstate(invalid="ignore"):
         most = (strength + grown) + BEYOND_STRENGTH * strength
         return (np.abs(state.shear_force + shear) > most,)
-
-
-def nearest_candidates(yielding: YieldResponse) -> YieldResponse:
-    """Return the candidates that one matrix holds; of too many those of smallest distance."""
-    count = len(yielding.rows)
-    if count <= CONDENSED:
-        return yielding
-    kept = np.sort(np.argsort(yielding.distance, kind="stable")[:CONDENSED])
-    arrays = {
-        one.name: getattr(yielding, one.name)[kept]
-        for one in fields(yielding)
-        if np.shape(getattr(yielding, one.name))[:1] == (count,)
-    }
-    return replace(yielding, **arrays)
 
 
 @of_scene
@@ -612,4 +674,4 @@ def packing_increment(
     """
     control = component_control(strain, stress)
     number("candidates", candidates, 0.0, 1.0, open_low=True)
-    return PackingIncrements(yield_response(scene, yield_band=candidates)).solved(control)
+    return rate_problem(scene, yield_band=candidates).increment(control)

@@ -35,9 +35,9 @@ from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
 from stability.packing.path import PackingPathSolver, Passed, Stop, halved
 from stability.packing.point import PackingPoint
-from stability.packing.probe import Probe, probe_directions, probe_edge, stage_along
+from stability.packing.probe import Probe, probe, probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
-from stability.packing.yielding import MixedControl, yield_response
+from stability.packing.yielding import MixedControl
 from stability.path import LARGE_MOTION, Path, PathStatus
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
@@ -100,8 +100,6 @@ LESS_DAMPING = 1.0 / 3.0
 COASTING_INTERVALS = (1.0 / 5.0, 1.0 / 7.0)
 # A motion that strains by this share of a large one counts as large too, for the spread.
 NEARLY_LARGE = 1.0 / 3.0
-# Contacts within this share of their strength may slide in the rate problem of the start.
-YIELD_BAND = 0.99
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,8 +142,7 @@ class Sustained(Shown):
     @cached_property
     def rates(self) -> Probe:
         """Answers of the rate problem of the start along the same directions of stress."""
-        edge = yield_response(self.scene, yield_band=YIELD_BAND)
-        return probe_edge(edge, self.directions, "stress", self.subspace, self.scene.faces)
+        return probe(self.scene, self.directions, control="stress", subspace=self.subspace)
 
     @property
     def theta(self) -> Floats:

@@ -21,9 +21,9 @@ from matplotlib.ticker import NullFormatter
 from loops import love_weber_stress
 from loops.arrays import Floats
 from stability import follow
-from stability.packing import PackingIncrements, PackingRates
+from stability.packing import rate_problem
 from stability.packing.probe import stage_along
-from stability.packing.yielding import direction_control, yield_response
+from stability.packing.yielding import direction_control
 from studies.examples import run_example, save
 from studies.examples.probing import convected, increments, state
 from studies.style import BLUE, GREEN, TWO_COLUMNS, VERMILION, new_figure, styled
@@ -40,16 +40,17 @@ def answers(
 ) -> Iterator[tuple[str, float, Floats, float]]:
     """Method, amplitude, stress increments (D, 2, 2) over it, and seconds a direction."""
     snapshot, _ = state("before")
-    ways: list[tuple[str, Any, float]] = [("rates, band 0.99", PackingRates, 0.99)]
-    ways += [(f"increment, from {share:g}", PackingIncrements, share) for share in SHARES]
-    for name, solver, band in ways:
+    ways = [("rates, band 0.99", 0.99)]
+    ways += [(f"increment, from {share:g}", share) for share in SHARES]
+    for name, band in ways:
         began = process_time()
-        one = solver(yield_response(snapshot.scene, yield_band=band))
+        rates = rate_problem(snapshot.scene, yield_band=band)
+        one: Any = rates.increment if name[0] == "i" else rates.solved
         ready = process_time() - began
         for amplitude in amplitudes:
             began = process_time()
             along = (direction_control(amplitude * each, "diagonal", "strain") for each in wanted)
-            solved = [one.solved(control) for control in along]
+            solved = [one(control) for control in along]
             spent = ready + process_time() - began
             stress = np.array([getattr(each, "response", each).stress_rate for each in solved])
             yield name, amplitude, stress / amplitude, spent / len(wanted)

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from loops import Regime, contact_state, love_weber_stress
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
-from stability.packing import PackingRates, probe
-from stability.packing.yielding import yield_response
+from stability.packing import probe, rate_problem
+from stability.packing.yielding import component_control
 from studies.examples import run_example, save
 from studies.output import components
 from studies.style import BLUE, GREY, VERMILION, new_panels, styled
@@ -85,11 +85,12 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     """
     snapshot, measured = state(name)
     mu = np.asarray(snapshot.mechanics()[0].mu)[:, None]
-    rates = PackingRates(yield_response(snapshot.scene, yield_band=0.999))
+    rates = rate_problem(snapshot.scene, yield_band=0.999)
     now, counts = contact_state(snapshot.graph), []
     force = now.forces
     for angle in np.radians(measured["theta_deg"].unique()):
-        found = rates.response(np.diag([np.cos(angle), np.sin(angle)]))
+        along = component_control(np.diag([np.cos(angle), np.sin(angle)]), None)
+        found = rates.solved(along).response
         # Forces turn with the branches.
         turn = np.sum(now.t * found.branch_rate, axis=1) / now.length
         rate = found.force_rate - turn[:, None] * np.stack([-force[:, 1], force[:, 0]], axis=1)

@@ -32,7 +32,7 @@ from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
 from patterns.snapshots.walls import box_sides
 from stability import COMPONENTS
-from stability.packing.probe import probe_edge
+from stability.packing import probe
 from studies.output import Columns, Row, components
 from studies.snapshot.in_packing import sample_edge
 from studies.snapshot.sample import stress
@@ -210,7 +210,7 @@ def probe_row(state: Snapshot, yield_band: float, directions: int) -> tuple[Row,
         edge = sample_edge(state, yield_band)
     except InputError as error:
         return row, [f"not probed: {error}"]
-    found = probe_edge(edge, directions, faces=state.faces)
+    found = probe(edge, directions, faces=state.faces)
     row["probe_undetermined"] = int(np.count_nonzero(~found.determined))
     if found.softest is not None:
         row["probe_w2"] = float(found.normalised[found.softest])

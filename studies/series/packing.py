@@ -33,7 +33,6 @@ from patterns.snapshots.walls import box_corners
 from stability import COMPONENTS, Programme, Stage, follow
 from stability.packing import (
     LoopRates,
-    PackingIncrements,
     indicators,
     loop_changes,
     loop_rates,
@@ -42,7 +41,7 @@ from stability.packing import (
 from stability.packing.equations_of_motion import duration_of, masses_of, step_of
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.response import CANDIDATES
-from stability.packing.yielding import forces_of_motion
+from stability.packing.yielding import component_control
 from stability.path import Past
 from stability.programmes import nominal
 from studies.output import Columns, Row
@@ -219,8 +218,8 @@ def packing_predictions(
         edge = sample_edge(before, candidates, fixed_point(before, after, H))
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
-    increments = PackingIncrements(edge)
-    response = increments.response(H)
+    rates = edge.nearest
+    response = rates.increment(component_control(H, None))
     if response.status != "not converged":
         columns |= _picked(loop_rates(response, before.faces), PREDICTED)
     if before.rotation is not None and after.rotation is not None:
@@ -231,10 +230,9 @@ def packing_predictions(
         turned = after.rotation[there] - before.rotation[here]
         spin = np.full(graph.grain_count, np.nan)
         spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
-        rate = moved_branches(before, after, response.strain_rate) - graph.branches
-        own = replace(
-            response, branch_rate=rate, force_rate=forces_of_motion(increments.yielding, rate, spin)
-        )
+        moved = moved_branches(before, after, response.strain_rate) - graph.branches
+        force = rates.forces_of_motion(moved, spin)
+        own = replace(response, branch_rate=moved, force_rate=force)
         columns |= _picked(loop_rates(own, before.faces), OWN_FIELDS)
     _, notes = before.boundary_and_notes
     by_events: dict[str, Any] = {}
@@ -244,10 +242,10 @@ def packing_predictions(
     place = place_columns(loops_in_place(before.scene), before.mean_kn)
     columns |= dict.fromkeys(SMALLEST, place[SMALLEST[0]])
     # Whether slip drives a contact on that is flagged as sliding (`M_cc <= 0`).
-    edge, (_, regime) = increments.yielding, before.mechanics()
-    flagged = np.flatnonzero(regime[edge.system.contacts] == Regime.SLIDING)
-    growing = np.diag(increments.rates.whole.of_slip) <= 0
-    if motion_note(before) or growing[np.isin(edge.rows, flagged)].any():
+    _, regime = before.mechanics()
+    flagged = np.flatnonzero(regime[rates.system.contacts] == Regime.SLIDING)
+    growing = np.diag(rates.whole.of_slip) <= 0
+    if motion_note(before) or growing[np.isin(rates.rows, flagged)].any():
         columns[SMALLEST[1]] = blank
         notes = [*notes, WITHHELD]
     row = {

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from loops.in_place import LoopsInPlace, Method
     from stability.packing.hold import HeldPacking, HoldControl
     from stability.packing.loop_regimes import LoopsAtYield
-    from stability.packing.yielding import YieldResponse
+    from stability.packing.response import PackingRates
 
 # Shares of their strength from which contacts slide: at it, within a thousandth, a hundredth.
 AT_LIMIT = 1.0 - 1e-6
@@ -51,20 +51,18 @@ def fixed_point(before: Snapshot, after: Snapshot, H: Floats) -> Floats | None:
     return np.asarray(corners[0][0] + np.divide(moved, strain, out=0.0 * moved, where=strain != 0))
 
 
-def sample_edge(
-    snapshot: Snapshot, yield_band: float, fixed: Floats | None = None
-) -> YieldResponse:
+def sample_edge(snapshot: Snapshot, yield_band: float, fixed: Floats | None = None) -> PackingRates:
     """Rate problem of the packing; contacts with |T| of at least `yield_band` mu N may slide.
 
     Plates strain about the point `fixed`, by default the lower left corner.
     """
-    from stability.packing.yielding import yield_response
+    from stability.packing.response import rate_problem
 
     scene = snapshot.scene
     boundary = scene.boundary
     if boundary.walls is not None:
         boundary = replace(boundary, walls=replace(boundary.walls, fixed=fixed))
-    return yield_response(replace(scene, boundary=boundary), yield_band=yield_band)
+    return rate_problem(replace(scene, boundary=boundary), yield_band=yield_band)
 
 
 def balance_notes(subject: Subject) -> list[str]:
@@ -164,7 +162,7 @@ def _share_of(smallest: Floats) -> dict[str, Any]:
 
 def _share_of_band(found: LoopsAtYield, hold: bool) -> dict[str, Any]:
     """Return the share of unstable loops with the contacts of a band sliding, or why none."""
-    soft, contacts, why = found.softening, len(found.yielding.rows), ""
+    soft, contacts, why = found.softening, len(found.rates.rows), ""
     if soft:
         remedy = "take another state" if hold else "bring the state to rest first with --hold"
         why = (

@@ -18,7 +18,8 @@ from loops import (
 )
 from loops.in_place import loops_in_place
 from stability import Stage, follow, programmes
-from stability.packing.probe import probe_edge, probe_to
+from stability.packing import probe
+from stability.packing.probe import probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_edge
@@ -83,8 +84,12 @@ def in_place(one):
 
 
 def amplitude(one):
-    found = probe_edge(sample_edge(one, BAND), 2, faces=one.faces)
-    return probe_to(found, one.scene, 1e-6).strain_rate
+    found = probe(sample_edge(one, BAND), 2, faces=one.faces)
+
+    def paths(stages):
+        return [follow(one.scene, stage, closure="packing") for stage in stages]
+
+    return probe_to(found, one.scene, 1e-6, paths).strain_rate
 
 
 def at_rest(one):
@@ -120,7 +125,7 @@ def predicted(one, by_events=False):
 DONE = {
     "`loop_table`": lambda one: gl.loop_table(one)["traction_lambda_min"],
     "`snapshot --in-packing`": in_place,
-    "`probe`": lambda one: probe_edge(sample_edge(one, BAND), 4, faces=one.faces).elastic_stress,
+    "`probe`": lambda one: probe(sample_edge(one, BAND), 4, faces=one.faces).elastic_stress,
     "`probe --amplitude`": amplitude,
     "`--hold`": at_rest,
     '`evolve`, `follow(closure="packing")`': packing_path,

@@ -8,17 +8,20 @@ import pytest
 from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state, find_faces
 from stability import Programme, Stage, follow
 from stability.complementarity import _every_solution, raise_load, violation
-from stability.packing import PackingIncrements, PackingRates, packing_increment, probe
+from stability.packing import packing_increment, probe, rate_problem
 from stability.packing import response as increment_module
 from stability.packing.probe import probe_by_increment
-from stability.packing.response import nearest_candidates
-from stability.packing.yielding import component_control, forces_of_motion, yield_response
+from stability.packing.yielding import component_control
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain
 from tests.stability.packing.walled_packings import between, jammed_in_box
 
 H = np.array([[1.0, 0.0], [0.0, -0.6]])
 SOME = [(12, 1), (16, 2), (24, 3), (36, 5)]
+
+
+def increment(rates, strain):
+    return rates.increment(component_control(strain, None))
 
 
 def near_yield(grains, seed, law=LAW, share=0.9995):
@@ -110,9 +113,9 @@ def test_a_grain_at_its_plates_sticks_then_slides():
 @pytest.mark.parametrize("which", SOME)
 def test_without_distances_it_is_the_rate_problem(which):
     graph = near_yield(*which)
-    yielding = yield_response(Scene(graph, LAW), yield_band=0.95)
-    rates = PackingRates(yielding).response(H)
-    found = PackingIncrements(replace(yielding, distance=0.0 * yielding.distance)).response(H)
+    yielding = rate_problem(Scene(graph, LAW), yield_band=0.95)
+    rates = yielding.solved(component_control(H, None)).response
+    found = increment(replace(yielding, distance=0.0 * yielding.distance), H)
     if found.status != "nearest" and rates.status == "unique":
         size = np.abs(rates.stress_rate).max()
         assert found.sliding == rates.sliding
@@ -200,29 +203,28 @@ def test_frame_numbers_and_units_change_nothing(which):
 
 
 def test_forces_of_the_motion_are_those_of_the_increment():
-    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.5)
-    found = PackingIncrements(yielding).response(1e-5 * H)
-    forces = forces_of_motion(yielding, found.branch_rate, found.spin)
+    yielding = rate_problem(Scene(near_yield(24, 3), LAW), yield_band=0.5)
+    found = increment(yielding, 1e-5 * H)
+    forces = yielding.forces_of_motion(found.branch_rate, found.spin)
     size = np.abs(found.force_rate).max()
     assert found.sliding > 0 and np.allclose(forces, found.force_rate, rtol=0, atol=1e-7 * size)
 
 
 def test_too_many_candidates_leave_the_nearest(monkeypatch):
-    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.3)
+    yielding = rate_problem(Scene(near_yield(24, 3), LAW), yield_band=0.3)
     monkeypatch.setattr(increment_module, "CONDENSED", 4)
-    few = nearest_candidates(yielding)
+    few = yielding.nearest
     assert len(few.rows) == 4 < len(yielding.rows)
     assert few.distance.max() <= np.sort(yielding.distance)[3]
-    one, all_of_them = (PackingIncrements(y).response(1e-6 * H) for y in (yielding, few))
+    one, all_of_them = (increment(y, 1e-6 * H) for y in (yielding, few))
     assert np.allclose(one.stress_rate, all_of_them.stress_rate, rtol=1e-6)
 
 
 def test_an_increment_beyond_any_solution_says_so():
-    yielding = yield_response(Scene(near_yield(24, 3), LAW), yield_band=0.5)
-    one = PackingIncrements(yielding)
-    q, M = one.rates.problem(component_control(0.05 * H, None))
+    yielding = rate_problem(Scene(near_yield(24, 3), LAW), yield_band=0.5)
+    q, M = yielding.problem(component_control(0.05 * H, None))
     raised = raise_load(yielding.distance, q, M)
-    found = one.response(0.05 * H)
+    found = increment(yielding, 0.05 * H)
     assert found.reached == raised.first and found.disagreeing == np.count_nonzero(raised.held)
     assert (found.status == "nearest") == raised.held.any()
     assert found.reached < 1.0 or not raised.held.any()
@@ -236,7 +238,7 @@ def test_candidates_are_a_share():
 @pytest.mark.parametrize("control", ["strain", "stress"])
 def test_a_probe_by_increment_has_the_increment_of_every_direction(control):
     graph, size = near_yield(24, 3), {"strain": 1e-5, "stress": 1e-6}[control]
-    faces, yielding = find_faces(graph), yield_response(Scene(graph, LAW), yield_band=0.7)
+    faces, yielding = find_faces(graph), rate_problem(Scene(graph, LAW), yield_band=0.7)
     rates = probe(Scene(graph, LAW), 6, control=control, yield_band=0.99)
     found = probe_by_increment(rates, yielding, faces, size)
     slid = 0

@@ -26,7 +26,7 @@ from stability.packing.probe import stage_along
 from stability.packing.regime_factor import (
     unstable_mode,
 )
-from stability.packing.response import PackingRates
+from stability.packing.response import rate_problem
 from stability.packing.sustain import (
     CUT,
     FLOW_STRAIN,
@@ -42,7 +42,7 @@ from stability.packing.sustain import (
     motion_past,
     move,
 )
-from stability.packing.yielding import forces_of_motion, yield_response
+from stability.packing.yielding import component_control
 from tests.packings import LAW, jammed, packing, strained
 from tests.stability.packing.test_path import unaccounted
 
@@ -124,11 +124,12 @@ def test_forces_of_a_motion_are_those_of_the_rate_problem():
             x=length * graph.x, x0=None, radii=length * graph.radii,
             cell=length * graph.cell, cell0=None,
         )  # fmt: skip
-        yielding = yield_response(Scene(large, law), yield_band=0.99)
-        found = PackingRates(yielding).response([[0.8, 0.3], [-0.1, -0.5]])
+        yielding = rate_problem(Scene(large, law), yield_band=0.99)
+        control = component_control([[0.8, 0.3], [-0.1, -0.5]], None)
+        found = yielding.solved(control).response
         assert found.sliding > 2 and found.candidates > found.sliding
         at_strength = replace(yielding, distance=0.0 * yielding.distance)
-        forces = forces_of_motion(at_strength, found.branch_rate, found.spin)
+        forces = at_strength.forces_of_motion(found.branch_rate, found.spin)
         np.testing.assert_allclose(forces, found.force_rate, atol=1e-9)
 
 

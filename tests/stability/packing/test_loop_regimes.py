@@ -97,7 +97,7 @@ def test_unstable_loops_without_candidates_are_confirmed_by_their_softest_mode()
     graph = packing(16, seed=2)
     graph = graph.replace(normal_force=30 * graph.normal_force, shear_force=0 * graph.shear_force)
     found = loops_at_yield(Scene(graph, LAW), 0.9)
-    assert len(found.yielding.rows) == 0 and found.unstable.sum() == 7
+    assert len(found.rates.rows) == 0 and found.unstable.sum() == 7
     np.testing.assert_array_equal(found.confirmed, found.unstable)
     loops = found.confirmed
     np.testing.assert_allclose(found.work[loops], found.smallest[loops], rtol=1e-9)
@@ -119,14 +119,14 @@ def agrees(scene, found, step=1):
     for row in np.flatnonzero(found.confirmed)[::step]:
         sliding, h = found.sliding[row], found.direction[row]
         assert np.linalg.norm(h) == pytest.approx(1.0, abs=1e-14)
-        regimes = with_sliding(scene, found.yielding, sliding)
+        regimes = with_sliding(scene, found.rates, sliding)
         operator = restrict(loops_in_place(regimes).matrix[row], "symmetric")
         size = np.linalg.norm(operator)
         assert found.work[row] < 0
         assert found.work[row] == pytest.approx(h @ operator @ h, abs=1e-12 * size)
         system, motion, stress = rates_of(scene, regimes, row, h @ BASIS)
         assert found.work[row] == pytest.approx(h @ BASIS @ stress, abs=1e-12 * size)
-        beyond = growth_beyond_strength(scene, system, motion)[found.yielding.rows]
+        beyond = growth_beyond_strength(scene, system, motion)[found.rates.rows]
         tol = 1e-9 * np.abs(beyond).max()
         assert (beyond[sliding] > -tol).all() and (beyond[~sliding] < tol).all()
 
@@ -141,7 +141,7 @@ def test_how_many_loops_are_confirmed():
 @functools.cache
 def inverse_of(which):
     """Dense pseudo-inverse with all candidates sticking; their slips and rates."""
-    yielding = small(*which)[1].yielding
+    yielding = small(*which)[1].rates
     system = yielding.system
     inverse = np.linalg.pinv(stiffness_matrix(system).toarray(), rcond=1e-10)
     push, gauge = (
@@ -156,7 +156,7 @@ def slips_of(which, row):
     scene, found = small(*which)
     inverse, motion, gauge = inverse_of(which)
     grains, vectors, area = loop_of(scene, row)
-    B = loop_loads(found.yielding.system, grains, vectors)
+    B = loop_loads(found.rates.system, grains, vectors)
     A = area * np.linalg.inv(B.T @ inverse @ B)
     rates, strain = -gauge @ inverse @ B @ A, B.T @ motion / area
     M = np.eye(len(gauge)) + gauge @ motion + rates @ strain
@@ -208,7 +208,7 @@ def test_loops_of_a_sample_in_regimes_that_agree():
     """Two thousand discs at rest: 293 candidates, 33 of 61 loops are confirmed."""
     scene = sample()
     found = loops_at_yield(scene, 0.999)
-    assert (len(found.yielding.rows), found.softening) == (293, 0)
+    assert (len(found.rates.rows), found.softening) == (293, 0)
     assert (int(found.unstable.sum()), int(found.confirmed.sum())) == (61, 33)
     agrees(scene, found, step=4)
 
@@ -216,6 +216,6 @@ def test_loops_of_a_sample_in_regimes_that_agree():
 def test_contacts_with_rough_plates_slide_too():
     scene = read_snapshot(ROUGH).scene
     found = loops_at_yield(scene, 0.7)
-    at_plates = found.yielding.rows >= len(found.yielding.system.contacts)
+    at_plates = found.rates.rows >= len(found.rates.system.contacts)
     assert found.confirmed.sum() == 4 and found.sliding[found.confirmed][:, at_plates].any()
     agrees(scene, found, step=2)

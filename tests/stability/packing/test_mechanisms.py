@@ -10,7 +10,7 @@ from loops import LinearFrictional, Regime, Scene
 from loops.system import balancing_forces, packing_system, relative_motion
 from stability import factor as room
 from stability.factor import Factor
-from stability.packing.yielding import stiffness_of, yield_response
+from stability.packing import rate_problem
 from tests.loops.packing.test_carrying import strips
 from tests.oracles import eighty_bits
 from tests.packings import LAW, jammed, packing
@@ -156,9 +156,9 @@ def test_a_load_that_nothing_carries_moves_nothing():
 @pytest.mark.parametrize("band", [0.9, 0.99])
 def test_motions_are_those_of_superlu_refined_in_eighty_bits(band):
     """Candidates sticking and sliding, against another factorisation; loads in many columns."""
-    yielding = yield_response(Scene(packing(16, 2, sliding=0.3), LAW), yield_band=band)
+    yielding = rate_problem(Scene(packing(16, 2, sliding=0.3), LAW), yield_band=band)
     for slides in (False, True):
-        blocks = stiffness_of(yielding, np.full(len(yielding.rows), slides))
+        blocks = yielding.stiffness(np.full(len(yielding.rows), slides))
         factor = Factor(yielding.system, blocks)
         (R, L, _), K = factor.mechanisms, factor.matrix
         loads = K @ np.random.default_rng(0).normal(size=(len(R), 11))

@@ -1,6 +1,7 @@
 """Parts of the packing's rate problem by themselves, against closed forms."""
 
 from copy import copy
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +10,8 @@ import pytest
 from loops import GrainGraph, InputError, Scene, contact_state
 from loops.laws.of_pairs import as_known, require_movable
 from stability.complementarity import principal_transform, scaled_definite
-from stability.factor import Factor
-from stability.packing import regime_regions
+from stability.packing import rate_problem, regime_regions
 from stability.packing.regime_regions import RegimeRegions, cones
-from stability.packing.response import PackingRates
-from stability.packing.yielding import condensed, stiffness_of, yield_response
 from stability.solution_branch import trace_branch
 from tests.packings import LAW, packing
 
@@ -39,25 +37,23 @@ def test_a_small_pivot_is_small_beside_its_column(diagonal, status):
 
 def test_the_share_of_a_slip_that_no_motion_balances():
     """All of it where nothing moves, half where half of each load is left."""
-    yielding = yield_response(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
-    rates = PackingRates(yielding)
+    rates = rate_problem(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
     for kept in (0.0, 0.5):
-        factor = copy(rates.elastic)
-        factor.solve = lambda loads, kept=kept: kept * rates.elastic.solve(loads)
-        share = condensed(yielding, rates.none, factor, rates.every).left
+        other = replace(rates)
+        other.elastic = copy(rates.elastic)
+        other.elastic.solve = lambda loads, kept=kept: kept * rates.elastic.solve(loads)
+        share = other.condensed(rates.none, rates.every).left
         np.testing.assert_allclose(share, 1.0 - kept, rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", [2, 5])
 def test_some_sliding_is_a_principal_transform_of_all_sticking(seed):
     """Condensed about any regimes, `w` and `z` of the sliding contacts change places."""
-    yielding = yield_response(Scene(packing(16, seed, 0.9, 0.3), LAW), yield_band=0.99)
-    rates = PackingRates(yielding)
+    rates = rate_problem(Scene(packing(16, seed, 0.9, 0.3), LAW), yield_band=0.99)
     M, stress = rates.whole.of_slip, rates.whole.stress_of_slip
     active = np.arange(len(M)) % 3 == 1
     assert 0 < active.sum() < len(M)
-    factor = Factor(yielding.system, stiffness_of(yielding, active))
-    condensed_about = condensed(yielding, active, factor, rates.every)
+    condensed_about = rates.condensed(active, rates.every)
     found, of_found = condensed_about.of_slip, condensed_about.stress_of_slip
     _, table = principal_transform(np.zeros(len(M)), M, active)
     np.testing.assert_allclose(found, table, rtol=0, atol=1e-9 * np.abs(table).max())
@@ -127,8 +123,8 @@ def test_solutions_are_sought_evenly_around_the_circle(monkeypatch):
 
 
 def test_the_solution_of_a_direction_leads_along_the_great_circle_to_others():
-    yielding = yield_response(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
-    pieces = RegimeRegions(PackingRates(yielding), "strain", "symmetric", 3)
+    yielding = rate_problem(Scene(packing(16, 2, 0.9, 0.3), LAW), yield_band=0.99)
+    pieces = RegimeRegions(yielding, "strain", "symmetric", 3)
     first = np.array([1.0, 2.0, 2.0]) / 3.0
     pieces.at(first)
     for other in np.array([[2.0, 1.0, 2.0], [2.0, 2.0, -1.0], [2.0, -2.0, 1.0]]) / 3.0:

@@ -8,7 +8,7 @@ from stability import Stage, follow
 from stability.complementarity import solve_complementarity
 from stability.packing import path as room
 from stability.packing.path import columns
-from stability.packing.response import PackingRates, component_control, yield_response
+from stability.packing.response import component_control, rate_problem
 from tests.oracles.minors import principal_minors
 from tests.packings import LAW, jammed, packing
 
@@ -51,8 +51,8 @@ def watched(monkeypatch):
 def by_rates(graph, sliding):
     """`q`, `M` of the rate problem, assembled and condensed elsewhere, under the same control."""
     regime = np.where(sliding, 2, 1).astype(np.int8)
-    found = yield_response(Scene(graph.replace(regime=regime), LAW), yield_band=1 - 1e-6)
-    return PackingRates(found).problem(component_control([[1, 0], [0, NAN]], None))
+    found = rate_problem(Scene(graph.replace(regime=regime), LAW), yield_band=1 - 1e-6)
+    return found.problem(component_control([[1, 0], [0, NAN]], None))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -1,17 +1,19 @@
 """Probes integrated to an amplitude: their limit is the rate problem; Yade's own; what is lost."""
 
-import functools
-import sys
-
 import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, Scene, find_faces
 from stability import Programme, Stage, follow
 from stability.packing import probe
-from stability.packing.path import follow_packing
 from stability.packing.probe import probe_to
 from tests.packings import LAW, jammed
+
+
+def by_events(graph, **options):
+    """What follows stages of the packing, one after the other."""
+    scene = Scene(graph, LAW)
+    return lambda stages: [follow(scene, one, closure="packing", **options) for one in stages]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def case():
 def test_small_amplitudes_are_rates(case, control, subspace):
     graph, _faces = case
     rates = probe(Scene(graph, LAW), 6, control=control, subspace=subspace, yield_band=1 - 1e-6)
-    found = probe_to(rates, Scene(graph, LAW), 1e-7)
+    found = probe_to(rates, Scene(graph, LAW), 1e-7, by_events(graph))
     assert set(found.status) == {"finished"} and found.determined.all()
     # What is left is the start's imbalance (1e-7 of forces) and curvature (1e-7 of strain).
     for name in ("strain_rate", "stress_rate"):
@@ -40,7 +42,9 @@ def test_small_amplitudes_are_rates(case, control, subspace):
 
 def test_a_row_is_the_path_itself(case):
     graph, _faces = case
-    found = probe_to(probe(Scene(graph, LAW), [[3.0, -4.0]]), Scene(graph, LAW), 1e-3)
+    found = probe_to(
+        probe(Scene(graph, LAW), [[3.0, -4.0]]), Scene(graph, LAW), 1e-3, by_events(graph)
+    )
     strain = Programme("strain", np.zeros((4, 4)), np.eye(4), [0.6, 0, 0, -0.8])
     path = follow(Scene(graph, LAW), Stage(strain, "parameter", 1e-3), closure="packing")
     assert np.allclose(found.strain_rate[0].ravel(), [0.6, 0, 0, -0.8], rtol=0, atol=1e-10)
@@ -48,11 +52,10 @@ def test_a_row_is_the_path_itself(case):
     assert len(path.events) > 0 and len(found.cones) == 0
 
 
-def test_what_is_not_finished_is_not_a_number(case, monkeypatch):
+def test_what_is_not_finished_is_not_a_number(case):
     graph, _faces = case
-    short = functools.partial(follow_packing, max_steps=2)
-    monkeypatch.setattr(sys.modules["stability.packing.probe"], "follow_packing", short)
-    found = probe_to(probe(Scene(graph, LAW), 2), Scene(graph, LAW), 1e-4)
+    short = by_events(graph, max_steps=2)
+    found = probe_to(probe(Scene(graph, LAW), 2), Scene(graph, LAW), 1e-4, short)
     assert set(found.status) == {"lost"} and not found.determined.any()
     for name in ("strain_rate", "stress_rate", "loop_work", "work", "normalised"):
         assert np.isnan(getattr(found, name)).all()
@@ -64,5 +67,8 @@ def test_amplitudes_are_positive(case, amplitude):
     graph, _faces = case
     with pytest.raises(InputError, match="amplitude: got"):
         probe_to(
-            probe(Scene(graph, LAW), 1), Scene(graph, LinearFrictional(1.0, 0.5, 0.5)), amplitude
+            probe(Scene(graph, LAW), 1),
+            Scene(graph, LinearFrictional(1.0, 0.5, 0.5)),
+            amplitude,
+            by_events(graph),
         )

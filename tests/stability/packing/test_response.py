@@ -27,8 +27,8 @@ from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at
 from stability.factor import UNIT_STRAINS
 from stability.packing import probe, response
-from stability.packing.response import PackingRates
-from stability.packing.yielding import YIELD_BAND, component_control, yield_response
+from stability.packing.response import YIELD_BAND, rate_problem
+from stability.packing.yielding import component_control
 from tests.oracles import eighty_bits
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
@@ -325,8 +325,8 @@ def test_what_floats_or_has_no_area_is_refused():
 def test_q_and_M_are_those_of_eighty_bits(state):
     """Straight from the contacts, all candidates sticking; slips are refined in 80 bits."""
     graph, law, _ = yade_rest(state)
-    yielding = yield_response(Scene(graph, law), yield_band=YIELD_BAND)
-    rates, system, rows = PackingRates(yielding), yielding.system, yielding.rows
+    yielding = rate_problem(Scene(graph, law), yield_band=YIELD_BAND)
+    rates, system, rows = yielding, yielding.system, yielding.rows
     q, M = rates.problem(component_control(H, None))
     modes = spin_modes(system.stiffness, system.ends, system.size)
     K, number = eighty_bits.matrix_of(system, modes)

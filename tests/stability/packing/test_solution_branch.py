@@ -21,18 +21,16 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.factor import Factor
-from stability.packing import probe
+from stability.packing import probe, rate_problem
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
-from stability.packing.probe import probe_edge, stage_along
+from stability.packing.probe import stage_along
 from stability.packing.regime_regions import RegimeRegions
 from stability.packing.response import (
     CRITICAL,
     SCALED,
     SOLVED,
     WHOLE_CIRCLE,
-    PackingRates,
 )
-from stability.packing.yielding import stiffness_of, yield_response
 from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
@@ -42,7 +40,7 @@ from tests.yade_slow import COLLECTION, in_collection, slow
 
 def rates_of(graph, law):
     """Return the rate problem of the contacts at their strength."""
-    return PackingRates(yield_response(Scene(graph, law), yield_band=AT_YIELD))
+    return rate_problem(Scene(graph, law), yield_band=AT_YIELD)
 
 
 def unit(angle):
@@ -339,7 +337,7 @@ def at_rest(name):
 def test_traced_solutions_of_real_states_are_those_solved_one_by_one(name):
     """Each from its own search and its own factorisation."""
     yielding = sample_edge(at_rest(name), 0.99)
-    found, rates = probe_edge(yielding, 24), PackingRates(yielding)
+    found, rates = probe(yielding, 24), yielding
     regions = RegimeRegions(rates, "strain", "diagonal", STARTS)
     compared = 0
     for k in np.flatnonzero(found.determined)[::2]:
@@ -348,7 +346,7 @@ def test_traced_solutions_of_real_states_are_those_solved_one_by_one(name):
         active = solve_from(q, M, rates.none)
         if active is None:
             continue
-        P = Factor(yielding.system, stiffness_of(yielding, active)).tangent @ H
+        P = Factor(yielding.system, yielding.stiffness(active)).tangent @ H
         listed = found.solutions
         own = listed.stress_rate[listed.direction == k].reshape(-1, 4)
         assert np.abs(own - P).max(axis=1).min() < 1e-12 * np.abs(P).max()
@@ -359,7 +357,7 @@ def test_traced_solutions_of_real_states_are_those_solved_one_by_one(name):
 @in_collection
 def test_a_state_near_failure_has_two_solutions_or_none_proved():
     # 41 directions without a solution, between two folds, 31 with two: one critical contact.
-    found = probe_edge(sample_edge(at_rest("yade-slow 35"), 0.99), 72)
+    found = probe(sample_edge(at_rest("yade-slow 35"), 0.99), 72)
     assert Counter(found.status.tolist()) == {"none": 41, "several": 31}
     assert (found.proof == CRITICAL).all()
     assert np.bincount(found.solutions.direction, minlength=72).max() == 2
@@ -372,7 +370,7 @@ def test_a_state_near_failure_has_two_solutions_or_none_proved():
 @in_collection
 @pytest.mark.parametrize(("name", "proof"), [("yade-slow 07", SCALED), ("yade-slow 05", CRITICAL)])
 def test_real_states_have_one_solution_in_each_direction_proved(name, proof):
-    found = probe_edge(sample_edge(at_rest(name), 0.99), 72)
+    found = probe(sample_edge(at_rest(name), 0.99), 72)
     assert (found.status == "unique").all() and (found.proof == proof).all()
 
 
@@ -380,10 +378,10 @@ def test_real_states_have_one_solution_in_each_direction_proved(name, proof):
 @pytest.mark.parametrize("number", ("11", "32"))
 def test_negative_work_on_the_strain_circle_shows_on_the_stress_circle(number):
     yielding = sample_edge(at_rest(f"yade-slow {number}"), 0.99)
-    strain = probe_edge(yielding, 72).solutions
+    strain = probe(yielding, 72).solutions
     unstable = strain.normalised < -1e-6
     stress = strain.stress_rate[unstable][:, [0, 1], [0, 1]]
-    found = probe_edge(yielding, stress, "stress").solutions
+    found = probe(yielding, stress, control="stress").solutions
     assert unstable.any()
     for k, (H, P) in enumerate(zip(strain.strain_rate[unstable], stress, strict=True)):
         wanted = H / np.linalg.norm(P)
@@ -409,8 +407,8 @@ def motions(snapshot, directions, strain=1e-8, steps=20_000, looks=5):
     """
     held = hold(Scene(snapshot.graph, snapshot.law), unbalanced=1e-8)
     graph, law = held.graph, held.law
-    edge = yield_response(Scene(graph, law), yield_band=0.99)
-    found = probe_edge(edge, directions)
+    edge = rate_problem(Scene(graph, law), yield_band=0.99)
+    found = probe(edge, directions)
     rows, shear = edge.system.contacts[edge.rows], graph.shear_force.copy()
     mu = np.broadcast_to(law.mu, shear.shape)
     shear[rows] = np.sign(shear[rows]) * mu[rows] * graph.normal_force[rows]

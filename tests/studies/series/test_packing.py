@@ -26,7 +26,7 @@ from loops.in_place import loops_in_place
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
-from stability.packing import loop_changes, loop_rates, packing_increment
+from stability.packing import PackingRates, loop_changes, loop_rates, packing_increment
 from studies.commands.snapshot import _series_lines
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
@@ -398,13 +398,13 @@ def test_nothing_is_predicted_where_nothing_can_be_trusted(monkeypatch):
     before = tracked(graph)
     after = tracked(moved(graph, rates_at(Scene(graph, LAW), H=H), STEP))
     fates = track_loops(before, after)
-    solved = series_packing.PackingIncrements.response
+    solved = PackingRates.increment
     for status in ("not converged",):
         with monkeypatch.context() as patch:
             patch.setattr(
-                series_packing.PackingIncrements,
-                "response",
-                lambda self, H, status=status: replace(solved(self, H), status=status),
+                PackingRates,
+                "increment",
+                lambda self, control, status=status: replace(solved(self, control), status=status),
             )
             columns, row, _ = packing_predictions(before, after, fates)
         assert row["packing_status"] == status
