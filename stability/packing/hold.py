@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,7 +100,6 @@ class HeldPacking(Shown):
     boundary: Boundary
     ids: Integers
     status: HoldStatus
-    other_status: HoldStatus
     damping: float
     control: HoldControl
     unbalanced_before: float
@@ -113,9 +112,10 @@ class HeldPacking(Shown):
     gained: int
     sliding_before: int
     sliding: int
-    spread: float
-    strain_spread: float
     steps: int
+    other_status: HoldStatus = "at rest"
+    spread: float = 0.0
+    strain_spread: float = 0.0
 
     @cached_property
     def scene(self) -> Scene:
@@ -146,17 +146,6 @@ class HeldPacking(Shown):
             f"{100 * self.spread:.2g} %{strain}, "
             f"{counted(self.lost, 'contact')} lost, {self.gained} gained"
         )
-
-
-class _Run(NamedTuple):
-    """A run: its damping, the unbalanced force before it, where it ended and why."""
-
-    damping: float
-    moving: Moving
-    before: float
-    end: Contacts
-    status: HoldStatus
-    steps: int
 
 
 @of_scene
@@ -239,7 +228,7 @@ def hold(
         expected, remedy = "contacts that carry force", "Take a state with forces, or overlaps."
         raise InputError("hold", "no contact force", expected, remedy)
 
-    def run(share: float, slower: float = 1.0) -> _Run:
+    def run(share: float, slower: float = 1.0) -> HeldPacking:
         servo = servo_of(start, masses)
         if control == "stress":
             servo = servo._replace(lag=slower * servo.lag)
@@ -247,58 +236,58 @@ def hold(
             servo = lasting(servo, dt)
         moving = Moving(start, masses, inertias, servo, velocity=velocity, spin=spin)
         before = moving.unbalanced(start)
-        return _Run(share, moving, before, *_rest(moving, dt, share, unbalanced, most_steps))
+        end, status, steps = _rest(moving, dt, share, unbalanced, most_steps)
+        return HeldPacking(
+            **_changes(scene, start, end),
+            status=status,
+            damping=share,
+            control=control,
+            unbalanced_before=before,
+            unbalanced=moving.unbalanced(end),
+            steps=steps,
+        )
 
     # A run at rest comes first.
-    found, other = sorted(
-        (run(share) for share in damping), key=lambda one: one.status != "at rest"
+    held, other = sorted(map(run, damping), key=lambda one: one.status != "at rest")
+    ways = [other, run(held.damping, SLOWER)] if control == "stress" else []
+    apart = max((float(np.linalg.norm(way.strain - held.strain)) for way in ways), default=0.0)
+    size, change = float(np.linalg.norm(held.stress)), np.linalg.norm(other.stress - held.stress)
+    return replace(
+        held,
+        other_status=other.status,
+        spread=float(change) / size if size > 0 else np.inf,
+        strain_spread=apart / float(np.linalg.norm(held.strain)) if apart > 0 else 0.0,
     )
-    ways = [other, run(found.damping, SLOWER)] if control == "stress" else []
-    strains = [way.end.strain - found.end.strain for way in ways]
-    apart = max((float(np.linalg.norm(strain)) for strain in strains), default=0.0)
-    return _told(scene, control, start, found, other, apart)
 
 
-def _told(
-    scene: Scene, control: HoldControl, start: Contacts, found: _Run, other: _Run, apart: float
-) -> HeldPacking:
-    """Return what a run changed; strains of other runs end `apart` from its own."""
-    end, stress, walled = found.end, _stress(found.end), scene.boundary.kind == "walls"
-    size, strain = float(np.linalg.norm(stress)), float(np.linalg.norm(end.strain))
+def _changes(scene: Scene, start: Contacts, end: Contacts) -> dict[str, Any]:
+    """Return the packing at the end of a run, and what the run changed, as `HeldPacking`."""
     # Contacts between grains.
     first, last = start.closed & ~start.at_wall, end.closed & ~end.at_wall
     change = end.forces.copy()
     change[: len(first)] -= start.forces
     kept = int(np.count_nonzero(first & last[: len(first)]))
-    touching = end.closed & end.at_wall
-    kn, kt = (k[touching] for k in end.law.stiffnesses(end.overlap))
-    grain, mu = end.contacts[touching, 0], end.law.mu[touching]
-    walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu, -end.forces[touching])
-    around: dict[str, Any] = {"walls": walls, "volume": scene.boundary.volume} if walled else {}
-    at_rest = end.graph()
-    return HeldPacking(
-        graph=at_rest,
-        law=law_of(scene.law, end.law, last),
-        boundary=boundary_of(at_rest, **around),
-        ids=scene.ids,
-        status=found.status,
-        other_status=other.status,
-        damping=found.damping,
-        control=control,
-        unbalanced_before=found.before,
-        unbalanced=found.moving.unbalanced(end),
-        stress_before=_stress(start),
-        stress=stress,
-        strain=end.strain,
-        forces_changed=float(np.linalg.norm(change) / np.linalg.norm(start.forces)),
-        lost=int(np.count_nonzero(first)) - kept,
-        gained=int(np.count_nonzero(last)) - kept,
-        sliding_before=_sliding(start),
-        sliding=_sliding(end),
-        spread=float(np.linalg.norm(_stress(other.end) - stress)) / size if size > 0 else np.inf,
-        strain_spread=apart / strain if apart > 0 else 0.0,
-        steps=found.steps,
-    )
+    at_rest, around = end.graph(), dict[str, Any]()
+    if scene.boundary.kind == "walls":
+        touching = end.closed & end.at_wall
+        kn, kt = (k[touching] for k in end.law.stiffnesses(end.overlap))
+        grain, mu = end.contacts[touching, 0], end.law.mu[touching]
+        walls = PlaneContacts(grain, end.branches[touching], kn, kt, mu, -end.forces[touching])
+        around = {"walls": walls, "volume": scene.boundary.volume}
+    return {
+        "graph": at_rest,
+        "law": law_of(scene.law, end.law, last),
+        "boundary": boundary_of(at_rest, **around),
+        "ids": scene.ids,
+        "stress_before": _stress(start),
+        "stress": _stress(end),
+        "strain": end.strain,
+        "forces_changed": float(np.linalg.norm(change) / np.linalg.norm(start.forces)),
+        "lost": int(np.count_nonzero(first)) - kept,
+        "gained": int(np.count_nonzero(last)) - kept,
+        "sliding_before": _sliding(start),
+        "sliding": _sliding(end),
+    }
 
 
 def unbalanced_force(graph: GrainGraph, boundary: Boundary) -> float:
