@@ -26,7 +26,6 @@ from stability.packing.yielding import MixedControl
 from stability.path import (
     FINISHED,
     Event,
-    How,
     Past,
     Path,
     Pathologies,
@@ -45,23 +44,6 @@ MOST_CANDIDATES = 192
 FEW_STARTS = 5
 
 
-class Passed(NamedTuple):
-    """Outcome of an instability: the state at rest behind it, or a message why there is none.
-
-    `work` (4,) is that of the motion, as `Path.work`.
-    """
-
-    how: How
-    state: Contacts | None = None
-    work: Floats | None = None
-    message: str = ""
-
-    @property
-    def released(self) -> float:
-        """Energy that the motion released; nan if there was none."""
-        return math.nan if self.work is None else float(self.work[RELEASED])
-
-
 @dataclass(frozen=True)
 class Viscous:
     """Drag the grains of the mode by springs on the ground; hold the contact if none is left.
@@ -72,8 +54,10 @@ class Viscous:
     stiffness: float = 1.0
 
 
-# What is done past an instability; the control is the whole change of stress and strain ahead.
-PassBy = Viscous | Callable[[PackingPoint, Event, MixedControl], Passed]
+# What is done past an instability; None ends the path at the first one. A function returns the
+# state at rest behind it and the work until then, as `Path.work`, or raises `ArithmeticError`; the
+# control is the whole change of stress and strain ahead.
+PassBy = Viscous | Callable[[PackingPoint, Event, MixedControl], tuple[Contacts, Floats]] | None
 
 
 @dataclass(frozen=True)
@@ -85,24 +69,18 @@ class Dynamic:
 
     damping: float = 0.3
 
-    def __call__(self, here: PackingPoint, instability: Event, control: MixedControl) -> Passed:
-        """Return the packing at rest."""
-        try:
-            end, work = snap_through(here.state, here.load, control, self.damping)
-            jump = here.jump_to(end)
-            if jump:
-                raise ArithmeticError(jump)
-        except ArithmeticError as error:
-            return Passed("lost", message=str(error))
-        return Passed("replayed", end, work)
+    def __call__(
+        self, here: PackingPoint, instability: Event, control: MixedControl
+    ) -> tuple[Contacts, Floats]:
+        """Return the packing at rest, and the work."""
+        end, work = snap_through(here.state, here.load, control, self.damping)
+        jump = here.jump_to(end)
+        if jump:
+            raise ArithmeticError(jump)
+        return end, work
 
 
-def stop(here: PackingPoint, instability: Event, control: MixedControl) -> Passed:
-    """End the path at its first instability."""
-    return Passed("stopped")
-
-
-WAYS: dict[str, PassBy] = {"viscous": Viscous(), "dynamic": Dynamic(), "stop": stop}
+WAYS: dict[str, PassBy] = {"viscous": Viscous(), "dynamic": Dynamic(), "stop": None}
 # The same ways with three times the springs, and with a third of the damping: the stress of a path
 # past instabilities is known to the difference (docs/knobs.md).
 OTHER_WAYS: dict[PassBy, PassBy] = {
@@ -144,17 +122,13 @@ class PackingPathSolver:
         self,
         scene: Scene,
         stages: Sequence[Stage],
-        interval: float,
-        past: Past | PassBy,
-        load_kept: float = 1.0,
-        pathologies: bool = False,
+        options: PackingPathOptions,
         coasting: bool = False,
     ) -> None:
         start = contacts_at_start(scene)
         for stage in stages:
             require_upright(start, *stage.programme.equations(NOTHING, NOTHING))
-        self.interval, self.past, self.load_kept = interval, past_of(past), load_kept
-        self.looks_at_pathologies, self.coasting = pathologies, coasting
+        self.options, self.past, self.coasting = options, past_of(options.past), coasting
         self.history: deque[PackingPoint] = deque(maxlen=HISTORY)
         listed = start.with_forces_of_geometry().with_near(MAY_CLOSE_GAP * 2.0 * start.mean_radius)
         state, rattlers, _ = free_rattlers(listed)
@@ -170,14 +144,13 @@ class PackingPathSolver:
             begun = replace(begun, events=(*begun.events, change))
         targets = np.linspace(begun.quantity, stage.target, rows + 1)[1:].tolist()
         self.point = replace(begun, targets=tuple(targets))
-        self._record_reached(self.interval)
+        self._record_reached(self.options.interval)
         away = stage.away(np.sign(stage.target - begun.quantity)) if self.point.targets else ""
         return ("lost", away) if away else None
 
     def run(
         self,
         size: float,
-        instabilities: int,
         max_steps: float = np.inf,
         progress: Callable[[float], None] | None = None,
     ) -> Stop:
@@ -186,7 +159,7 @@ class PackingPathSolver:
             self.history.append(self.point)
             stop: Stop | None = "lost", f"{max_steps} intervals were not enough"
             if self.point.intervals < max_steps:
-                stop = self.step(size, instabilities)
+                stop = self.step(size)
             if stop is not None:
                 self.record()
                 return stop
@@ -210,7 +183,7 @@ class PackingPathSolver:
             self.point = replace(self.point, targets=targets)
             self.record()
 
-    def step(self, size: float, instabilities: int) -> Stop | None:
+    def step(self, size: float) -> Stop | None:
         """Go on by one interval, and through the instability that ends it; why the path ends.
 
         It is a shorter one where it catches grains that carried nothing.
@@ -237,7 +210,7 @@ class PackingPathSolver:
             return CONTROL_LIMIT
         stop = self._pass(found.lost, found.duration) if found.lost else None
         met = {event.contacts for event in self.point.events if event.kind == "instability"}
-        if stop is None and len(met) >= instabilities:
+        if stop is None and len(met) >= self.options.instabilities:
             stop = "instabilities", f"{counted(len(met), 'contact')} without a consistent regime"
         if stop is None:
             self._record_reached(size)
@@ -254,7 +227,8 @@ class PackingPathSolver:
         point, duration = replace(start, slowest=min(start.slowest, speed)), size / speed
         if speed > MAX_SPEED_RATIO * point.slowest:
             return CONTROL_LIMIT
-        relief = min((1.0 - self.load_kept) * size / DECAY, start.load_share - self.load_kept)
+        kept = self.options.load_kept
+        relief = min((1.0 - kept) * size / DECAY, start.load_share - kept)
         drag = self.past.stiffness if isinstance(self.past, Viscous) else None
         increment = StrainIncrement(point, packing, size, duration, relief, drag, events)
         lost = increment.run()
@@ -294,33 +268,39 @@ class PackingPathSolver:
     def _pass(self, lost: Event, duration: float) -> Stop | None:
         """Go through a loss of equilibrium that ended an interval, or stop there."""
         point, said = self.point, f"contact {lost.contacts[0]}: {reason(lost)}"
+        lost = replace(lost, parameter=0.0)
+        if self.past is None:
+            self.point = point.with_events([replace(lost, passed="stopped")])
+            return "instabilities", said
+        assert not isinstance(self.past, Viscous)
         stage = point.leg.stage
         rate = 1.0 if stage.quantity == "parameter" else stage.programme.driven(stage.quantity)
         left = (point.targets[0] - point.quantity) / rate if rate else np.inf
         # A target of a quantity that is not driven may be leapt over.
         span = min(duration, left) if left > 0 else duration
         control = point.control(1.0 / span)
-        assert not isinstance(self.past, Viscous)
-        passed = self.past(point, lost, control._replace(rate=control.rate * span))
-        event = replace(lost, parameter=0.0, passed=passed.how, released=passed.released)
+        try:
+            end, work = self.past(point, lost, control._replace(rate=control.rate * span))
+        except ArithmeticError as error:
+            self.point = point.with_events([replace(lost, passed="lost")])
+            return "lost", f"{said}; {error}"
+        event = replace(lost, passed="replayed", released=float(work[RELEASED]))
         self.point = point.with_events([event])
-        if passed.how == "stopped":
-            return "instabilities", said
-        if passed.state is None:
-            return "lost", f"{said}; {passed.message}"
-        self.go_on_from(passed, span)
+        self.go_on_from(end, work, span)
         return None
 
-    def go_on_from(self, passed: Passed, duration: float) -> None:
-        """Take over a state at rest, with pairs of its own, whose regimes are to be found."""
-        assert passed.state is not None and passed.work is not None
+    def go_on_from(self, state: Contacts, work: Floats, duration: float) -> None:
+        """Take over a state at rest, with pairs of its own, whose regimes are to be found.
+
+        `work` (4,) is that of the motion to it, as `Path.work`.
+        """
         here = self.point
         end = replace(
             here,
-            state=passed.state,
-            F=passed.state.cell @ np.linalg.inv(here.state.cell) @ here.F,
+            state=state,
+            F=state.cell @ np.linalg.inv(here.state.cell) @ here.F,
             parameter=here.parameter + duration,
-            work=here.work + passed.work,
+            work=here.work + work,
         )
         # Its forces are in balance: a grain that was loaded in the motion keeps all of them.
         end = settle(end, None, duration)
@@ -335,7 +315,7 @@ class PackingPathSolver:
 
     def _recorded(self, point: PackingPoint) -> PackingPoint:
         """Return a point with its row, and the pathologies of its state where these are wanted."""
-        if not self.looks_at_pathologies:
+        if not self.options.pathologies:
             return point.recorded()
         return point.recorded(pathologies=pathologies(point))
 
@@ -394,12 +374,11 @@ def follow_packing(
     max_steps: int = 20_000,
 ) -> Path:
     """Follow a packing through its stages: `stability.follow` with the packing closure."""
-    o = options
-    solver = PackingPathSolver(scene, stages, o.interval, o.past, o.load_kept, o.pathologies)
+    o, solver = options, PackingPathSolver(scene, stages, options)
 
     def through(number: int, stage: Stage) -> Stop:
         away = solver.start_stage(number, stage, max(rows, 1))
-        return away or solver.run(o.interval, o.instabilities, max_steps, o.progress)
+        return away or solver.run(o.interval, max_steps, o.progress)
 
     stop = follow_stages(through, stages)
     path = solver.path(*stop)
@@ -410,14 +389,15 @@ def follow_packing(
             asked = replace(o, past=other, spread=False, pathologies=False)
             again = follow_packing(scene, stages, asked, rows=rows, max_steps=max_steps)
         path = replace(path, stress_spread=_stress_spread(path, again))
-    met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is WAYS["stop"])
+    met = stop[0] == "control_limit" or (stop[0] == "instabilities" and solver.past is None)
     if not (met and solver.history):
         return path
 
-    def ends(size: float) -> bool:
-        return solver.run(size, o.instabilities) != FINISHED
+    def in_halves(size: float) -> Stop | None:
+        stop = solver.run(size)
+        return None if stop == FINISHED else stop
 
-    limit, spread = halved(solver, ends, lambda: solver.point.parameter)
+    _, limit, spread = halved(solver, stop, in_halves, lambda: solver.point.parameter)
     message = f"{path.message}; the limit has not converged" if spread > CONVERGED else path.message
     return replace(path, message=message, limit=limit, limit_spread=spread)
 
@@ -431,11 +411,14 @@ def _stress_spread(path: Path, other: Path) -> float:
 
 
 def halved(
-    solver: PackingPathSolver, ends: Callable[[float], bool], value: Callable[[], float]
-) -> tuple[float, float]:
-    """Go through the last intervals again, in halves: the limit, and its change over itself.
+    solver: PackingPathSolver,
+    stop: Stop,
+    again: Callable[[float], Stop | None],
+    value: Callable[[], float],
+) -> tuple[Stop, float, float]:
+    """Go through the last intervals again, in halves: the stop, its limit, its change over itself.
 
-    `ends` goes on at intervals of a size, and tells whether the path ends before its target. They
+    `again` goes on at intervals of a size, and tells why the path stops, if before its target. They
     are halved until the limit changes by less than 1 %; else the change is infinite.
     """
     limit = value()
@@ -446,14 +429,15 @@ def halved(
             solver.point = solver.history.pop()
         # Half of what the intervals were in the mean: one that a limit ends is shorter.
         size = 0.5 * float(np.linalg.norm(end.F - solver.point.F)) / back
-        if not (size > 0 and ends(size)):
+        found = again(size) if size > 0 else None
+        if found is None:
             # In halves it goes on, or nothing moved.
             solver.point = end
-            return limit, math.inf if size > 0 else 0.0
-        coarse, limit = limit, value()
+            return stop, limit, math.inf if size > 0 else 0.0
+        stop, coarse, limit = found, limit, value()
         if abs(coarse - limit) <= CONVERGED * abs(limit):
-            return limit, abs(coarse - limit) / max(abs(limit), 1e-300)
-    return limit, math.inf
+            return stop, limit, abs(coarse - limit) / max(abs(limit), 1e-300)
+    return stop, limit, math.inf
 
 
 def pathologies(point: PackingPoint) -> Pathologies:

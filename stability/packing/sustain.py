@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from time import thread_time
 from typing import Any, NamedTuple, get_args
 
@@ -33,8 +33,8 @@ from stability.packing.equations_of_motion import (
 )
 from stability.packing.loop_quantities import loop_sums
 from stability.packing.motion import Motion, MotionStatus
-from stability.packing.path import PackingPathSolver, Passed, Stop, halved
-from stability.packing.point import PackingPoint
+from stability.packing.path import PackingPathOptions, PackingPathSolver, Stop, halved
+from stability.packing.point import RELEASED, PackingPoint
 from stability.packing.probe import Probe, probe, probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
 from stability.packing.yielding import MixedControl
@@ -329,8 +329,8 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     """Load one direction until its first large motion; modes of the loops of these faces."""
     begin, halving = thread_time(), 0.0
     stage = stage_along(direction, loading.subspace, "stress", loading.largest)
-    interval = loading.interval
-    solver = PackingPathSolver(scene, [stage], interval, "stop", coasting=loading.coasting)
+    options = PackingPathOptions(loading.interval, MANY, "stop")
+    solver = PackingPathSolver(scene, [stage], options, loading.coasting)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
     limit = spread = strain = math.nan
@@ -338,14 +338,15 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     message = "no large motion up to the largest load"
     push, load = PUSH, 0.0
     while solver.point.targets and load < stage.target:
-        stop, change = _to_loss(solver, interval), math.nan
+        stop, change = _to_loss(solver, loading.interval), math.nan
         if stop is not None and math.isnan(limit):
             halving -= thread_time()
-            stop, change = _halved_loss(solver, stop)
+            limit_of = partial(_load_of_loss, solver)
+            stop, _, change = halved(solver, stop, partial(_to_loss, solver), limit_of)
             halving += thread_time()
         if stop is None or not solver.point.targets:
             break
-        lost, cause = _load_of_loss(solver.point), stop[1]
+        lost, cause = _load_of_loss(solver), stop[1]
         if len(motions) == loading.most_motions:
             status = "unfinished"
             message = f"more than {loading.most_motions} motions before the largest load"
@@ -356,13 +357,13 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         control = here.control_to(load)
         contact = here.events[-1].contacts[0] if stop[0] == "instabilities" else -1
         told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
-        motion, passed = move(here, control, loading.damping, faces, **told)
+        motion, end, work = move(here, control, loading.damping, faces, **told)
         motions.append(motion)
         strain = float(np.linalg.norm(motion.strain))
         if math.isnan(limit) and strain >= MICRO_STRAIN:
             limit, spread = lost, change
         push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
-        solver.go_on_from(passed, load - here.parameter)
+        solver.go_on_from(end, work, load - here.parameter)
         solver.record()
         rests = motion.status == "at rest"
         strain = _strain_of_near(motions) if rests else strain
@@ -413,8 +414,9 @@ def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
     return found
 
 
-def _load_of_loss(point: PackingPoint) -> float:
+def _load_of_loss(solver: PackingPathSolver) -> float:
     """Return the stress along the direction; what stood before a contact pulled off is the load."""
+    point = solver.point
     pulled = point.events and point.events[-1].cause == "pulls_off"
     return point.parameter if pulled else _along(point)
 
@@ -426,19 +428,6 @@ def _along(point: PackingPoint) -> float:
     return float(rise @ rate / (rate @ rate))
 
 
-def _halved_loss(solver: PackingPathSolver, stop: Stop) -> tuple[Stop, float]:
-    """Come to a loss again in halves: why the last one is lost, and the change of its load."""
-    stops = [stop]
-
-    def lost_again(size: float) -> bool:
-        again = _to_loss(solver, size)
-        stops.extend([] if again is None else [again])
-        return again is not None
-
-    _, change = halved(solver, lost_again, lambda: _load_of_loss(solver.point))
-    return stops[-1], change
-
-
 def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
     """Go on until the equilibrium is lost, and why it was; None at the largest load.
 
@@ -447,7 +436,7 @@ def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
     size, shortest = interval, interval / CUT**MOST_CUTS
     while solver.point.targets:
         before = solver.point
-        stop = solver.step(size, MANY)
+        stop = solver.step(size)
         met = stop is not None and stop[0] == "instabilities"
         error = abs(_along(solver.point) - solver.point.parameter)
         least = LEAST_PUSH * before.first_stress
@@ -465,10 +454,11 @@ def _to_loss(solver: PackingPathSolver, interval: float) -> Stop | None:
 
 def move(
     here: PackingPoint, control: MixedControl, damping: float, faces: Faces | None, **told: Any
-) -> tuple[Motion, Passed]:
+) -> tuple[Motion, Contacts, Floats]:
     """Raise the load within some steps, then keep it until rest, or until the sample flows.
 
-    What is known of the motion before, and the faces whose loops it tells, as in `motion_past`.
+    Return the motion, where it ends, and the work until then as `Path.work`. What is known of the
+    motion before, and the faces whose loops it tells, as in `motion_past`.
     """
     start = here.state
     radii = start.radii[: start.count]
@@ -498,9 +488,10 @@ def move(
             status = "at rest"
             break
     end = moving.state()
-    passed = Passed("replayed", end, work_of(moving, end))
-    told |= {"status": status, "released": passed.released, "kinetic": kinetic, "steps": steps}
-    return motion_past(start, end if mode is None else mode, end, faces, **told), passed
+    work = work_of(moving, end)
+    told |= {"status": status, "released": float(work[RELEASED]), "kinetic": kinetic}
+    then = end if mode is None else mode
+    return motion_past(start, then, end, faces, steps=steps, **told), end, work
 
 
 def motion_past(

@@ -68,7 +68,7 @@ class Edge(NamedTuple):
         return self.of_strain @ h + self.of_load, M
 
 
-def component_control(strain: ArrayLike, stress: ArrayLike | None) -> MixedControl:
+def component_control(strain: ArrayLike, stress: ArrayLike | None = None) -> MixedControl:
     """Return the control of components of `H'` where they are numbers, else of `P'`."""
     H = np.asarray(strain, dtype=float)
     P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)

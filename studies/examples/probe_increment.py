@@ -40,17 +40,16 @@ def answers(
 ) -> Iterator[tuple[str, float, Floats, float]]:
     """Method, amplitude, stress increments (D, 2, 2) over it, and seconds a direction."""
     snapshot, _ = state("before")
-    ways = [("rates, band 0.99", 0.99)]
-    ways += [(f"increment, from {share:g}", share) for share in SHARES]
-    for name, band in ways:
+    ways = {"rates, band 0.99": 0.99} | {f"increment, from {share:g}": share for share in SHARES}
+    for name, band in ways.items():
         began = process_time()
         rates = rate_problem(snapshot.scene, yield_band=band)
         one: Any = rates.increment if name[0] == "i" else rates.solved
         ready = process_time() - began
         for amplitude in amplitudes:
             began = process_time()
-            along = (direction_control(amplitude * each, "diagonal", "strain") for each in wanted)
-            solved = [one(control) for control in along]
+            along = [direction_control(amplitude * each, "diagonal", "strain") for each in wanted]
+            solved = list(map(one, along))
             spent = ready + process_time() - began
             stress = np.array([getattr(each, "response", each).stress_rate for each in solved])
             yield name, amplitude, stress / amplitude, spent / len(wanted)

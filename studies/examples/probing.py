@@ -89,8 +89,7 @@ def reached(name: str, amplitudes: Floats) -> dict[str, list[float]]:
     now, counts = contact_state(snapshot.graph), []
     force = now.forces
     for angle in np.radians(measured["theta_deg"].unique()):
-        along = component_control(np.diag([np.cos(angle), np.sin(angle)]), None)
-        found = rates.solved(along).response
+        found = rates.solved(component_control(np.diag([np.cos(angle), np.sin(angle)]))).response
         # Forces turn with the branches.
         turn = np.sum(now.t * found.branch_rate, axis=1) / now.length
         rate = found.force_rate - turn[:, None] * np.stack([-force[:, 1], force[:, 0]], axis=1)

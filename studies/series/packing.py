@@ -219,7 +219,7 @@ def packing_predictions(
     except InputError as error:
         return columns, {"packing_status": "refused"}, [f"no packing response: {error}"]
     rates = edge.nearest
-    response = rates.increment(component_control(H, None))
+    response = rates.increment(component_control(H))
     if response.status != "not converged":
         columns |= _picked(loop_rates(response, before.faces), PREDICTED)
     if before.rotation is not None and after.rotation is not None:

@@ -7,7 +7,7 @@ import pytest
 
 from loops import GrainGraph, LinearFrictional, Scene
 from stability import Stage, programmes
-from stability.packing.path import PackingPathSolver
+from stability.packing.path import PackingPathOptions, PackingPathSolver
 from stability.packing.rattlers import MOST_COAST, settle
 
 LARGE, FORCE = 0.505, 0.01
@@ -32,7 +32,9 @@ def solver_of(small, at, order=None, coasting=True):
     )  # fmt: skip
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
     scene = Scene(graph, LinearFrictional(1.0, 0.5, 0.5))
-    return PackingPathSolver(scene, [stage], 1e-5, "stop", coasting=coasting), place
+    return PackingPathSolver(
+        scene, [stage], PackingPathOptions(1e-5, past="stop"), coasting=coasting
+    ), place
 
 
 def goes_on(solver, place, push=0.0, duration=1.0):

@@ -21,7 +21,7 @@ SOME = [(12, 1), (16, 2), (24, 3), (36, 5)]
 
 
 def increment(rates, strain):
-    return rates.increment(component_control(strain, None))
+    return rates.increment(component_control(strain))
 
 
 def near_yield(grains, seed, law=LAW, share=0.9995):
@@ -114,7 +114,7 @@ def test_a_grain_at_its_plates_sticks_then_slides():
 def test_without_distances_it_is_the_rate_problem(which):
     graph = near_yield(*which)
     yielding = rate_problem(Scene(graph, LAW), yield_band=0.95)
-    rates = yielding.solved(component_control(H, None)).response
+    rates = yielding.solved(component_control(H)).response
     found = increment(replace(yielding, distance=0.0 * yielding.distance), H)
     if found.status != "nearest" and rates.status == "unique":
         size = np.abs(rates.stress_rate).max()
@@ -222,7 +222,7 @@ def test_too_many_candidates_leave_the_nearest(monkeypatch):
 
 def test_an_increment_beyond_any_solution_says_so():
     yielding = rate_problem(Scene(near_yield(24, 3), LAW), yield_band=0.5)
-    q, M = yielding.problem(component_control(0.05 * H, None))
+    q, M = yielding.problem(component_control(0.05 * H))
     raised = raise_load(yielding.distance, q, M)
     found = increment(yielding, 0.05 * H)
     assert found.reached == raised.first and found.disagreeing == np.count_nonzero(raised.held)

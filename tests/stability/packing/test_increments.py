@@ -21,7 +21,7 @@ from stability.packing.equations_of_motion import (
     rests,
     work_of,
 )
-from stability.packing.path import PackingPathSolver
+from stability.packing.path import PackingPathOptions, PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.regime_factor import (
     unstable_mode,
@@ -125,7 +125,7 @@ def test_forces_of_a_motion_are_those_of_the_rate_problem():
             cell=length * graph.cell, cell0=None,
         )  # fmt: skip
         yielding = rate_problem(Scene(large, law), yield_band=0.99)
-        control = component_control([[0.8, 0.3], [-0.1, -0.5]], None)
+        control = component_control([[0.8, 0.3], [-0.1, -0.5]])
         found = yielding.solved(control).response
         assert found.sliding > 2 and found.candidates > found.sliding
         at_strength = replace(yielding, distance=0.0 * yielding.distance)
@@ -150,7 +150,7 @@ def test_a_snap_strains_to_the_end_of_its_interval_or_to_the_target(
     monkeypatch.setattr(past_module, "snap_through", at_once)
     programme = Programme("strain", np.zeros((4, 4)), np.eye(4), [1e-3, 0, 0, -2e-3])
     stage = Stage(programme, quantity, share * duration * unit)
-    solver = PackingPathSolver(Scene(graph, LAW), [stage], 1e-4, "dynamic")
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], PackingPathOptions(1e-4, past="dynamic"))
     solver.point = replace(solver.point, targets=(stage.target,))
     met = Event("instability", 0.4, contacts=(3,), cause="chatters")
     assert solver._pass(met, duration) is None
@@ -183,7 +183,9 @@ def test_a_snap_makes_good_the_error_of_the_control_before_it(monkeypatch):
     monkeypatch.setattr(past_module, "snap_through", kept)
     rate, duration = np.array([1e-3, 0.0, 0.0, -2e-3]), 0.01
     stage = Stage(Programme("strain", np.zeros((4, 4)), np.eye(4), rate), "parameter", 1.0)
-    solver = PackingPathSolver(Scene(jammed(12, 1), LAW), [stage], 1e-4, "dynamic")
+    solver = PackingPathSolver(
+        Scene(jammed(12, 1), LAW), [stage], PackingPathOptions(1e-4, past="dynamic")
+    )
     # Ahead of the programme, and half an interval behind it.
     error = np.array([2e-6, -1e-6, 3e-6, 4e-6])
     F = np.eye(2) - error.reshape(2, 2)
@@ -197,7 +199,9 @@ def load_solver(graph, interval=1e-4):
     """A path of loads along (-1, 0), up to a tenth of the stress."""
     largest = 0.1 * start_state(graph).stress[0, 0]
     stage = stage_along(np.array([-1.0, 0.0]), "diagonal", "stress", largest)
-    solver = PackingPathSolver(Scene(graph, LAW), [stage], interval, "stop")
+    solver = PackingPathSolver(
+        Scene(graph, LAW), [stage], PackingPathOptions(interval, past="stop")
+    )
     solver.start_stage(0, stage, 1)
     return solver, stage
 
@@ -231,8 +235,8 @@ def moved(share, monkeypatch, shear=1.0):
     solver, stage = load_solver(graph.replace(shear_force=shear * graph.shear_force))
     monkeypatch.setattr(sustain_module, "Moving", Watched)
     control = solver.point.control_to(share * stage.target)
-    motion, passed = move(solver.point, control, 0.3, find_faces(graph), **TOLD)
-    return (motion, passed.state), Watched.last, solver, stage
+    motion, end, _ = move(solver.point, control, 0.3, find_faces(graph), **TOLD)
+    return (motion, end), Watched.last, solver, stage
 
 
 def test_a_packing_at_rest_is_asked_once_its_load_is_on(monkeypatch):
@@ -325,7 +329,7 @@ def stepping(monkeypatch, answers, ahead=lambda self: 0.0):
     """Steps of a path that answer in turn, and the intervals with which they were asked."""
     sizes = []
 
-    def step(self, size, instabilities):
+    def step(self, size):
         sizes.append(size)
         self.point = replace(self.point, parameter=self.point.parameter + 1e-6)
         return answers.pop(0) if answers else None
@@ -339,7 +343,7 @@ def stepping(monkeypatch, answers, ahead=lambda self: 0.0):
 def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
     """A quarter of the interval, three times; twice as long again after each that goes well."""
     solver, _ = load_solver(jammed(12, 1))
-    whole = solver.interval
+    whole = solver.options.interval
     sizes = stepping(monkeypatch, [("lost", str(k)) for k in range(4)])
     assert _to_loss(solver, whole) == ("lost", "3")
     assert sizes == [whole / CUT**k for k in range(MOST_CUTS + 1)]
@@ -356,7 +360,7 @@ def test_intervals_are_cut_before_an_equilibrium_is_given_up(monkeypatch):
 def test_intervals_are_cut_where_the_stress_leaves_the_load(monkeypatch):
     """By more than half a per cent, or of the least rise where the load is smaller."""
     solver, _ = load_solver(jammed(12, 1))
-    whole, least = solver.interval, LEAST_PUSH * solver.point.first_stress
+    whole, least = solver.options.interval, LEAST_PUSH * solver.point.first_stress
     for off, cut in ((0.004, False), (0.006, True)):
         large = lambda point, off=off: off * max(point.parameter, least)  # noqa: E731
         sizes = stepping(monkeypatch, [("instabilities", "met")] * 4, large)
@@ -368,7 +372,7 @@ def test_the_stress_along_a_direction():
     """Of a packing that is strained: `(P - P0) . direction`."""
     solver, _ = load_solver(jammed(12, 1))
     assert _along(solver.point) == 0.0
-    assert solver.step(solver.interval, 1) is None
+    assert solver.step(solver.options.interval) is None
     rise = solver.point.P - solver.point.leg.P
     assert _along(solver.point) == pytest.approx(-rise[0], rel=1e-12) != 0.0
 
@@ -376,7 +380,7 @@ def test_the_stress_along_a_direction():
 def test_an_interval_leaves_the_point_that_it_replaces():
     """From one point two intervals are the same to the last bit; openings and yields on the way."""
     graph, stage = jammed(24, 3, LAW), strained(-1e-2 * np.eye(2))
-    solver = PackingPathSolver(Scene(graph, LAW), [stage], 5e-4, "viscous")
+    solver = PackingPathSolver(Scene(graph, LAW), [stage], PackingPathOptions(5e-4, past="viscous"))
     solver.start_stage(0, stage, 40)
     for _ in range(20):
         before = solver.point
@@ -386,7 +390,7 @@ def test_an_interval_leaves_the_point_that_it_replaces():
         ends = []
         for _ in range(2):
             solver.point = before
-            assert solver.step(5e-4, 99) is None
+            assert solver.step(5e-4) is None
             ends.append(solver.point)
         one, two = ends
         assert one.events == two.events and len(one.rows) == len(two.rows)

@@ -14,7 +14,7 @@ from loops import GrainGraph, Scene, find_faces
 from loops.contacts import contacts_at_start, start_state
 from stability import Programme, Stage, follow
 from stability.packing import rattlers, regime_factor, strain_increment, sustain
-from stability.packing.path import PackingPathSolver
+from stability.packing.path import PackingPathOptions, PackingPathSolver
 from stability.packing.probe import stage_along
 from stability.packing.sustain import (
     INERTIA,
@@ -129,11 +129,13 @@ def test_the_equations_of_motion_alone_lose_it_at_the_same_load(degrees):
     strains = []
     for load in (0.985 * motion.lost, 1.015 * motion.lost):
         stage = stage_along(towards(degrees), "diagonal", "stress", load)
-        solver = PackingPathSolver(Scene(graph, law), [stage], 5e-6, "stop")
+        solver = PackingPathSolver(
+            Scene(graph, law), [stage], PackingPathOptions(5e-6, past="stop")
+        )
         solver.start_stage(0, stage, 1)
         told = {"lost": motion.lost, "load": load, "cause": "", "contact": -1}
-        found, passed = move(solver.point, solver.point.control_to(load), 0.3, None, **told)
-        grown = passed.state.cell @ np.linalg.inv(solver.point.state.cell) - np.eye(2)
+        found, end, _ = move(solver.point, solver.point.control_to(load), 0.3, None, **told)
+        grown = end.cell @ np.linalg.inv(solver.point.state.cell) - np.eye(2)
         strains.append(np.linalg.norm(grown))
         assert found.status == "at rest" or load > motion.lost
     before = np.linalg.norm(
@@ -188,16 +190,18 @@ def peak_driven_by_strain(graph, law, direction, lost, mode, interval):
     strain[1, 1] = strain[2, 2] = 1.0
     drive = Programme("strain along the mode", stress, strain, np.array([0.0, 0.0, 0.0, 1.0]))
     stages = [load, Stage(drive, "parameter", 5e-4)]
-    solver = PackingPathSolver(Scene(graph, law), stages, interval, "stop")
+    solver = PackingPathSolver(
+        Scene(graph, law), stages, PackingPathOptions(interval, MANY, "stop")
+    )
     solver.start_stage(0, load, 1)
-    assert solver.run(interval, MANY)[0] == "finished"
+    assert solver.run(interval)[0] == "finished"
     rises = []
 
     def see(_):
         rises.append((solver.point.P - solver.point.rows[0]["P"])[[0, 3]])
 
     solver.start_stage(1, stages[1], 1)
-    status, _ = solver.run(interval, MANY, progress=see)
+    status, _ = solver.run(interval, progress=see)
     assert status in ("finished", "instabilities")
     see(0.0)
     along = np.array(rises) @ direction

@@ -52,7 +52,7 @@ def by_rates(graph, sliding):
     """`q`, `M` of the rate problem, assembled and condensed elsewhere, under the same control."""
     regime = np.where(sliding, 2, 1).astype(np.int8)
     found = rate_problem(Scene(graph.replace(regime=regime), LAW), yield_band=1 - 1e-6)
-    return found.problem(component_control([[1, 0], [0, NAN]], None))
+    return found.problem(component_control([[1, 0], [0, NAN]]))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

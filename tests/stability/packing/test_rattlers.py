@@ -10,7 +10,7 @@ from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.cages import normals_and_overlaps, parting_and_slip, work_of_shear
 from stability.packing import rattlers
-from stability.packing.path import PackingPathSolver, Passed
+from stability.packing.path import PackingPathOptions, PackingPathSolver
 from stability.packing.rattlers import (
     CAUGHT_SHARE,
     IN_BALANCE,
@@ -507,10 +507,12 @@ def test_an_interval_ends_where_a_grain_is_caught(interval):
     """Its force grows from next to nothing: at the end of the interval it was .014 of the mean."""
     graph = lattice_around([ROOM - 1e-4], [[0.5003, 0.5]])
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-    solver = PackingPathSolver(Scene(graph, LAW), [stage], interval, "viscous")
+    solver = PackingPathSolver(
+        Scene(graph, LAW), [stage], PackingPathOptions(interval, past="viscous")
+    )
     solver.start_stage(0, stage, 1)
     while solver.point.rattlers.any():
-        assert solver.step(interval, 1) is None
+        assert solver.step(interval) is None
     state = solver.point.state
     largest = state.normal_force[(state.contacts == 4).any(axis=1)].max()
     assert LOADED_SHARE <= largest / state.mean_force <= 1.05 * CAUGHT_SHARE
@@ -531,13 +533,15 @@ def test_a_load_that_is_there_at_once_cuts_no_interval():
 def test_a_grain_that_a_motion_has_loaded_keeps_its_forces():
     """A state at rest is in balance with them: taken for what it was before, it would lose them."""
     stage = Stage(programmes.isotropic_stress(), "H11", 1e-3)
-    solver = PackingPathSolver(Scene(jammed(12, 1, LAW), LAW), [stage], 2e-4, "stop")
+    solver = PackingPathSolver(
+        Scene(jammed(12, 1, LAW), LAW), [stage], PackingPathOptions(2e-4, past="stop")
+    )
     solver.start_stage(0, stage, 1)
     end, balance = solver.point.state, np.abs(solver.point.imbalance).max()
     rattlers = carrying_nothing(end, LOADED_SHARE)
     rattlers[end.contacts[int(np.argmax(end.normal_force))]] = True
     solver.point = replace(solver.point, rattlers=rattlers)
-    solver.go_on_from(Passed("replayed", end, np.zeros(4)), 0.0)
+    solver.go_on_from(end, np.zeros(4), 0.0)
     state = solver.point.state
     np.testing.assert_array_equal(state.normal_force, end.normal_force)
     np.testing.assert_array_equal(state.shear_force, end.shear_force)

@@ -327,7 +327,7 @@ def test_q_and_M_are_those_of_eighty_bits(state):
     graph, law, _ = yade_rest(state)
     yielding = rate_problem(Scene(graph, law), yield_band=YIELD_BAND)
     rates, system, rows = yielding, yielding.system, yielding.rows
-    q, M = rates.problem(component_control(H, None))
+    q, M = rates.problem(component_control(H))
     modes = spin_modes(system.stiffness, system.ends, system.size)
     K, number = eighty_bits.matrix_of(system, modes)
     assert K.shape[0] == system.size and (number >= 0).all()

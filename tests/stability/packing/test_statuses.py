@@ -124,7 +124,7 @@ def test_a_soft_chain_that_nothing_holds_is_no_solution(packing, sliding):
     rates = rate_problem(Scene(graph, law), yield_band=AT_YIELD)
     active = np.isin(np.arange(len(rates.every)), sliding)
     found = of_sets(Complementarity(active[None], "enumeration"))
-    control = response.component_control(STRAINS[0], None)
+    control = response.component_control(STRAINS[0])
     told = rates._solved(active, found, control).response
     assert told.residual < 1e-6 and told.status == "not converged"
 
