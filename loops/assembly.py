@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -260,9 +258,10 @@ def assembled(S: Floats, ends: Integers, size: int, signed: bool = True) -> Floa
 
     Not `signed`: with `|D|`, for sizes of terms.
     """
-    gather = _maps(ends.tobytes(), size, signed)[2]
-    K = gather.of(S.reshape(*S.shape[:-3], -1))
-    return K.reshape(*S.shape[:-3], size, size)
+    relative = RELATIVE if signed else np.abs(RELATIVE)
+    K = np.zeros((*S.shape[:-3], size + 1, size + 1))
+    np.add.at(K, (..., ends[:, :, None], ends[:, None, :]), relative.T @ S @ relative)
+    return K[..., :size, :size]
 
 
 def assembled_sparse(S: Floats, ends: Integers, size: int) -> sparse.csc_array:
@@ -279,61 +278,13 @@ def assembled_sparse(S: Floats, ends: Integers, size: int) -> sparse.csc_array:
 
 def motions(v: Floats, ends: Integers) -> Floats:
     """`r = D v`, (..., C, 4, k), from k motions of the freedoms, (..., size, k)."""
-    relative = _maps(ends.tobytes(), v.shape[-2], True)[1]
-    r = relative.of(np.swapaxes(v, -1, -2))
-    return np.swapaxes(r, -1, -2).reshape(*v.shape[:-2], len(ends), 4, v.shape[-1])
+    held = np.zeros((*v.shape[:-2], 1, v.shape[-1]))
+    return RELATIVE @ np.concatenate([v, held], axis=-2)[..., ends, :]
 
 
 def balancing(s: Floats, ends: Integers, size: int, signed: bool = True) -> Floats:
     """`D^T s`, (..., size, k): external forces that balance k sets of contact forces `-s`."""
-    spread = _maps(ends.tobytes(), size, signed)[0]
-    flat = s.reshape(*s.shape[:-3], 4 * len(ends), s.shape[-1])
-    return np.swapaxes(spread.of(np.swapaxes(flat, -1, -2)), -1, -2)
-
-
-class LinearMap:
-    """A linear map of the last axis by its entries, a few in a row.
-
-    Sparse matrices of scipy do the same; to load scipy takes a third of the time of the command on
-    a small sample.
-    """
-
-    def __init__(self, rows: Integers, columns: Integers, values: Floats, size: int) -> None:
-        self.entries, self.size = (rows, columns, values), size
-        order = np.argsort(rows, kind="stable")
-        place = np.empty_like(order)
-        place[order] = np.arange(len(rows)) - np.searchsorted(rows[order], rows[order])
-        # First entries of all rows, then second ones, and so on: in each step a row occurs once.
-        chosen = [place == k for k in range(int(place.max(initial=-1)) + 1)]
-        self.steps = [(rows[one], columns[one], values[one][:, None]) for one in chosen]
-
-    def of(self, a: Floats) -> Floats:
-        """The image (..., size) of vectors (..., n)."""
-        shape, count = (*a.shape[:-1], self.size), prod(a.shape[:-1])
-        if count == 1:
-            rows, columns, values = self.entries
-            return np.bincount(rows, values * a.ravel()[columns], self.size).reshape(shape)
-        flat = np.ascontiguousarray(a.reshape(count, a.shape[-1]).T)
-        image = np.zeros((self.size, flat.shape[1]))
-        for rows, columns, values in self.steps:
-            image[rows] += flat[columns] * values
-        return np.ascontiguousarray(image.T).reshape(shape)
-
-
-@lru_cache(maxsize=64)
-def _maps(ends: bytes, size: int, signed: bool) -> tuple[LinearMap, LinearMap, LinearMap]:
-    """`D^T`, `D`, and the map from the entries of all `S` to those of `K`."""
-    at = np.frombuffer(ends, dtype=np.int64).reshape(-1, 6)
-    relative = RELATIVE.T if signed else np.abs(RELATIVE.T)
-    row, column = np.nonzero(relative)
-    sign, freedom = relative[row, column], at[:, row]
-    inside = freedom >= 0
-    place = 4 * np.arange(len(at))[:, None] + column
-    values = np.broadcast_to(sign, freedom.shape)[inside]
-    spread = LinearMap(freedom[inside], place[inside], values, size)
-    across = LinearMap(place[inside], freedom[inside], values, 4 * len(at))
-    both = inside[:, :, None] & inside[:, None, :]
-    entry = size * freedom[:, :, None] + freedom[:, None, :]
-    source = 4 * place[:, :, None] + column
-    values = np.broadcast_to(np.multiply.outer(sign, sign), both.shape)[both]
-    return spread, across, LinearMap(entry[both], source[both], values, size * size)
+    forces = np.zeros((*s.shape[:-3], size + 1, s.shape[-1]))
+    parts = (RELATIVE if signed else np.abs(RELATIVE)).T @ s
+    np.add.at(forces, (..., ends, slice(None)), parts)
+    return forces[..., :size, :]

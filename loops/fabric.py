@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops.arrays import Floats, Integers, in_threads
-from loops.compiled import given, on_parts, use_passes
+from loops.arrays import Floats, Integers, as_complex
 from loops.errors import number, whole_number
 from loops.faces import Faces
 from loops.graph import (
@@ -22,6 +21,7 @@ from loops.graph import (
     graph_of,
     require_one_state,
 )
+from loops.pruning import component_labels
 from loops.shown import Shown
 from loops.validation import real
 
@@ -119,25 +119,12 @@ def edge_tensors(branches: ArrayLike, faces: Faces) -> Floats:
     d, loops = np.asarray(branches, dtype=float), faces.loops
     if len(loops) == 0:
         return np.empty((0, 2, 2))
-    if use_passes(len(d)):
-        sums = _edge_sums(d, faces, loops)
-    else:
-        # The sign of an edge doesn't matter.
-        (x, y), begin = d[faces.contacts].T, faces.offsets[:-1]
-        products = (np.add.reduceat(one, begin)[loops] for one in (x * x, x * y, y * y))
-        sums = np.column_stack(list(products))
-    sums /= (sums[:, 0] + sums[:, 2])[:, None]
-    return sums[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-
-
-def _edge_sums(d: Floats, faces: Faces, loops: Integers) -> Floats:
-    """(L, 3) sums of x x, x y and y y over the branches around loops, by a kernel."""
-    from loops.compiled.passes import fill_edge_sums
-
-    d, contacts = given(d, np.float64), given(faces.contacts, np.int64)
-    offsets, sums = given(faces.offsets, np.int64), np.empty((len(loops), 3))
-    on_parts(lambda part: fill_edge_sums(d, contacts, offsets, loops[part], sums[part]), len(loops))
-    return sums
+    # The sign of an edge doesn't matter.
+    squares, begin = (as_complex(d) ** 2)[faces.contacts], faces.offsets[:-1]
+    size = np.add.reduceat(np.abs(squares), begin)[loops]
+    turned = np.add.reduceat(squares, begin)[loops] / size
+    parts = 1.0 + turned.real, turned.imag, turned.imag, 1.0 - turned.real
+    return 0.5 * np.stack(parts, axis=-1).reshape(-1, 2, 2)
 
 
 def principal(tensor: ArrayLike) -> tuple[Floats, Floats]:
@@ -361,39 +348,19 @@ def force_chains(
 
 def _force_moments(graph: GrainGraph) -> Floats:
     """Return (G, 2, 2) sums of force times arm over the contacts of each grain."""
-    count, contacts = graph.grain_count, graph.contacts
-    if use_passes(len(contacts)):
-        from loops.compiled.passes import stresses_at_end
-
-        pairs = given(contacts, np.int64)
-        every = (graph.branches, graph.normal_force, graph.shear_force, graph.radii)
-        columns = [given(values, np.float64) for values in every]
-        first, second = in_threads(lambda side: stresses_at_end(pairs, side, *columns), (0, 1))
-        return np.asarray((first + second).reshape(-1, 2, 2))
-    state, moments = contact_state(graph), np.zeros((count, 2, 2))
-    n0, n1 = state.n.T.copy()
-    # The tangent is the normal turned: t = (-n1, n0).
-    force = (
-        state.normal_force * n0 - state.shear_force * n1,
-        state.normal_force * n1 + state.shear_force * n0,
-    )
-    for grain, arm in zip(contacts.T, (state.arm_i, state.arm_j), strict=True):
-        arms = (arm * n0, arm * n1)
+    state, moments = contact_state(graph), np.zeros((graph.grain_count, 2, 2))
+    n, force = state.n.T.copy(), state.forces.T.copy()
+    for grain, arm in zip(graph.contacts.T, (state.arm_i, state.arm_j), strict=True):
+        arms = arm * n
         for a, b in np.ndindex(2, 2):
-            moments[:, a, b] += np.bincount(grain, force[a] * arms[b], count)
+            moments[:, a, b] += np.bincount(grain, force[a] * arms[b], graph.grain_count)
     return moments
 
 
 def _smallest_linked(graph: GrainGraph, links: Integers) -> Integers:
     """(G,) smallest grain of the chain of links that each grain belongs to."""
     linked, ends = np.unique(graph.contacts[links], return_inverse=True)
-    one, two = ends.reshape(-1, 2).T
-    smallest, among_all = np.arange(len(linked)), np.arange(graph.grain_count)
-    while True:
-        a, b = smallest[one], smallest[two]
-        if (a == b).all():
-            among_all[linked] = linked[smallest]
-            return among_all
-        np.minimum.at(smallest, np.maximum(a, b), np.minimum(a, b))
-        while (smallest[smallest] != smallest).any():
-            smallest = smallest[smallest]
+    _, label = component_labels(len(linked), ends.reshape(-1, 2), np.ones(len(linked), dtype=bool))
+    smallest = np.arange(graph.grain_count)
+    smallest[linked] = linked[np.unique(label, return_index=True)[1]][label]
+    return smallest

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats, Integers, Regimes
-from loops.compiled import given, on_parts, use_passes
+from loops.arrays import Floats, Integers, Regimes, as_complex
 from loops.errors import InputError, plain, short
 from loops.shown import Shown
 from loops.validation import (
@@ -337,7 +336,9 @@ def branches_between(
     x: Floats, contacts: Integers, images: Integers | None, cell: Floats | None
 ) -> Floats:
     """(..., C, 2) branch vectors of some contacts, rounded once."""
-    d = _differences(x, contacts)
+    i, j = contacts.T
+    z = as_complex(x)
+    d: Floats = (z[..., j] - z[..., i])[..., None].view(np.float64)
     if cell is None or images is None:
         return d
     across = np.flatnonzero((images[:, 0] != 0) | (images[:, 1] != 0))
@@ -359,18 +360,6 @@ def across_border(start: Floats, end: Floats, offset: Floats) -> Floats:
     kept = end - total
     lost = (end - (total + kept)) + (kept - start)
     return np.asarray(total + offset + lost)
-
-
-def _differences(x: Floats, contacts: Integers) -> Floats:
-    """(..., C, 2) centre of the second grain less that of the first."""
-    if not (x.ndim == 2 and x.shape[1] == 2 and use_passes(len(contacts))):
-        return x[..., contacts[:, 1], :] - x[..., contacts[:, 0], :]
-    from loops.compiled.passes import fill_differences
-
-    x, contacts = given(x, np.float64), given(contacts, np.int64)
-    d = np.empty((len(contacts), 2))
-    on_parts(lambda part: fill_differences(x, contacts[part], d[part]), len(contacts))
-    return d
 
 
 def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
@@ -402,13 +391,6 @@ def contact_frame(graph: GrainGraph) -> tuple[Floats, Floats, Floats]:
 
 def _frame(d: Floats) -> tuple[Floats, Floats, Floats]:
     """Length, normal and tangent of branches (..., C, 2)."""
-    if d.ndim == 2 and use_passes(len(d)):
-        from loops.compiled.passes import fill_frames
-
-        d, length = given(d, np.float64), np.empty(len(d))
-        n, t = np.empty_like(d), np.empty_like(d)
-        on_parts(lambda part: fill_frames(d[part], length[part], n[part], t[part]), len(d))
-        return length, n, t
     length = np.hypot(d[..., 0], d[..., 1])
     n = d / length[..., None]
     t = np.stack([-n[..., 1], n[..., 0]], axis=-1)

@@ -20,8 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import available_cores, in_threads
-
 COMPILED_FROM = 40_000
 """Contacts from which on the kernels are used.
 
@@ -29,14 +27,6 @@ Once compiled, they save a second on a snapshot of 40,000 contacts and six on on
 compiling them, once on a machine, takes about half a minute, which small packings never earn back.
 Nor do they earn numba's loading: with kernels alone the table of 600 grains takes .6 s more of
 processor time, compiled before (2.1 s for 1.5, 29 November 2026). So both ways stay.
-"""
-
-PASSES_FROM = 200_000
-"""Contacts from which on kernels pass over them (`loops.compiled.passes`).
-
-Before, loading these kernels takes what they save: the processor time of `grainloops snapshot` is
-the same either way at 50,000, 100,000 and 200,000 grains of 1.85 contacts, to the scatter of runs;
-of a million grains it is several seconds less.
 """
 
 
@@ -54,17 +44,6 @@ def _load() -> None:
 def use_compiled(compiled: bool | None, contacts: int) -> bool:
     """Whether to use the kernels: as told, else by the number of contacts."""
     return contacts >= COMPILED_FROM if compiled is None else compiled
-
-
-def use_passes(contacts: int) -> bool:
-    """Whether so many contacts are passed over by kernels."""
-    return contacts >= PASSES_FROM
-
-
-def on_parts(work: Callable[[slice], Any], count: int) -> None:
-    """Do the work on equal parts of `count` rows, one for each core, in threads."""
-    size = -(-count // available_cores())
-    in_threads(work, [slice(k, k + size) for k in range(0, count, size)])
 
 
 compiling: list[Any] = []
