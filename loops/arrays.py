@@ -51,12 +51,12 @@ def true_runs(where: Flags) -> list[slice]:
 
 def median(values: ArrayLike) -> float:
     """Return the median of all values; nan of none."""
-    return float(np.median(values)) if np.size(values) else float("nan")
+    return float(np.median(np.asarray(values))) if np.size(values) else float("nan")
 
 
 def quantiles(values: ArrayLike, shares: Sequence[float]) -> list[float]:
     """Return the quantiles of all values, linear between them; nan of none."""
-    known = values if np.size(values) else np.nan
+    known = np.asarray(values if np.size(values) else np.nan)
     return [float(one) for one in np.quantile(known, shares)]
 
 

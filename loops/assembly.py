@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -260,7 +260,8 @@ def assembled(S: Floats, ends: Integers, size: int, signed: bool = True) -> Floa
     """
     relative = RELATIVE if signed else np.abs(RELATIVE)
     K = np.zeros((*S.shape[:-3], size + 1, size + 1))
-    np.add.at(K, (..., ends[:, :, None], ends[:, None, :]), relative.T @ S @ relative)
+    at: Any = (..., ends[:, :, None], ends[:, None, :])
+    np.add.at(K, at, relative.T @ S @ relative)
     return K[..., :size, :size]
 
 
@@ -285,6 +286,6 @@ def motions(v: Floats, ends: Integers) -> Floats:
 def balancing(s: Floats, ends: Integers, size: int, signed: bool = True) -> Floats:
     """`D^T s`, (..., size, k): external forces that balance k sets of contact forces `-s`."""
     forces = np.zeros((*s.shape[:-3], size + 1, s.shape[-1]))
-    parts = (RELATIVE if signed else np.abs(RELATIVE)).T @ s
-    np.add.at(forces, (..., ends, slice(None)), parts)
+    at: Any = (..., ends, slice(None))
+    np.add.at(forces, at, (RELATIVE if signed else np.abs(RELATIVE)).T @ s)
     return forces[..., :size, :]
