@@ -181,7 +181,7 @@ def _block(
 
 
 def affine(block: LoopBlock, U: Floats, old: MaterialState, new: MaterialState) -> Floats:
-    """Step under `d = U d0`; fill the new state, return the sums (q, 24) of the loops."""
+    """Step under `d = U d0`; fill the new state, return the sums (q, 23) of the loops."""
     sums, (start, end) = np.zeros((len(U), SUMS)), np.empty((2, len(U), *block.branches.shape))
     strained(old.stretch, block.branches, start)
     strained(U, block.branches, end)

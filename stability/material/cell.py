@@ -50,12 +50,11 @@ def cells_of(loops: LoopSet, first: int) -> tuple[Cells, Floats]:
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     axes = np.stack([axis, np.stack([-axis[:, 1], axis[:, 0]], axis=-1)], axis=1)
     branches = np.einsum("lij,lcj->lci", axes, loops.branches.reshape(-1, 6, 2))
-    size = np.abs(branches).max(axis=(1, 2))
-    inclined = np.abs(branches[:, [0, 2, 3, 5]])
-    wrong = np.abs(inclined - inclined[:, :1]).max(axis=(1, 2)) > EQUAL * size
-    wrong |= np.abs(branches[:, [1, 4], 1]).max(axis=1) > EQUAL * size
-    force = loops.shear_force.reshape(-1, 6)
-    wrong |= (force != 0.0).any(axis=1)
+    size = np.abs(branches)
+    mirrored = size[:, [0, 1, 0, 0, 1, 0]]
+    mirrored[:, [1, 4], 1] = 0.0
+    wrong = np.abs(size - mirrored).max(axis=(1, 2)) > EQUAL * size.max(axis=(1, 2))
+    wrong |= loops.shear_force.reshape(-1, 6).any(axis=1)
     if wrong.any():
         received = (
             f"loop {first + int(wrong.argmax())} without these mirror planes, or with shear forces"
@@ -64,10 +63,10 @@ def cells_of(loops: LoopSet, first: int) -> tuple[Cells, Floats]:
         raise InputError("loops of a cell closure", received, expected, "See patterns.hexagon.")
     extent = np.stack([x[:, 0] - x[:, 3], x[:, 1] - x[:, 5]], axis=1)
     extent = np.abs(np.einsum("lij,lij->li", axes, extent))
-    inclined_and_axial = np.abs(branches[:, CONTACT_ROWS, :])
-    return Cells(axes, extent, loops.areas), inclined_and_axial.reshape(-1, 2)
+    return Cells(axes, extent, loops.areas), size[:, CONTACT_ROWS].reshape(-1, 2)
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def cell_steps(
     cells: Cells, steps: ContactSteps, U: Floats, start: Floats, shear: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Flags]:
@@ -84,10 +83,8 @@ def cell_steps(
     q, count = length.shape[:2]
 
     def at(axial: Floats) -> tuple[Floats, Floats, Floats]:
-        end = np.zeros((q, count, 2, 2))
-        end[..., 0, 0], end[..., 0, 1] = 0.5 * (length[..., 0] - axial), 0.5 * length[..., 1]
-        end[..., 1, 0] = axial
-        end = end.reshape(q, 2 * count, 2)
+        along, across = 0.5 * (length[..., 0] - axial), 0.5 * length[..., 1]
+        end = np.stack([along, across, axial, 0.0 * axial], axis=-1).reshape(q, 2 * count, 2)
         answer = steps(start, end, shear)
         # Of the inclined contacts, and of the axial ones.
         return end, answer, np.moveaxis(answer.reshape(q, -1, count, 2), -1, 0)
@@ -103,8 +100,7 @@ def cell_steps(
         end, answer, (one, two) = at(axial)
         excess, slope = two[:, FX] - one[:, FX], two[:, KXX] + 0.5 * one[:, KXX]
         low, high = np.where(excess > 0.0, axial, low), np.where(excess > 0.0, high, axial)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            newton = axial + excess / slope
+        newton = axial + excess / slope
         inside = (newton >= low) & (newton <= high)
         step = np.where(inside, newton, 0.5 * (low + high))
         change = np.where(is_open | lost, 0.0, step - axial)
@@ -114,8 +110,7 @@ def cell_steps(
     is_open |= (one[:, REGIME] == 0.0) | (two[:, REGIME] == 0.0)
     answer[np.broadcast_to(np.repeat(is_open, 2, axis=1)[:, None], answer.shape)] = 0.0
     # Motions of the two branches for unit changes of the extents.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rate = 0.5 / (two[:, KXX] + 0.5 * one[:, KXX])
+    rate = 0.5 / (two[:, KXX] + 0.5 * one[:, KXX])
     rate = np.where(is_open, 0.0, rate) * one[:, [KXX, KXY]].swapaxes(0, 1)
     across = 0.5 * (one[:, [KYX, KYY]].swapaxes(0, 1) - one[:, KYX] * rate)
     moduli = np.moveaxis(np.stack([two[:, KXX] * rate, across]), (0, 1), (-2, -1))

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
-
 import numpy as np
 
-from loops.arrays import Floats, Integers
+from loops.arrays import Floats
 from loops.compiled import given, laws
 from loops.errors import InputError
 from loops.graph import ContactState
@@ -45,51 +41,41 @@ def material_law(law: ContactLaw, radii: Floats) -> PairLaw:
     return pairs
 
 
-@dataclass(frozen=True, eq=False)
 class ContactSteps:
     """Contacts (m,) whose steps are taken together.
 
     `touching` (2, m): Their lengths at first touch, and those at which they open.
     """
 
-    law: PairLaw
-    touching: Floats
-
-    @cached_property
-    def _rows(self) -> Integers:
-        """(chunks, C) contacts in chunks of one size; the last contact stands for what lacks."""
-        size = min(CHUNK, len(self.law))
-        every = np.arange(-(-len(self.law) // size) * size)
-        return np.minimum(every, len(self.law) - 1).reshape(-1, size)
-
-    @cached_property
-    def _given(self) -> tuple[tuple[Any, Floats], Floats, Floats, int]:
-        """Pointer and constants of the law in chunks, radii, lengths, number of Gauss points.
-
-        Without Gauss points where `kt` is constant, or goes with all of the shear force. A chunk of
-        few contacts has those of several points, unless each point has constants of its own.
-        """
-        filling, rows = self.law.filling(compile_own=False), self._rows
+    def __init__(self, law: PairLaw, touching: Floats) -> None:
+        self.law, self.touching = law, touching
+        # In chunks (chunks, C) of one size; the last contact stands for what lacks.
+        size, filling = min(CHUNK, len(law)), law.filling(compile_own=False)
+        every = np.arange(-(-len(law) // size) * size)
+        self._rows = rows = np.minimum(every, len(law) - 1).reshape(-1, size)
 
         def chunks(numbers: Floats) -> Floats:
             return np.ascontiguousarray(np.moveaxis(numbers[:, rows], 0, 1))
 
-        law, nodes = (laws.Pointer(laws.given), np.zeros((0, 0))), len(NODES)
+        # Each point has constants of its own, and `kt` changes on the way.
+        self._law, self._nodes = (laws.Pointer(laws.given), np.zeros((0, 0))), len(NODES)
         if not isinstance(filling, str):
-            rows = np.tile(rows, max(1, CHUNK // len(self.law)))
-            law = filling.pointer, chunks(filling.constants)[None, None]
-            nodes = len(NODES) if filling.pointer.function is laws.hertz else 0
-        return law, chunks(self.law.radii), chunks(self.touching), nodes
+            # Chunks of few contacts have those of several points.
+            rows = np.tile(rows, max(1, CHUNK // len(law)))
+            self._law = filling.pointer, chunks(filling.constants)[None, None]
+            # Of other known laws `kt` is constant, or goes with all of the shear force.
+            self._nodes = len(NODES) if filling.pointer.function is laws.hertz else 0
+        self._radii, self._touching = chunks(law.radii), chunks(touching)
 
     def __call__(self, start: Floats, end: Floats, shear: Floats) -> Floats:
         """Return the answers (q, 8, m) of contacts that move between branches (q, m, 2).
 
         `shear` (q, m) are their shear forces at the start.
         """
-        (pointer, constants), radii, touching, nodes = self._given
+        (pointer, constants), radii, nodes = self._law, self._radii, self._nodes
         answer = np.empty((len(shear), ANSWER, shear.shape[1]))
         ends = (given(a, np.float64) for a in (start, end, shear))
-        ways = radii, touching, nodes, self.law.by_radii, *ends, answer
+        ways = radii, self._touching, nodes, self.law.by_radii, *ends, answer
         if not constants.size:
             constants = np.zeros((len(shear), 1 + nodes, len(radii), 3, radii.shape[2]))
             contact_steps(laws.Pointer(laws.asked), constants, *ways)

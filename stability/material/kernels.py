@@ -1,4 +1,4 @@
-"""Kernels of the material point: one step of many contacts, and the sums over loops.
+"""Kernels of the material point: steps of many contacts, sums over loops, turns of the mean.
 
 A contact goes from the branch `d_n` to `d` on a straight line. Its answer has eight rows, see `FX`;
 its law is that of `loops.compiled.laws`, with slopes.
@@ -26,9 +26,8 @@ PX, PY, DX, DY, TOUCHING, OPENS, BEFORE, OVERLAP, SHEAR0, TAKEN, ROWS = range(16
 # Contacts taken together: their rows stay in the nearest cache.
 CHUNK = 256
 OPEN, ELASTIC, SLIDING = 0.0, 1.0, 2.0
-# Columns of the sums of a point: stress, tangent, shares stuck, sliding and open, weight.
-P11, A11, STUCK, OPENED, WEIGHT = 0, 4, 20, 22, 23
-SUMS = 24
+# Columns of the sums of a point: stress, tangent, shares stuck, sliding and open.
+P11, A11, STUCK, SUMS = 0, 4, 20, 23
 # (length over sum of the ends' lengths)^2 below which the series of atanh has all digits.
 SHORT = 0.01
 # A gap below this share of the length at touch is none: rounding of turned loops.
@@ -315,4 +314,50 @@ def regime_sums(answer: Floats, share: Floats, sums: Floats) -> None:
             for c in range(len(own)):
                 total += own[c] if answer[q, REGIME, c] == (k + 1) % 3 else 0.0
             sums[q, STUCK + k] += total
-            sums[q, WEIGHT] += total
+
+
+@kernel
+def nominal_response(R: Floats, U: Floats, B: Floats, A: Floats) -> tuple[Floats, Floats]:
+    """Return the nominal stress (Q, 2, 2) and its tangent (Q, 2, 2, 2, 2) `dP/dH`, `H = 1 - F`.
+
+    `B` (Q, 2, 2) is the stress in the frame of `U` and `A` (Q, 2, 2, 2, 2) its tangent over
+    `1 - U`. Of `B` only the symmetric part does work on `U'`; the rest is the couple by which the
+    spins are held, and has no place in a stress that does no work under a rotation. So
+    `P = R (sym B + c E)`, with `c` such that the Cauchy stress is symmetric.
+    """
+    stress, tangent = np.empty(B.shape), np.empty(A.shape)
+    X, dX, G, dB = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
+    for q in range(len(U)):
+        u11, u12, u22 = U[q, 0, 0], U[q, 0, 1], U[q, 1, 1]
+        trace, b12 = u11 + u22, 0.5 * (B[q, 0, 1] + B[q, 1, 0])
+        b11, b22 = B[q, 0, 0], B[q, 1, 1]
+        # (sym B + c E) U is symmetric, E = (0, 1; -1, 0).
+        c = -(u12 * (b11 - b22) + b12 * (u22 - u11)) / trace
+        X[0, 0], X[0, 1], X[1, 0], X[1, 1] = b11, b12 + c, b12 - c, b22
+        for i in range(2):
+            for j in range(2):
+                stress[q, i, j] = R[q, i, 0] * X[0, j] + R[q, i, 1] * X[1, j]
+        for k in range(2):
+            for m in range(2):
+                # Of a unit change of F_km: R^T dF, the angle, U, sym B and c.
+                G[:] = 0.0
+                G[0, m], G[1, m] = R[q, k, 0], R[q, k, 1]
+                angle = -(G[0, 1] - G[1, 0]) / trace
+                # R' = angle R J, J = (0, -1; 1, 0), so dU = R^T dF - angle J U.
+                d11, d22 = G[0, 0] + angle * u12, G[1, 1] - angle * u12
+                d12 = 0.5 * (G[0, 1] + G[1, 0] + angle * (u22 - u11))
+                for i in range(2):
+                    for j in range(2):
+                        a = A[q, i, j]
+                        dB[i, j] = -(a[0, 0] * d11 + (a[0, 1] + a[1, 0]) * d12 + a[1, 1] * d22)
+                e12 = 0.5 * (dB[0, 1] + dB[1, 0])
+                first = u12 * (dB[0, 0] - dB[1, 1]) + e12 * (u22 - u11)
+                second = d12 * (b11 - b22) + b12 * (d22 - d11)
+                dc = -(first + second + c * (d11 + d22)) / trace
+                dX[0, 0], dX[0, 1] = dB[0, 0] - angle * X[1, 0], e12 + dc - angle * X[1, 1]
+                dX[1, 0], dX[1, 1] = e12 - dc + angle * X[0, 0], dB[1, 1] + angle * X[0, 1]
+                for i in range(2):
+                    for j in range(2):
+                        turned = R[q, i, 0] * dX[0, j] + R[q, i, 1] * dX[1, j]
+                        tangent[q, i, j, k, m] = -turned
+    return stress, tangent

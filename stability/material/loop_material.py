@@ -17,9 +17,8 @@ from loops.laws import ContactLaw
 from loops.shown import Shown
 from loops.validation import finite, nonnegative
 from stability.material.blocks import BLOCK_CONTACTS, CLOSURES, MaterialState, blocks_of
-from stability.material.kernels import A11, OPENED, P11, SHEAR, STUCK, SUMS, WEIGHT
+from stability.material.kernels import A11, P11, SHEAR, STUCK, SUMS, nominal_response
 from stability.material.loop_set import LoopSet, loop_set
-from stability.material.rotation import nominal_response, polar
 
 MaterialClosure = Literal["affine", "traction", "cell"]
 # Share of the loops, by weight, that may be without a solution.
@@ -123,7 +122,11 @@ class LoopMaterial(Shown):
         given = self.loops.law if law is None else law
         if given is None:
             raise InputError("law of the material", "none", "a contact law", "Give law=...")
-        self.weights = _shares(weights, self.loops.weights)
+        own = self.loops.weights
+        shares = nonnegative("weights", own if weights is None else weights, len(own))
+        if not shares.sum() > 0.0:
+            raise InputError("weights", "zeros", "a sum above zero", "Correct them.")
+        self.weights = shares / shares.sum()
         self.law: ContactLaw = given
         self._blocks = blocks_of(self.loops, self.weights, given, closure)
 
@@ -203,7 +206,7 @@ class LoopMaterial(Shown):
 
     def _mean(self, R: Floats, U: Floats, sums: Floats, new: MaterialState) -> MaterialResponse:
         """Return the means over the loops that have a solution, turned into the frame of `F`."""
-        answered = sums[:, WEIGHT]
+        answered = sums[:, STUCK:].sum(axis=1)
         lost = 1.0 - answered
         if (lost > MOST_FAILED).any():
             point = int(lost.argmax())
@@ -215,16 +218,7 @@ class LoopMaterial(Shown):
         B = mean[:, P11:A11].reshape(-1, 2, 2)
         A = mean[:, A11:STUCK].reshape(-1, 2, 2, 2, 2)
         stress, tangent = nominal_response(R, U, B, A)
-        regimes = mean[:, STUCK : OPENED + 1]
-        return MaterialResponse(stress, tangent, new.freeze(), regimes, new.failed)
-
-
-def _shares(given: ArrayLike | None, own: Floats) -> Floats:
-    """Return the weights over their sum, or raise `InputError`."""
-    weights = nonnegative("weights", own if given is None else given, len(own))
-    if not weights.sum() > 0.0:
-        raise InputError("weights", "zeros", "a sum above zero", "Correct them.")
-    return weights / weights.sum()
+        return MaterialResponse(stress, tangent, new.freeze(), mean[:, STUCK:], new.failed)
 
 
 def _gradients(F: ArrayLike, state: MaterialState, loops: int) -> Floats:
@@ -240,3 +234,12 @@ def _gradients(F: ArrayLike, state: MaterialState, loops: int) -> Floats:
         received, remedy = f"det F = {det[point]:.6g}", "Take a smaller step."
         raise InputError(f"F of point {point}", received, "det F > 0", remedy)
     return gradients
+
+
+def polar(F: Floats) -> tuple[Floats, Floats]:
+    """Return the rotation `R` and the stretch `U`, (Q, 2, 2), of `F = R U`."""
+    angle = np.arctan2(F[:, 1, 0] - F[:, 0, 1], F[:, 0, 0] + F[:, 1, 1])
+    cos, sin = np.cos(angle), np.sin(angle)
+    R = np.stack([cos, -sin, sin, cos], axis=-1).reshape(-1, 2, 2)
+    U = np.swapaxes(R, 1, 2) @ F
+    return R, 0.5 * (U + np.swapaxes(U, 1, 2))

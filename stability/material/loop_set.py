@@ -19,6 +19,9 @@ from loops.scene import Subject, scene_of
 from loops.shown import Shown
 from loops.validation import integers
 
+# Fields with a row a contact, and with a number a loop.
+ROWS = ("x", "radii", "normal_force", "shear_force", "contacts")
+LOOPS = ("weights", "areas")
 # Share of a contact's force that counts for a loop which shares it with the next.
 SHARED_HALF = 0.5
 
@@ -83,12 +86,11 @@ class LoopSet(Shown):
 
     def part(self, loops: slice) -> LoopSet:
         """Return some loops as a set of their own."""
-        weights, areas = self.weights[loops], self.areas[loops]
         offsets = self.offsets[loops.start : loops.stop + 1]
-        names = ("x", "radii", "normal_force", "shear_force", "contacts")
         rows = slice(offsets[0], offsets[-1])
-        own: dict[str, Any] = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, offsets=offsets - offsets[0], weights=weights, areas=areas, **own)
+        own: dict[str, Any] = {name: getattr(self, name)[rows] for name in ROWS}
+        own |= {name: getattr(self, name)[loops] for name in LOOPS}
+        return replace(self, offsets=offsets - offsets[0], **own)
 
     @property
     def following(self) -> Integers:
@@ -118,48 +120,34 @@ def loop_set(loops: LoopSet | GrainGraph | Sequence[GrainGraph]) -> LoopSet:
     if isinstance(loops, LoopSet):
         return loops
     graphs = listed("loops of the material", loops, GrainGraph, "Give graphs, or gl.oriented.")
-    parts = [_rows_of(graph) for graph in graphs]
-    x, radii, normal, shear, areas, contacts = (
-        np.concatenate(column) for column in zip(*[part[1:] for part in parts], strict=True)
-    )
-    orders = np.concatenate([part[0] for part in parts])
-    offsets = np.concatenate([[0], np.cumsum(orders)])
+    parts = [_of_graph(graph) for graph in graphs]
+    orders = np.concatenate([part.orders for part in parts])
     counts = tuple(dict.fromkeys(graph.contact_count for graph in graphs))
-    weights = np.ones(len(orders))
-    return LoopSet(
-        offsets, x, radii, normal, shear, weights, areas, contacts, graph_contacts=counts
-    )
+    every: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in (*ROWS, *LOOPS)
+    }
+    return LoopSet(np.append(0, np.cumsum(orders)), **every, graph_contacts=counts)
 
 
-def _rows_of(
-    graph: GrainGraph,
-) -> tuple[Integers, Floats, Floats, Floats, Floats, Floats, Integers]:
-    """Return orders, centres, radii, forces, areas and contacts of the loops of a graph."""
-    n = graph.grain_count
-    if not graph.contact_count:
-        remedy = "Join its grains: contacts [[0, 1], [1, 2], ...]."
-        raise InputError("loop of the material", "no contacts", "a ring of contacts", remedy)
+def _of_graph(graph: GrainGraph) -> LoopSet:
+    """Return the loops of a graph, one or a batch of one order."""
     require_loop(graph)
+    n, batch = graph.grain_count, graph.batch_shape
     if graph.contact_count > n or graph.cell is not None:
-        received = (
-            "a periodic cell" if graph.cell is not None else f"{graph.contact_count} contacts"
-        )
+        received = f"{graph.contact_count} contacts" if graph.cell is None else "a periodic cell"
         remedy = "Leave out the chords."
         raise InputError(f"loop of {n} grains", received, f"a ring of {n} contacts", remedy)
-    batch = graph.batch_shape
-    count = int(np.prod(batch, dtype=int))
 
     def rows(array: Floats, *last: int) -> Floats:
         return np.array(np.broadcast_to(array, (*batch, n, *last)).reshape(-1, *last))
 
-    forces = rows(graph.normal_force), rows(graph.shear_force)
-    x = rows(graph.x, 2)
-    areas = polygon_area(x.reshape(count, n, 2))
+    x, N, T = rows(graph.x, 2), rows(graph.normal_force), rows(graph.shear_force)
+    areas = polygon_area(x.reshape(-1, n, 2))
     if (areas <= 0.0).any():
         received, remedy = "a clockwise or flat loop", "Number the grains counter-clockwise."
         raise InputError("loop of the material", received, "an area above zero", remedy)
-    numbers = np.tile(np.arange(n), count)
-    return np.full(count, n), x, rows(graph.radii), *forces, areas, numbers
+    offsets, numbers = n * np.arange(len(areas) + 1), np.tile(np.arange(n), len(areas))
+    return LoopSet(offsets, x, rows(graph.radii), N, T, np.ones(len(areas)), areas, numbers)
 
 
 def oriented(loop: GrainGraph, count: int) -> LoopSet:
@@ -199,13 +187,11 @@ def oriented(loop: GrainGraph, count: int) -> LoopSet:
     angle = np.pi * np.arange(count) / count
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=-1)
     x = single.x @ np.swapaxes(turn.reshape(count, 2, 2), -1, -2)
-    n = len(single.x)
     copied: dict[str, Any] = {
-        name: np.tile(getattr(single, name), count)
-        for name in ("radii", "normal_force", "shear_force", "areas", "contacts")
+        name: np.tile(getattr(single, name), count) for name in (*ROWS[1:], *LOOPS)
     }
-    offsets = n * np.arange(count + 1)
-    return replace(single, offsets=offsets, x=x.reshape(-1, 2), weights=np.ones(count), **copied)
+    offsets = len(single.x) * np.arange(count + 1)
+    return replace(single, offsets=offsets, x=x.reshape(-1, 2), **copied)
 
 
 def loops_of(
