@@ -30,7 +30,6 @@ from loops import (
 )
 from loops.arrays import Floats, Regimes
 from patterns import diamond, regular_polygon, synthetic_network
-from patterns.diamond import TABLE_1
 from stability import (
     Path,
     Stage,
@@ -42,6 +41,7 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.verdict import loop_stability
+from tests.oracles.diamond import TABLE_1
 from tests.oracles.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
 
 # Least total time of the repeated runs in seconds; the fastest run counts.

@@ -10,8 +10,6 @@ import pytest
 import grainloops as gl
 from loops import LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond
-from patterns.diamond import TABLE_1, PrintedRule, isotropic_tangent
-from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
 from stability import Stage, bromwich_margin, follow, programmes
 from studies.commands.loops import diamond_command
 from studies.examples import printed_rule
@@ -19,6 +17,13 @@ from studies.paths.options import TABLES
 from tests.docs.pages import DOCS, of_size, page, says, section, tables, unsaid
 from tests.golden.answers import run
 from tests.golden.test_golden import stored
+from tests.oracles.diamond import (
+    TABLE_1,
+    PrintedRule,
+    isotropic_tangent,
+    work_compress_then_shear,
+    work_shear_then_compress,
+)
 from tests.oracles.paper_contact_equations import contact_residuals
 from tests.oracles.paper_tangent_equations import appendix_one, tangent_residuals
 

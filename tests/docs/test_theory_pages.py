@@ -11,7 +11,11 @@ import pytest
 
 from loops import LinearFrictional, affine_tangent, traction_tangent
 from patterns import diamond, regular_polygon
-from patterns.diamond import (
+from stability import bromwich_margin, restrict, symmetric_part, symmetric_spectrum
+from tests.docs.pages import DOCS, page, says, section, tables, unsaid
+from tests.docs.test_citations import PAGES, SOURCES
+from tests.docs.test_paper_page import equation_numbers
+from tests.oracles.diamond import (
     TABLE_1,
     TABLE_2,
     determinant_elastic,
@@ -19,17 +23,11 @@ from patterns.diamond import (
     external_forces,
     isotropic_strain_of_stress,
     isotropic_tangent,
-    stress_of_isotropic_strain,
-)
-from patterns.diamond.closed_form import (
     opposite_contact_strain,
+    stress_of_isotropic_strain,
     work_compress_then_shear,
     work_shear_then_compress,
 )
-from stability import bromwich_margin, restrict, symmetric_part, symmetric_spectrum
-from tests.docs.pages import DOCS, page, says, section, tables, unsaid
-from tests.docs.test_citations import PAGES, SOURCES
-from tests.docs.test_paper_page import equation_numbers
 from tests.oracles.drained import drained_path, printed_states_after_turn
 from tests.oracles.stability_fraction import imhof_fraction
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from patterns.diamond import TABLE_1, TABLE_2
 from tests.golden.answers import CASES, SLOW
+from tests.oracles.diamond import TABLE_1, TABLE_2
 from tests.oracles.drained import drained_path
 
 FOLDER = Path(__file__).parent

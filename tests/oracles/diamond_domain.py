@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patterns.diamond import DiamondParameters as Case
+from tests.oracles.diamond import DiamondParameters as Case
 from tests.oracles.strain_lines import (
     StrainLine,
     bisect,

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from patterns.diamond.states import DiamondParameters
+from tests.oracles.diamond import DiamondParameters
 
 Floats = NDArray[np.float64]
 # Over a span of 20 of `v`, a diamond of 1e-7 degrees opened to 90: error 1.17^-256 = 3e-18.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops import ContactLaw, GrainGraph, InputError, LinearFrictional, Regime
 from patterns import diamond, polydisperse_polygon, regular_polygon
-from patterns.diamond import TABLE_1, DiamondParameters
+from tests.oracles.diamond import TABLE_1, DiamondParameters
 from tests.oracles.drained import drained_path
 
 # Letters of an answer, one for each value.

@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from loops import GrainGraph, contact_forces, contact_frame
-from patterns.diamond import TABLE_1, TABLE_2
-from patterns.diamond.closed_form import (
+from tests.oracles.diamond import (
+    TABLE_1,
+    TABLE_2,
     contact_displacement_rates,
+    force_rates,
+    side_lengths,
+    side_rates,
     work_compress_then_shear,
     work_shear_then_compress,
 )
-from tests.oracles.diamond_forces import force_rates, side_lengths, side_rates
 from tests.oracles.drained import drained_path, drained_states_after_turn
 from tests.oracles.paper_samples import Samples, difference, random_samples
 

@@ -9,9 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops import GrainGraph
 from patterns import diamond
-from patterns.diamond import elastic_moduli, external_forces, sliding_moduli
 from stability import operator_norm
-from tests.oracles.diamond_forces import branch_from_sides, contact_forces, strains, stresses
+from tests.oracles.diamond import (
+    branch_from_sides,
+    contact_forces,
+    elastic_moduli,
+    external_forces,
+    sliding_moduli,
+    strains,
+    stresses,
+)
 
 Floats = NDArray[np.float64]
 COUNT, SEED = 1000, 20160801

@@ -8,30 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops import LinearFrictional, Regime, macroscopic_tangent, nominal_stress
-from patterns.diamond import (
+from stability import bromwich_margin, restrict, second_order_work, symmetric_part
+from tests.oracles.diamond import (
+    congruence,
     critical_strain,
+    determinant,
     determinant_elastic,
     determinant_sliding,
-    geometric_tangent,
-    isotropic_tangent,
-    material_tangent,
-    tangent,
-)
-from patterns.diamond.closed_form import (
-    geometric_asymmetry,
-    geometric_softening,
-    isotropic_determinant,
-)
-from stability import bromwich_margin, restrict, second_order_work, symmetric_part
-from tests.oracles.diamond_forces import (
-    congruence,
-    determinant,
     force_geometric_tangent,
     force_material_tangent,
     force_rates,
     force_tangent,
+    geometric_asymmetry,
+    geometric_softening,
+    geometric_tangent,
+    isotropic_determinant,
+    isotropic_tangent,
     lagrangian_tangent,
+    material_tangent,
     side_rates,
+    tangent,
 )
 from tests.oracles.paper_samples import Samples, difference, operator_difference, random_samples
 

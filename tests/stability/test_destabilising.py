@@ -5,7 +5,6 @@ import pytest
 
 from loops import InputError, LinearFrictional, Scene, boundary_of
 from patterns import diamond
-from patterns.diamond import TABLE_1, TABLE_2, elastic_moduli, stress_of_isotropic_strain, tangent
 from stability import (
     Stage,
     destabilising_control,
@@ -17,6 +16,13 @@ from stability import (
     symmetric_spectrum,
 )
 from stability.destabilising import constrained_tangent, control_status
+from tests.oracles.diamond import (
+    TABLE_1,
+    TABLE_2,
+    elastic_moduli,
+    stress_of_isotropic_strain,
+    tangent,
+)
 
 
 def random_operators(seed, count, m):

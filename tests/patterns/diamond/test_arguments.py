@@ -7,17 +7,18 @@ import pytest
 
 from loops import InputError
 from patterns import diamond
-from patterns.diamond import (
+from tests.oracles.diamond import (
     DiamondParameters,
     critical_strain,
     determinant_sliding,
+    drained_slope,
     elastic_moduli,
     isotropic_strain_of_stress,
     overlap_ratio,
     sliding_moduli,
     tangent,
+    work_shear_then_compress,
 )
-from patterns.diamond.closed_form import drained_slope, work_shear_then_compress
 
 BAD_CALLS = {
     "angle zero": (lambda: diamond(0.0), r"alpha0: got 0, expected an angle between"),

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from patterns.diamond.closed_form import work_compress_then_shear, work_shear_then_compress
+from tests.oracles.diamond import work_compress_then_shear, work_shear_then_compress
 
 
 def integrated_work(route, kn, kt, steps=200_000):

@@ -4,23 +4,28 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from patterns.diamond import (
+from tests.oracles import diamond_symbolic as symbolic
+from tests.oracles.diamond import (
     TABLE_1,
     TABLE_2,
+    branch_from_sides,
     critical_strain,
+    determinant,
     determinant_elastic,
     determinant_sliding,
+    drained_slope,
     elastic_moduli,
     external_forces,
+    geometric_softening,
+    isotropic_determinant,
     isotropic_strain_of_stress,
     isotropic_tangent,
+    side_lengths,
     sliding_moduli,
     stress_of_isotropic_strain,
+    stresses,
     tangent,
 )
-from patterns.diamond.closed_form import drained_slope, geometric_softening, isotropic_determinant
-from tests.oracles import diamond_symbolic as symbolic
-from tests.oracles.diamond_forces import branch_from_sides, determinant, side_lengths, stresses
 
 
 def random_states(seed, count=1000):

@@ -5,17 +5,20 @@ import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from patterns.diamond import (
+from tests.oracles.diamond import (
     TABLE_1,
     TABLE_2,
     DiamondParameters,
+    branch_from_sides,
+    contact_displacement_rates,
+    drained_slope,
     elastic_moduli,
     external_forces,
+    side_lengths,
     sliding_moduli,
+    stresses,
     tangent,
 )
-from patterns.diamond.closed_form import contact_displacement_rates, drained_slope
-from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 from tests.oracles.diamond_mpmath import yield_state
 from tests.oracles.drained import drained_path, drained_states
 

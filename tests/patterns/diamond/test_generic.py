@@ -5,8 +5,8 @@ import pytest
 
 from loops import LinearFrictional, Regime, affine_tangent, nominal_stress, traction_tangent
 from patterns import diamond
-from patterns.diamond import elastic_moduli, sliding_moduli, tangent
 from stability import restrict
+from tests.oracles.diamond import elastic_moduli, sliding_moduli, tangent
 
 COUNT = 1200
 

@@ -4,21 +4,20 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from patterns.diamond import (
+from tests.oracles.diamond import (
     angle_from_strains,
+    branch_from_sides,
+    contact_displacement_rates,
+    contact_forces,
     external_forces,
+    force_rates,
+    opposite_contact_strain,
     opposite_gaps,
     overlap_ratio,
-    stress_of_isotropic_strain,
-)
-from patterns.diamond.closed_form import contact_displacement_rates, opposite_contact_strain
-from tests.oracles.diamond_forces import (
-    branch_from_sides,
-    contact_forces,
-    force_rates,
     side_lengths,
     side_rates,
     strains,
+    stress_of_isotropic_strain,
     stresses,
 )
 

@@ -14,14 +14,16 @@ from loops import (
     traction_tangent,
 )
 from patterns import diamond
-from patterns.diamond import (
+from tests.oracles.diamond import (
     angle_from_strains,
+    branch_from_sides,
     elastic_moduli,
     external_forces,
+    side_lengths,
     sliding_moduli,
+    stresses,
     tangent,
 )
-from tests.oracles.diamond_forces import branch_from_sides, side_lengths, stresses
 
 
 def random_graphs(seed, count):

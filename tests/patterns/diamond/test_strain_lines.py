@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from patterns.diamond import tangent
+from tests.oracles.diamond import tangent
 from tests.oracles.strain_lines import (
     half_diagonals,
     line_states,

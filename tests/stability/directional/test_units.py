@@ -5,10 +5,10 @@ import pytest
 
 from loops import LinearFrictional
 from patterns import diamond, regular_polygon
-from patterns.diamond import TABLE_1
 from stability import directional_work
 from stability.directional.branches import line_angles
 from stability.directional.work import law_branches
+from tests.oracles.diamond import TABLE_1
 from tests.oracles.drained import drained_path
 
 ANGLES = 2 * np.pi * (np.arange(53) + 0.3) / 53

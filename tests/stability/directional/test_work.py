@@ -7,7 +7,6 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, macroscopic_tangent
 from patterns import diamond, regular_polygon
-from patterns.diamond import TABLE_1, TABLE_2, elastic_moduli, sliding_moduli, tangent
 from stability import (
     branch_fraction,
     directional_work,
@@ -22,6 +21,7 @@ from stability import (
 )
 from stability.directional import edge_contacts
 from stability.directional.branches import edges_of
+from tests.oracles.diamond import TABLE_1, TABLE_2, elastic_moduli, sliding_moduli, tangent
 from tests.oracles.drained import drained_path
 
 TABLES = [TABLE_1, TABLE_2]

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from loops import Boundary, InputError, LinearFrictional, Scene, affine_tangent, find_faces
-from patterns.diamond import tangent
-from patterns.diamond.closed_form import elastic_moduli, sliding_moduli
 from stability import complementarity, plane_cone, rates_at, regimes, restrict
 from stability.packing import (
     probe,
@@ -15,6 +13,7 @@ from stability.packing import (
     response,
 )
 from stability.packing.response import CRITICAL, SCALED
+from tests.oracles.diamond import elastic_moduli, sliding_moduli, tangent
 from tests.oracles.lattices import lattice, lattice_rates
 from tests.packings import LAW, packing
 

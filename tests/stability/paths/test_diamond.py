@@ -12,7 +12,10 @@ from scipy.integrate import solve_ivp
 
 from loops import LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond
-from patterns.diamond import (
+from stability import Stage, follow, programmes
+from stability.paths import loop_path, of_graph
+from tests.oracles.diamond import (
+    DIAMOND_SHEAR_SIGNS,
     TABLE_1,
     TABLE_2,
     DiamondParameters,
@@ -22,9 +25,6 @@ from patterns.diamond import (
     overlap_ratio,
     tangent,
 )
-from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
-from stability import Stage, follow, programmes
-from stability.paths import loop_path, of_graph
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.oracles.drained import drained_states
 

@@ -8,9 +8,15 @@ from scipy.optimize import brentq
 
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond, regular_polygon
-from patterns.diamond import TABLE_1, DiamondParameters, determinant_elastic, overlap_ratio
-from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS, opposite_contact_strain
 from stability import Stage, follow, programmes, rates_at
+from tests.oracles.diamond import (
+    DIAMOND_SHEAR_SIGNS,
+    TABLE_1,
+    DiamondParameters,
+    determinant_elastic,
+    opposite_contact_strain,
+    overlap_ratio,
+)
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.oracles.drained import drained_states
 

@@ -12,9 +12,8 @@ from loops import (
     contact_state,
 )
 from patterns import diamond, regular_polygon
-from patterns.diamond import DiamondParameters, angle_from_strains
-from patterns.diamond.closed_form import DIAMOND_SHEAR_SIGNS
 from stability import Stage, follow, programmes
+from tests.oracles.diamond import DIAMOND_SHEAR_SIGNS, DiamondParameters, angle_from_strains
 from tests.oracles.drained import drained_path as exact_drained_path
 
 CLOSURES = ("affine", "traction")

@@ -16,8 +16,8 @@ from loops import (
     nominal_stress,
 )
 from patterns import regular_polygon
-from patterns.diamond import DiamondParameters
 from stability import Stage, follow, programmes
+from tests.oracles.diamond import DiamondParameters
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.oracles.drained import drained_states
 

@@ -9,7 +9,6 @@ import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state
 from patterns import opposite_gap, regular_polygon
-from patterns.diamond import DiamondParameters as Case
 from stability import Stage, follow, restrict, symmetric_part
 from stability.paths.domain import (
     CONTROLS,
@@ -30,6 +29,7 @@ from studies.domain import (
 from studies.examples.larger_loops import rolling_threshold
 from studies.paths.options import PolygonOptions
 from tests.command import refusal, run
+from tests.oracles.diamond import DiamondParameters as Case
 from tests.oracles.diamond_domain import first_losses
 
 KAPPA = 0.3

@@ -7,8 +7,6 @@ from mpmath import mp, mpf
 
 from loops import InputError, LinearFrictional, affine_tangent
 from patterns import diamond
-from patterns.diamond import DiamondParameters as Case
-from patterns.diamond import sliding_moduli, tangent
 from stability import restrict, symmetric_part
 from studies.domain import (
     PAPER_CASES,
@@ -16,6 +14,8 @@ from studies.domain import (
     domain_table,
 )
 from tests.command import refusal
+from tests.oracles.diamond import DiamondParameters as Case
+from tests.oracles.diamond import sliding_moduli, tangent
 from tests.oracles.diamond_domain import first_losses, programme_fan, sticking_det_Ks
 from tests.oracles.strain_lines import line_states
 

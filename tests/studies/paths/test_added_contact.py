@@ -7,9 +7,9 @@ from scipy.optimize import brentq
 
 from loops import LinearFrictional, affine_tangent
 from patterns import diamond
-from patterns.diamond.states import added_critical_strain, definite_intervals, isotropic_tangents
 from stability import restrict, symmetric_spectrum
 from studies.paths.options import DiamondOptions
+from tests.oracles.diamond import added_critical_strain, definite_intervals, isotropic_tangents
 from tests.studies.paths.followed import followed
 
 

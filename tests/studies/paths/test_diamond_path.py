@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 
 from loops import Regime
-from patterns.diamond.closed_form import work_compress_then_shear
-from patterns.diamond.closed_form import work_shear_then_compress as shear_then_compress
 from stability import symmetric_part
 from studies.paths.diamond import path_dependence_table
 from studies.paths.options import DiamondOptions
+from tests.oracles.diamond import work_compress_then_shear
+from tests.oracles.diamond import work_shear_then_compress as shear_then_compress
 from tests.oracles.drained import drained_path
 from tests.studies.paths.followed import followed, summary_of
 

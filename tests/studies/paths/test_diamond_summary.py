@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 
 from loops import InputError
-from patterns.diamond.states import diamond_states
 from studies.paths.followed import operator_diagram
 from studies.paths.options import DiamondOptions
+from tests.oracles.diamond import diamond_states
 from tests.studies.paths.followed import followed, summary_of
 
 

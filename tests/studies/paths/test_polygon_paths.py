@@ -16,7 +16,6 @@ from loops import (
     traction_tangent,
 )
 from patterns import loop_of_snapshot, read_snapshot, sample_path
-from patterns.diamond import DiamondParameters
 from stability import rates_at, restrict
 from stability.programmes import proportional_strain
 from studies.commands.loops import event_lines, state_lines
@@ -33,6 +32,7 @@ from studies.paths.options import (
 from studies.paths.run import run_paths
 from studies.paths.thresholds import thresholds
 from studies.style import axes_or_new
+from tests.oracles.diamond import DiamondParameters
 from tests.oracles.drained import drained_path as exact_drained_path
 from tests.studies.paths.followed import followed, summary_of
 from tests.unsaved import leave_files_empty

@@ -1,17 +1,20 @@
-"""The diamond in forces and shortenings: (13) to (24), (53) to (57).
+"""The diamond for all tests: the closed forms of the package, and those in forces, (13) to (24).
 
-`F' = K~ Delta'`, `Delta` the shortenings of the diagonals `L1`, `L2`. Compression positive,
-radians; arguments broadcast.
+`F' = K~ Delta'` (53) to (57), `Delta` the shortenings of the diagonals `L1`, `L2`. Compression
+positive, radians; arguments broadcast.
 """
 
 import numpy as np
 
+from patterns.diamond import *  # noqa: F403
+from patterns.diamond.closed_form import *  # noqa: F403
 from patterns.diamond.closed_form import (
     external_forces,
     geometric_asymmetry,
     geometric_softening,
     matrix,
 )
+from patterns.diamond.states import *  # noqa: F403
 
 
 def side_lengths(length, alpha):
