@@ -1,4 +1,6 @@
-"""Small periodic packings for tests, and their own path by another route.
+"""Small periodic packings for tests, their own path by another route, and what is asked of them.
+
+Names of inner rooms that many tests of packings ask are taken from here: a wall moves once.
 
 `python -m tests.packings` writes the jammed ones again.
 """
@@ -11,8 +13,17 @@ from scipy.optimize import fsolve
 
 from grainloops import replay
 from loops import GrainGraph, LinearFrictional, Regime, Scene, branch_vectors, contact_state
+from loops.arrays import frobenius as frobenius
+from loops.boundary import outline_grains as outline_grains
+from loops.boundary import plane_contacts as plane_contacts
+from loops.contacts import contacts_of as contacts_of
+from loops.contacts import start_state as start_state
+from loops.in_place import loops_in_place as loops_in_place
+from loops.system import packing_system as packing_system
 from patterns import read_snapshot, sample_path, synthetic_network
 from stability import Programme, Stage
+from stability.packing import loop_changes as loop_changes
+from stability.packing import loop_rates as loop_rates
 from tests.oracles.lattices import lattice
 
 LAW = LinearFrictional(1.0, 0.5, 0.5, "radii")

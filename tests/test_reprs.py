@@ -13,14 +13,12 @@ import patterns
 import stability.packing
 from grainloops import replay
 from loops import PlaneContacts, Scene
-from loops.boundary import plane_contacts
-from loops.in_place import LoopsInPlace, loops_in_place
+from loops.in_place import LoopsInPlace
 from loops.shown import LONGEST_REPR, Shown
 from loops.system import Carrying, System
 from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
-from stability.packing import loop_rates
-from tests.packings import LAW, jammed
+from tests.packings import LAW, jammed, loop_rates, loops_in_place, plane_contacts
 
 SHORT = 300
 

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, Scene, find_faces, traction_tangent
-from loops.arrays import frobenius
-from loops.in_place import loops_in_place
 from patterns import random_loop
 from tests.benchmarks import options
 from tests.benchmarks.hard_cases import hard_path_rows, tangent_rows
 from tests.benchmarks.methods import METHOD_GROUPS
 from tests.docs.pages import DOCS, of_size, page, section, tables
 from tests.oracles.hard_cases import HARD_CASES
-from tests.packings import repeated
+from tests.packings import frobenius, loops_in_place, repeated
 
 TEXT = page("evidence/accuracy")
 HARD = section(TEXT, "## The hard cases")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from grainloops import hold, replay
+from grainloops import hold, probe, replay
 from loops import (
     CohesiveFrictional,
     HertzMindlin,
@@ -16,16 +16,14 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.in_place import loops_in_place
 from stability import Stage, follow, programmes
-from stability.packing import probe
 from stability.packing.probe import probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_edge
 from tests.docs.pages import page
 from tests.laws import Power
-from tests.packings import LAW
+from tests.packings import LAW, loops_in_place
 from tests.stability.packing.walled_packings import small_sample
 from tests.stability.test_every_law import REFUSED
 

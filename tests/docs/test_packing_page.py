@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from loops import Scene, boundary_of
-from loops.boundary import outline_grains
-from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE, loops_in_place
+from loops.in_place import BLOCK, BUFFER, CHECKED, DECAY, MARGIN, WHOLE
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.cells import cell_reader
 from stability.packing import loops_at_yield
@@ -21,6 +20,7 @@ from studies.series.skill import ORDERS
 from studies.snapshot.in_packing import BANDS, add_in_packing, held_snapshot
 from tests.docs.pages import page, says, section, tables
 from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
+from tests.packings import loops_in_place, outline_grains
 
 DEM = Path(os.environ.get("GRAINLOOPS_DEM", "/none"))
 LOOPS = section(page("evidence/packing"), "## What does each loop do?")

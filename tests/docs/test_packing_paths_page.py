@@ -8,7 +8,6 @@ from loops import Scene
 from stability import follow
 from stability.packing import (
     equations_of_motion,
-    loop_changes,
     path,
     point,
     rattlers,
@@ -17,7 +16,7 @@ from stability.packing import (
 )
 from stability.packing.path import PackingPathOptions
 from tests.docs.pages import page, says, sections, tables
-from tests.packings import strained
+from tests.packings import loop_changes, strained
 from tests.yade_slow import in_collection, predicted, slow, strain_between
 
 PAGE = " ".join((page("packing-paths") + page("evidence/packing-paths")).split())

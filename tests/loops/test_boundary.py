@@ -7,8 +7,7 @@ import pytest
 
 import grainloops as gl
 from loops import Boundary, GrainGraph, PlaneContacts, Scene, boundary_of
-from loops.boundary import plane_contacts
-from tests.packings import jammed
+from tests.packings import jammed, plane_contacts
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 H = np.diag([1.0, -0.4])

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from grainloops import replay
+from grainloops import probe, replay
 from loops import InputError, boundary_of
 from loops.scene import scene_of
-from stability.packing import probe
 from tests.packings import jammed
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)
@@ -65,8 +64,8 @@ def test_a_replay_of_so_many_steps():
 
 
 def replay_step(scene):
-    from loops.contacts import contacts_of, start_state
     from stability.packing.equations_of_motion import masses_of, step_of
+    from tests.packings import contacts_of, start_state
 
     start = start_state(scene.graph, scene.boundary)
     start = contacts_of(start, scene.law, scene.boundary)

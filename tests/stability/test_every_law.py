@@ -25,13 +25,12 @@ from loops import (
     contact_state,
     traction_tangent,
 )
-from loops.in_place import loops_in_place
 from loops.system import packing_stress
 from patterns import Snapshot, WallContacts, regular_polygon
 from patterns.snapshots.walls import wall_plates
 from stability import Stage, follow, programmes
 from tests.laws import ByDisplacement, Glue, Spheres, Stiffening
-from tests.packings import BRANCH, jammed
+from tests.packings import BRANCH, jammed, loops_in_place
 from tests.stability.packing.walled_packings import ROUGH, between, jammed_in_box
 
 KT, MU, POISSON = 0.5, 0.5, 0.2

@@ -7,9 +7,8 @@ import pytest
 
 import grainloops as gl
 from loops import InputError, RollingResistance, Scene, boundary_of
-from loops.boundary import plane_contacts
 from stability.programmes import combination
-from tests.packings import LAW, jammed
+from tests.packings import LAW, jammed, plane_contacts
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 FREE = gl.LinearFrictional(1.0, 0.5, np.inf)

@@ -7,10 +7,10 @@ import pytest
 import grainloops as gl
 from grainloops import hold, replay
 from loops import HertzMindlin, Scene
-from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, write_snapshot
 from stability import Stage, follow, programmes
 from tests.command import run
+from tests.packings import start_state
 from tests.stability.packing.walled_packings import JAMMED, SMOOTH, between, jammed_in_box, split
 
 LAW = HertzMindlin(20.0, 0.2, 0.5, "radii")

@@ -9,7 +9,6 @@ import pytest
 
 import grainloops as gl
 from loops import InputError, Regime
-from loops.contacts import start_state
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, write_snapshot
 from stability.packing import sustain as sustain_packing
 from studies import sustain as study_module
@@ -17,7 +16,7 @@ from studies.commands.packing import _sustain_lines
 from studies.sustain import run_sustain
 from tests.command import run
 from tests.docs.test_columns_page import files_say
-from tests.packings import LAW, jammed
+from tests.packings import LAW, jammed, start_state
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 from tests.unsaved import leave_files_empty
 

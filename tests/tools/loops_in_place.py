@@ -21,8 +21,6 @@ from loops import (
     find_faces,
     loop_batches,
 )
-from loops.arrays import frobenius
-from loops.in_place import loops_in_place
 from patterns import synthetic_network
 from stability import restrict, symmetric_part
 from studies.snapshot.in_packing import place_columns
@@ -30,7 +28,7 @@ from tests.oracles.lattices import lattice
 from tests.oracles.loop_balls import ball_tangent
 from tests.oracles.loops_to_ninety_digits import operators
 from tests.oracles.rings import member
-from tests.packings import JAMMED, jammed
+from tests.packings import JAMMED, frobenius, jammed, loops_in_place
 
 FAMILIES = ("dense", "sparse", "flowing", "lattice", "jammed")
 SIGNS = [f"packing_lambda_{name}" for name in ("min", "mid", "max")] + ["surroundings_lambda_min"]

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from grainloops import probe
 from loops import (
     InputError,
     LinearFrictional,
@@ -23,7 +24,6 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from stability.packing import probe
 from stability.regimes import HELD_STUCK
 from tests.packings import packing
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small

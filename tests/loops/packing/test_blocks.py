@@ -12,18 +12,9 @@ from loops import (
     find_faces,
     in_place,
 )
-from loops.arrays import frobenius
-from loops.in_place import (
-    _edges,
-    _truncation,
-    inverse_at_contacts,
-    loops_in_place,
-    packing_blocks,
-    polygons_of,
-)
-from loops.system import packing_system
+from loops.in_place import _edges, _truncation, inverse_at_contacts, packing_blocks, polygons_of
 from patterns import synthetic_network
-from tests.packings import LAW, packing
+from tests.packings import LAW, frobenius, loops_in_place, packing, packing_system
 
 UNITS = [1.0, 2.0**20, 2.0**-20]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, InputError, LinearFrictional, PlaneContacts, Scene, find_faces
-from loops.in_place import loops_in_place
-from loops.system import carrying_grains, packing_system
+from loops.system import carrying_grains
+from tests.packings import loops_in_place, packing_system
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, Regime, Scene, find_faces, in_place
-from loops.arrays import frobenius
-from loops.in_place import loops_in_place
 from patterns import read_snapshot, sample_path, synthetic_network
 from stability import restrict, symmetric_part
 from tests.loops.packing.test_in_place_of_a_sample import read
+from tests.packings import frobenius, loops_in_place
 from tests.stability.packing.yade_rest import yade_rest
 
 

@@ -24,7 +24,6 @@ from loops import (
     polygon_area,
     traction_tangent,
 )
-from loops.arrays import frobenius
 from loops.gears import NEARLY, UNKNOWN, spin_modes
 from loops.in_place import (
     SWEPT,
@@ -34,15 +33,20 @@ from loops.in_place import (
     _inverses,
     _solve_again,
     inverted,
-    loops_in_place,
     polygons_of,
 )
 from loops.multifrontal import _vertex_cover, dissection, frontal_lu, solve_sketches
-from loops.system import packing_system
 from patterns import read_snapshot, sample_path, synthetic_network
 from tests.loops.packing.whole_operators import CASES
 from tests.oracles import eighty_bits
-from tests.packings import LAW, packing, with_idle_triangle
+from tests.packings import (
+    LAW,
+    frobenius,
+    loops_in_place,
+    packing,
+    packing_system,
+    with_idle_triangle,
+)
 from tests.tools.loops_in_place import SIGNS, campaign
 
 

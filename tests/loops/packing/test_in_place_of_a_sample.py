@@ -15,15 +15,14 @@ from loops import (
     loop_batches,
     polygon_area,
 )
-from loops.arrays import frobenius
 from loops.gears import spin_modes
-from loops.in_place import inverted, loops_in_place, polygons_of
-from loops.system import packing_system
+from loops.in_place import inverted, polygons_of
 from patterns import read_snapshot, sample_cell, sample_path
 from patterns.snapshots.cells import rows_by_number
 from stability import restrict, symmetric_part
 from stability.factor import Factor
 from tests.oracles import eighty_bits
+from tests.packings import frobenius, loops_in_place, packing_system
 
 FOLDER = Path(os.environ.get("GRAINLOOPS_DEM", "")) / "yade-slow"
 COLLECTION = pytest.mark.collection

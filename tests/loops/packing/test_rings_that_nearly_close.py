@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, LinearFrictional, Regime, Scene, find_faces
-from loops.arrays import frobenius
 from loops.gears import HIDDEN, UNKNOWN, spin_modes
-from loops.in_place import inverse_at_contacts, loops_in_place
-from loops.system import packing_system
+from loops.in_place import inverse_at_contacts
+from tests.packings import frobenius, loops_in_place, packing_system
 from tests.tools.loops_in_place import SIGNS, campaign, closing_packing, compared
 
 

@@ -12,9 +12,9 @@ from loops import (
     Scene,
     find_faces,
 )
-from loops.boundary import outline_grains, plane_contacts
 from patterns import synthetic_network
 from stability import rates_at
+from tests.packings import outline_grains, plane_contacts
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5)

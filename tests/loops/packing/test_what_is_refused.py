@@ -8,12 +8,10 @@ import pytest
 from scipy import sparse
 
 from loops import Boundary, GrainGraph, InputError, LinearFrictional, Scene, find_faces
-from loops.boundary import outline_grains, plane_contacts
-from loops.in_place import loops_in_place
 from loops.multifrontal import Front, _tasks, frontal_lu
-from loops.system import carrying_grains, packing_system
+from loops.system import carrying_grains
 from tests.loops.packing.whole_operators import CASES
-from tests.packings import packing
+from tests.packings import loops_in_place, outline_grains, packing, packing_system, plane_contacts
 
 LAW = LinearFrictional(1.0, 0.5)
 

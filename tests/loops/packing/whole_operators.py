@@ -21,19 +21,20 @@ from loops import (
     boundary_of,
     find_faces,
 )
-from loops.boundary import outline_grains, plane_contacts
 from loops.gears import spin_modes
-from loops.in_place import inverse_at_contacts, loops_in_place
-from loops.system import (
-    balancing_forces,
-    in_freedoms,
-    packing_system,
-    relative_motion,
-    stiffness_matrix,
-)
+from loops.in_place import inverse_at_contacts
+from loops.system import balancing_forces, in_freedoms, relative_motion, stiffness_matrix
 from patterns import synthetic_network
 from stability.factor import Factor
-from tests.packings import LAW, packing, with_idle_triangle
+from tests.packings import (
+    LAW,
+    loops_in_place,
+    outline_grains,
+    packing,
+    packing_system,
+    plane_contacts,
+    with_idle_triangle,
+)
 
 WORDS, NUMBERS = (Path(__file__).with_suffix(suffix) for suffix in (".json", ".npz"))
 

@@ -11,21 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from grainloops import hold, indicators, replay
+from grainloops import hold, indicators, probe, replay
 from loops import LinearFrictional, Scene, boundary_of, find_faces
 from loops.contacts import PackingState
 from stability import Stage, programmes
-from stability.packing import (
-    HeldPacking,
-    PackingResponse,
-    Probe,
-    loop_changes,
-    probe,
-)
+from stability.packing import HeldPacking, PackingResponse, Probe
 from stability.packing.loop_quantities import least_squares_nonaffinity
 from stability.path import Path as AnyPath
 from tests.laws import hertz_of
-from tests.packings import BRANCH, LAW, jammed, packing
+from tests.packings import BRANCH, LAW, jammed, loop_changes, packing
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 STORED = Path(__file__).with_suffix(".json")

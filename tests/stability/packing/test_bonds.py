@@ -14,15 +14,14 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.contacts import contacts_of, start_state
 from loops.laws.of_pairs import require_movable
 from patterns import Snapshot
 from stability import Stage, follow, programmes
-from stability.packing import loop_changes, sustain
+from stability.packing import sustain
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
-from tests.packings import jammed, strained
+from tests.packings import contacts_of, jammed, loop_changes, start_state, strained
 from tests.stability.packing.test_sustain import SQUARE
 
 EXTENSION = np.array([[-6e-3, 2e-3], [0.0, 2e-3]])

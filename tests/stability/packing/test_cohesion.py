@@ -7,10 +7,9 @@ import pytest
 
 from grainloops import hold, replay
 from loops import FrictionalLaw, GrainGraph, RollingResistance, Scene, contact_state
-from loops.contacts import contacts_of, start_state
 from stability import follow
 from stability.packing.rattlers import carrying_nothing
-from tests.packings import LAW, jammed, strained
+from tests.packings import LAW, contacts_of, jammed, start_state, strained
 
 SHEAR = np.array([[2e-3, 2e-4], [0.0, -2e-3]])
 EXTENSION = np.array([[-6e-3, 2e-3], [0.0, 2e-3]])

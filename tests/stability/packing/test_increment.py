@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grainloops import probe
 from loops import GrainGraph, InputError, LinearFrictional, Scene, contact_state, find_faces
 from stability import Programme, Stage, follow
 from stability.complementarity import _every_solution, raise_load, violation
-from stability.packing import packing_increment, probe, rate_problem
+from stability.packing import packing_increment, rate_problem
 from stability.packing import response as increment_module
 from stability.packing.probe import probe_by_increment
 from stability.packing.yielding import component_control

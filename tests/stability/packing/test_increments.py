@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, RollingResistance, Scene, find_faces
-from loops.contacts import start_state
 from stability import Event, Programme, Stage, follow
-from stability.packing import loop_changes, strain_increment, sustain
 from stability.packing import path as past_module
+from stability.packing import strain_increment, sustain
 from stability.packing.equations_of_motion import (
     REST_FORCE_LOADED,
     STABLE,
@@ -43,7 +42,7 @@ from stability.packing.sustain import (
     move,
 )
 from stability.packing.yielding import component_control
-from tests.packings import LAW, jammed, packing, strained
+from tests.packings import LAW, jammed, loop_changes, packing, start_state, strained
 from tests.stability.packing.test_path import unaccounted
 
 KN, KT, MU = 3.0, 0.7, 0.4

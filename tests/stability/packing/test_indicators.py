@@ -16,7 +16,7 @@ from loops import (
     loop_batches,
 )
 from loops.in_place import inverse_at_contacts
-from loops.system import packing_system, stiffness_matrix
+from loops.system import stiffness_matrix
 from stability.packing.loop_quantities import (
     EXPECTED,
     least_squares_nonaffinity,
@@ -25,7 +25,7 @@ from stability.packing.loop_quantities import (
     steric_order,
 )
 from tests.oracles.lattices import lattice
-from tests.packings import LAW, packing
+from tests.packings import LAW, packing, packing_system
 
 
 def dense(system):

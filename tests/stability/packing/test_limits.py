@@ -11,7 +11,7 @@ import pytest
 
 from grainloops import replay
 from loops import GrainGraph, Scene, find_faces
-from loops.contacts import contacts_at_start, start_state
+from loops.contacts import contacts_at_start
 from stability import Programme, Stage, follow
 from stability.packing import rattlers, regime_factor, strain_increment, sustain
 from stability.packing.path import PackingPathOptions, PackingPathSolver
@@ -25,7 +25,7 @@ from stability.packing.sustain import (
     move,
     renumbered,
 )
-from tests.packings import LAW, jammed
+from tests.packings import LAW, jammed, start_state
 from tests.stability.packing.yade_rest import bracket, yade_rest
 
 sustain_module = sys.modules[sustain.__module__]

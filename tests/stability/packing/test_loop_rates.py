@@ -13,11 +13,12 @@ from loops import (
     love_weber_stress,
 )
 from stability import rates_at
-from stability.packing import loop_changes, loop_rates
 from tests.packings import (
     LAW,
     balanced,
     jammed,
+    loop_changes,
+    loop_rates,
     packing,
     touching_lattice,
     with_idle_triangle,

@@ -8,19 +8,14 @@ import numpy as np
 import pytest
 
 from loops import HertzMindlin, Regime, Scene, contact_state
-from loops.in_place import loop_loads, loops_in_place, polygons_of
-from loops.system import (
-    in_freedoms,
-    packing_system,
-    relative_motion,
-    stiffness_matrix,
-)
+from loops.in_place import loop_loads, polygons_of
+from loops.system import in_freedoms, relative_motion, stiffness_matrix
 from patterns import read_snapshot, sample_path
 from stability import restrict, subspace_basis
 from stability.complementarity import solve_from
 from stability.factor import Factor
 from stability.packing import loops_at_yield
-from tests.packings import LAW, packing
+from tests.packings import LAW, loops_in_place, packing, packing_system
 
 ROUGH = Path(__file__).parents[2] / "studies/series/rough/grains_04.csv.gz"
 CELL = np.array([[0.914723458490276, 0.0], [0.0, 0.897826511170329]])

@@ -7,13 +7,13 @@ from scipy.linalg import null_space
 from scipy.sparse.linalg import splu
 
 from loops import LinearFrictional, Regime, Scene
-from loops.system import balancing_forces, packing_system, relative_motion
+from loops.system import balancing_forces, relative_motion
 from stability import factor as room
 from stability.factor import Factor
 from stability.packing import rate_problem
 from tests.loops.packing.test_carrying import strips
 from tests.oracles import eighty_bits
-from tests.packings import LAW, jammed, packing
+from tests.packings import LAW, jammed, packing, packing_system
 
 SMOOTH = LinearFrictional(1.0, 0.5, 0.0, "radii")
 UNIT_STRAINS = np.moveaxis(np.eye(4).reshape(4, 2, 2), 0, -1)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from loops import InputError, LinearFrictional, RollingResistance
-from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage
 from stability.packing import equations_of_motion
 from stability.packing.equations_of_motion import (
@@ -25,7 +24,7 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.yielding import MixedControl
-from tests.packings import LAW, jammed
+from tests.packings import LAW, contacts_of, jammed, start_state
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, Scene
-from loops.contacts import start_state
 from stability.packing import path as path_solver
 from stability.packing import sustain
 from stability.packing.sustain import Loading, load_path, renumbered
-from tests.packings import LAW, jammed
+from tests.packings import LAW, jammed, start_state
 
 sustain_module = sys.modules[sustain.__module__]
 PACKINGS = ((12, 1), (16, 2), (24, 3), (36, 5))

@@ -15,10 +15,11 @@ from loops import (
     PlaneContacts,
     RollingResistance,
 )
-from loops.contacts import AT_YIELD, contacts_of, start_state
+from loops.contacts import AT_YIELD
 from loops.laws.of_pairs import law_of
 from loops.neighbours import codes, near_pairs, ordered
 from tests.laws import Stiffening
+from tests.packings import contacts_of, start_state
 from tests.stability.packing.walled_packings import between
 
 RADII = np.array([2.0, 3.0, 5.0])

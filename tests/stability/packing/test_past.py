@@ -8,7 +8,6 @@ import pytest
 
 from grainloops import replay
 from loops import InputError, Scene
-from loops.contacts import contacts_of, start_state
 from stability import Programme, Stage, follow
 from stability.packing import equations_of_motion
 from stability.packing import path as past_module
@@ -21,7 +20,7 @@ from stability.packing.equations_of_motion import (
     step_of,
 )
 from stability.packing.path import OTHER_WAYS, Dynamic, past_of
-from tests.packings import BRANCH, jammed, strained
+from tests.packings import BRANCH, contacts_of, jammed, start_state, strained
 from tests.stability.packing.test_path import H, followed, unaccounted
 
 GRAPH = jammed(12, 1, BRANCH)

@@ -18,9 +18,8 @@ from loops import (
 )
 from loops.neighbours import near_pairs, ordered
 from stability import Programme, Stage, follow, rates_at
-from stability.packing import loop_changes, loop_rates
 from stability.programmes import drained_biaxial
-from tests.packings import BRANCH, LAW, diamonds, jammed, strained
+from tests.packings import BRANCH, LAW, diamonds, jammed, loop_changes, loop_rates, strained
 from tests.stability.packing.recorded import PURE, hertz_of
 from tests.yade_slow import in_collection, predicted, slow, strain_between
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from loops import Scene
-from loops.contacts import contacts_of, start_state
 from stability import follow, rates_at
 from stability.packing import regime_factor, strain_increment
 from stability.packing.regime_factor import ELASTIC, RegimeFactor, disagreeing, pivot
 from stability.packing.yielding import MixedControl
-from tests.packings import LAW, jammed, packing, strained
+from tests.packings import LAW, contacts_of, jammed, packing, start_state, strained
 from tests.stability.packing.test_regime_factor import stiffness
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)

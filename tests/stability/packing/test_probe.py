@@ -5,13 +5,10 @@ import sys
 import numpy as np
 import pytest
 
+from grainloops import probe
 from loops import Boundary, InputError, LinearFrictional, Scene, affine_tangent, find_faces
 from stability import complementarity, plane_cone, rates_at, regimes, restrict
-from stability.packing import (
-    probe,
-    regime_regions,
-    response,
-)
+from stability.packing import regime_regions, response
 from stability.packing.response import CRITICAL, SCALED
 from tests.oracles.diamond import elastic_moduli, sliding_moduli, tangent
 from tests.oracles.lattices import lattice, lattice_rates

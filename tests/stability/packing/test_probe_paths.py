@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from grainloops import probe
 from loops import InputError, LinearFrictional, Scene, find_faces
 from stability import Programme, Stage, follow
-from stability.packing import probe
 from stability.packing.probe import probe_to
 from tests.packings import LAW, jammed
 

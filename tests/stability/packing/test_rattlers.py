@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, PlaneContacts, Scene
-from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.cages import normals_and_overlaps, parting_and_slip, work_of_shear
 from stability.packing import rattlers
@@ -20,7 +19,7 @@ from stability.packing.rattlers import (
     free_rattlers,
     share_until_caught,
 )
-from tests.packings import jammed, strained
+from tests.packings import contacts_of, jammed, start_state, strained
 from tests.stability.packing.walled_packings import between
 
 LAW = LinearFrictional(1.0, 0.5, 0.5)

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from loops import Scene, branch_vectors
-from loops.contacts import contacts_of, start_state
 from stability import Stage, follow, programmes
 from stability.compiled.packing_system import stiffnesses
 from stability.packing import regime_factor, strain_increment
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
 from stability.packing.yielding import MixedControl
-from tests.packings import BRANCH, LAW, forces_after, jammed, packing
+from tests.packings import BRANCH, LAW, contacts_of, forces_after, jammed, packing, start_state
 from tests.stability.packing.yade_rest import STATES, yade_rest
 
 NONE, ALL = np.zeros((4, 4)), np.eye(4)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from loops.contacts import contacts_of, start_state
 from stability.compiled.packing_system import Order, structure
 from stability.packing import regime_factor
 from stability.packing.regime_factor import (
@@ -14,6 +13,7 @@ from stability.packing.regime_factor import (
     RegimeFactor,
 )
 from stability.packing.yielding import MixedControl
+from tests.packings import contacts_of, start_state
 from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS, stiffness
 from tests.stability.packing.test_units import unequal
 

@@ -18,12 +18,10 @@ from loops import (
     Scene,
     contact_state,
 )
-from loops.contacts import contacts_of, start_state
 from loops.neighbours import near_pairs
 from patterns import read_snapshot, sample_path
 from patterns.snapshots.cells import rows_by_number
 from stability import Stage, follow
-from stability.packing import loop_changes
 from stability.packing.equations_of_motion import (
     Moving,
     largest_step,
@@ -39,7 +37,7 @@ from stability.programmes import (
     isotropic_stress,
     simple_shear,
 )
-from tests.packings import LAW, jammed, packing
+from tests.packings import LAW, contacts_of, jammed, loop_changes, packing, start_state
 from tests.yade_slow import COLLECTION, in_collection, predicted, slow, strain_between
 
 STILL = np.zeros((2, 2))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
+from grainloops import probe
 from loops import (
     Boundary,
     GrainGraph,
@@ -26,7 +27,7 @@ from loops.gears import spin_modes
 from loops.system import balancing_forces, in_freedoms, relative_motion
 from stability import rates_at
 from stability.factor import UNIT_STRAINS
-from stability.packing import probe, response
+from stability.packing import response
 from stability.packing.response import YIELD_BAND, rate_problem
 from stability.packing.yielding import component_control
 from tests.oracles import eighty_bits

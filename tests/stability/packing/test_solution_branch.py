@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from grainloops import hold
+from grainloops import hold, probe
 from loops import GrainGraph, InputError, LinearFrictional, Scene
-from loops.contacts import contacts_of, start_state
 from patterns import read_snapshot, sample_path
 from stability import follow
 from stability.complementarity import (
@@ -21,7 +20,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.factor import Factor
-from stability.packing import probe, rate_problem
+from stability.packing import rate_problem
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.probe import stage_along
 from stability.packing.regime_regions import RegimeRegions
@@ -33,6 +32,7 @@ from stability.packing.response import (
 )
 from stability.solution_branch import TURN, SolutionBranch, trace_branch
 from studies.snapshot.in_packing import held_snapshot, sample_edge
+from tests.packings import contacts_of, start_state
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 from tests.tools import small_packings
 from tests.yade_slow import COLLECTION, in_collection, slow

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, PlaneContacts
-from loops.contacts import start_state
 from loops.laws.of_pairs import as_known
 from stability.packing.point import PackingPoint
-from tests.packings import jammed
+from tests.packings import jammed, start_state
 from tests.stability.packing.walled_packings import between
 
 STATE = start_state(jammed(16, 2))

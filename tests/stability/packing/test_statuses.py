@@ -5,12 +5,13 @@ from itertools import product
 import numpy as np
 import pytest
 
+from grainloops import probe
 from loops import GrainGraph, InputError, LinearFrictional, Scene
 from loops.system import carrying_grains
 from patterns import synthetic_network
 from stability import rates_at
 from stability.complementarity import Complementarity
-from stability.packing import probe, response
+from stability.packing import response
 from stability.packing.response import rate_problem
 from stability.regimes import of_sets
 from tests.oracles.regimes import solutions

@@ -23,7 +23,6 @@ from loops import (
     Scene,
     find_faces,
 )
-from loops.contacts import start_state
 from stability import Stage
 from stability.packing import sustain
 from stability.packing.path import PackingPathSolver
@@ -37,7 +36,7 @@ from stability.packing.sustain import (
     load_path,
 )
 from stability.programmes import proportional_stress
-from tests.packings import LAW, diamonds, jammed
+from tests.packings import LAW, diamonds, jammed, start_state
 from tests.stability.packing.walled_packings import between
 
 SQUARE = GrainGraph(

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from loops import GrainGraph, HertzMindlin, LinearFrictional, Regime, RollingResistance, Scene
-from loops.contacts import contacts_of, start_state
-from loops.system import packing_system, stiffness_matrix
+from loops.system import stiffness_matrix
 from stability.compiled.packing_system import stiffnesses
 from stability.packing.regime_factor import RegimeFactor
-from tests.packings import jammed
+from tests.packings import contacts_of, jammed, packing_system, start_state
 
 BY_RADII = LinearFrictional(1.0, 0.4, 0.5, "radii")
 LAWS = {

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grainloops import hold, replay
+from grainloops import hold, probe, replay
 from loops import (
     Boundary,
     GrainGraph,
@@ -20,12 +20,20 @@ from loops import (
     Scene,
     find_faces,
 )
-from loops.contacts import start_state
 from stability import follow, rates_at
-from stability.packing import loop_changes, loop_rates, probe, sustain
+from stability.packing import sustain
 from stability.packing.loop_quantities import LoopRates
 from tests.laws import hertz_of
-from tests.packings import BRANCH, LAW, jammed, packing, strained
+from tests.packings import (
+    BRANCH,
+    LAW,
+    jammed,
+    loop_changes,
+    loop_rates,
+    packing,
+    start_state,
+    strained,
+)
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
 # Unit discs have masses of r^2: the unit of time is a power of two as well.

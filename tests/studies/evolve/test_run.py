@@ -13,11 +13,10 @@ from loops import InputError, Scene, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
-from stability.packing import loop_changes
 from studies.evolve import dem_comparison_summary, run_evolve, stage_of
 from studies.reading import plan_series, read_planar, reading
 from tests.command import run
-from tests.packings import BRANCH, LAW, jammed
+from tests.packings import BRANCH, LAW, jammed, loop_changes
 from tests.studies.probe.test_run import plain
 from tests.unsaved import leave_files_empty
 

@@ -8,11 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from grainloops import replay
+from grainloops import probe, replay
 from loops import InputError, Regime, Scene, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import COMPONENTS, follow
-from stability.packing import probe
 from studies.examples.probing import STRESS, state
 from studies.probe import run_probe
 from tests.command import run

@@ -7,8 +7,7 @@ from grainloops import replay
 from loops import CohesiveFrictional, Scene, contact_state, love_weber_stress
 from patterns import read_snapshot, sample_path
 from stability import follow
-from stability.packing import loop_changes
-from tests.packings import strained
+from tests.packings import loop_changes, strained
 from tests.yade_slow import predicted, strain_between
 
 

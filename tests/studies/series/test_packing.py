@@ -21,12 +21,10 @@ from loops import (
     find_faces,
     rotation_and_stretch,
 )
-from loops.contacts import start_state
-from loops.in_place import loops_in_place
 from patterns import Snapshot, WallContacts, read_snapshot, sample_path, snapshot_from_tables
 from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
-from stability.packing import PackingRates, loop_changes, loop_rates, packing_increment
+from stability.packing import PackingRates, packing_increment
 from studies.commands.snapshot import _series_lines
 from studies.reading import plan_series, reading
 from studies.series import packing as series_packing
@@ -51,7 +49,15 @@ from studies.snapshot.in_packing import (
     place_columns,
 )
 from tests.docs.test_packing_page import quotes_the_sample
-from tests.packings import LAW, jammed, packing
+from tests.packings import (
+    LAW,
+    jammed,
+    loop_changes,
+    loop_rates,
+    loops_in_place,
+    packing,
+    start_state,
+)
 from tests.stability.packing.walled_packings import JAMMED, jammed_in_box
 from tests.studies.series.test_run import contents, run, times, write_series
 

@@ -12,8 +12,6 @@ import pytest
 
 import grainloops as gl
 from loops import GrainGraph, InputError, LinearFrictional, Regime, Scene, find_faces
-from loops.boundary import outline_grains
-from loops.in_place import loops_in_place
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import restrict, symmetric_part
 from stability.packing import loops_at_yield
@@ -23,7 +21,7 @@ from studies.snapshot.in_packing import add_in_packing, held_snapshot, place_col
 from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import loop_columns
 from tests.command import run
-from tests.packings import LAW, packing
+from tests.packings import LAW, loops_in_place, outline_grains, packing
 from tests.unsaved import leave_files_empty
 
 SLOW = sample_path("slow/grains_10.parquet")

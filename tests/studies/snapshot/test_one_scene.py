@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from loops.in_place import loops_in_place
 from stability import symmetric_modes
 from studies.snapshot import run_snapshot
 from tests.docs.pages import page
+from tests.packings import loops_in_place
 from tests.stability.packing.walled_packings import small_sample
 
 LAW = gl.LinearFrictional(1.0, 0.5, 0.5)

@@ -10,7 +10,6 @@ import pytest
 import scipy.stats
 
 from loops import GrainGraph, LinearFrictional, Regime, find_faces, love_weber_stress
-from loops.system import packing_system
 from patterns import (
     Snapshot,
     WallContacts,
@@ -30,6 +29,7 @@ from studies.snapshot.summary import (
     spread_by_group,
 )
 from studies.snapshot.table import GROUPS, group_rows, loop_columns
+from tests.packings import packing_system
 
 PERIODIC = sample_path("grains_periodic.parquet")
 MECHANICAL = [
