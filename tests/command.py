@@ -1,8 +1,13 @@
-"""The command line, run in this process."""
+"""The command line, run in this process, and the functions that commands call."""
 
 import pytest
 
 from studies.cli import main
+from studies.evolve import run_evolve as run_evolve
+from studies.probe import run_probe as run_probe
+from studies.series.run import run_series as run_series
+from studies.snapshot import run_snapshot as run_snapshot
+from studies.sustain import run_sustain as run_sustain
 
 
 def run(*words):

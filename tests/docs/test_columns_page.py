@@ -6,11 +6,8 @@ import pyarrow.parquet
 import pytest
 
 from patterns import sample_path
-from studies.evolve import run_evolve
 from studies.output import DESCRIBED_COMMANDS, described, field_metadata
-from studies.probe import run_probe
-from studies.series.run import run_series
-from studies.snapshot import run_snapshot
+from tests.command import run_evolve, run_probe, run_series, run_snapshot
 from tests.docs.columns_page import page
 from tests.docs.pages import DOCS
 from tests.golden.test_golden import FOLDER

@@ -15,9 +15,9 @@ from patterns.snapshots.cells import cell_reader
 from stability.packing import loops_at_yield
 from stability.packing.hold import unbalanced_force
 from studies.examples import packing_skill
-from studies.series.run import run_series
 from studies.series.skill import ORDERS
 from studies.snapshot.in_packing import BANDS, add_in_packing, held_snapshot
+from tests.command import run_series
 from tests.docs.pages import page, says, section, tables
 from tests.loops.packing.test_in_place_of_a_sample import State, read, smallest
 from tests.packings import loops_in_place, outline_grains

@@ -7,7 +7,6 @@ import pytest
 
 import grainloops as gl
 from loops import InputError, RollingResistance, Scene, boundary_of
-from stability.programmes import combination
 from tests.packings import LAW, jammed, plane_contacts
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box
 
@@ -128,7 +127,7 @@ def test_equations_of_stress_and_strain_together():
     """A spring around the cell, `P22' = 0.3 H22'`, and rows that are no unit vectors."""
     stress, strain = np.zeros((4, 4)), np.diag([2.0, 1.0, 3.0, -0.3])
     stress[3, 3], strain[1, 2] = 1.0, 1.0
-    programme = combination(stress, strain, [1.0, 0, 0, 0])
+    programme = gl.programmes.combination(stress, strain, [1.0, 0, 0, 0])
     for scene, how in ((PACKINGS["cell"], {}), (Scene(PENTAGON, FREE), {"closure": "affine"})):
         found = gl.rates_at(scene, programme, **how)
         H, P = found.strain_rate.ravel(), found.stress_rate.ravel()

@@ -11,9 +11,8 @@ import grainloops as gl
 from stability import branch_fraction
 from studies.commands.snapshot import _snapshot_lines
 from studies.series.run import LONG_STEP, long_steps
-from studies.snapshot import run_snapshot
 from studies.snapshot.summary import main_judge, verdict_shares
-from tests.command import run
+from tests.command import run, run_snapshot
 from tests.docs.pages import page
 
 SAMPLE = gl.sample_path()

@@ -8,11 +8,9 @@ import pytest
 
 from loops import InputError
 from patterns import Snapshot, sample_path
-from studies.evolve import run_evolve
 from studies.frames import loop_table
-from studies.series.run import run_series
-from studies.snapshot import run_snapshot
 from studies.snapshot.regions import loop_regions
+from tests.command import run_evolve, run_series, run_snapshot
 from tests.packings import LAW, jammed
 from tests.studies.series.test_run import write_series
 from tests.studies.snapshot.test_paraview import read_back

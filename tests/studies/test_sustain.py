@@ -13,8 +13,7 @@ from patterns import Snapshot, WallContacts, read_snapshot, sample_path, write_s
 from stability.packing import sustain as sustain_packing
 from studies import sustain as study_module
 from studies.commands.packing import _sustain_lines
-from studies.sustain import run_sustain
-from tests.command import run
+from tests.command import run, run_sustain
 from tests.docs.test_columns_page import files_say
 from tests.packings import LAW, jammed, start_state
 from tests.stability.packing.walled_packings import JAMMED, between, jammed_in_box

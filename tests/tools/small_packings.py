@@ -24,7 +24,6 @@ from loops import (
     contact_state,
     contact_tangent,
 )
-from stability.regimes import HELD_STUCK
 from tests.packings import packing
 from tests.stability.packing.test_statuses import AT_YIELD, at_yield, small
 
@@ -149,7 +148,7 @@ def compared(graph, law, control):
             axis=1,
         )
         status, told = str(found.status[k]), [False] * len(true)
-        if found.proof[k] == HELD_STUCK:
+        if found.proof[k] == "two-contact grains stick":
             # Says that it assumes what the enumeration does not.
             counts["said two-contact grains stick"] += 1
             counts["false"] += len(true) > 0

@@ -13,9 +13,9 @@ from loops import InputError, Scene, contact_forces, find_faces
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from patterns.snapshots.walls import box_sides
 from stability import Stage, follow, programmes
-from studies.evolve import dem_comparison_summary, run_evolve, stage_of
+from studies.evolve import dem_comparison_summary, stage_of
 from studies.reading import plan_series, read_planar, reading
-from tests.command import run
+from tests.command import run, run_evolve
 from tests.packings import BRANCH, LAW, jammed, loop_changes
 from tests.studies.probe.test_run import plain
 from tests.unsaved import leave_files_empty

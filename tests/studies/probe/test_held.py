@@ -12,10 +12,9 @@ from loops import GrainGraph, InputError, Scene
 from patterns import Snapshot, read_snapshot, sample_path
 from patterns.snapshots.findings import crossings
 from stability.packing.hold import unbalanced_force
-from studies.probe import run_probe
 from studies.questions import Holding
 from studies.snapshot.in_packing import held_snapshot
-from tests.command import run
+from tests.command import run, run_probe
 from tests.packings import LAW, jammed
 
 WALLS = sample_path()

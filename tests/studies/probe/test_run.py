@@ -13,8 +13,7 @@ from loops import InputError, Regime, Scene, love_weber_stress
 from patterns import Snapshot, read_snapshot, sample_path, write_snapshot
 from stability import COMPONENTS, follow
 from studies.examples.probing import STRESS, state
-from studies.probe import run_probe
-from tests.command import run
+from tests.command import run, run_probe
 from tests.packings import LAW, jammed
 from tests.stability.packing.walled_packings import small_sample
 from tests.unsaved import leave_files_empty

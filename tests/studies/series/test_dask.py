@@ -17,9 +17,8 @@ import studies
 from loops import InputError, Regime
 from patterns import Snapshot, sample_path, write_snapshot
 from studies.output import code_version
-from studies.probe import run_probe
 from studies.series import workers as cluster
-from studies.sustain import run_sustain
+from tests.command import run_probe, run_sustain
 from tests.packings import LAW, jammed
 from tests.studies.series.test_run import (
     command,

@@ -15,9 +15,9 @@ from patterns import sample_path
 from stability import RTOL
 from studies.reading import read_planar
 from studies.series.evolution import track_loops
-from studies.series.run import run_series
 from studies.series.skill import survival, survival_rows, verdict_codes
 from studies.snapshot.summary import JUDGE_TITLES
+from tests.command import run_series
 from tests.studies.series.test_run import write_series
 
 

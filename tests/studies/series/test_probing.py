@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from loops import InputError
-from studies.probe import run_probe
 from studies.series.figures import probes_over_strain
+from tests.command import run_probe
 from tests.studies.series.test_packing import CELLS, PATHS, predict
 
 

@@ -27,9 +27,9 @@ from patterns.snapshots.cells import number_of
 from studies.output import folder_lock
 from studies.reading import PlannedSnapshot, reading, with_fingerprints
 from studies.series import workers
-from studies.series.run import run_series
 from studies.snapshot.table import loop_columns
 from tests.command import run as run_command
+from tests.command import run_series
 
 ROOT = Path(studies.__file__).resolve().parents[1]
 KEPT = "id1 id2 fn fsx fsy kn ks mu sliding".split()

@@ -8,7 +8,7 @@ import pytest
 
 import grainloops as gl
 from stability import symmetric_modes
-from studies.snapshot import run_snapshot
+from tests.command import run_snapshot
 from tests.docs.pages import page
 from tests.packings import loops_in_place
 from tests.stability.packing.walled_packings import small_sample

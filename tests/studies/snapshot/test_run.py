@@ -17,9 +17,8 @@ from loops import (
 )
 from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
-from studies.snapshot import run_snapshot
 from studies.snapshot.quadrons import quadron_figure
-from tests.command import run
+from tests.command import run, run_snapshot
 from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.stability_fraction import imhof_in_doubles
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write

@@ -70,7 +70,7 @@ def _attempt(path: Path, sample: Sample, out: Path | None, writer: int) -> None:
 
 
 def _study(path: Path, sample: Sample, out: Path) -> tuple[int, str]:
-    from studies.snapshot import run_snapshot
+    from tests.command import run_snapshot
 
     before = set(path.parent.iterdir())
     status, message = 0, ""

@@ -22,11 +22,11 @@ from typing import Annotated, Any
 
 import cyclopts
 import numpy as np
+import pandas as pd
 from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import Progress
 
-from studies.output import provenance, result_folder, write_summary, write_table
 from tests.tools.mutation.covering import Covering, record_covering
 from tests.tools.mutation.mutants import Mutant, mutants_of
 
@@ -53,13 +53,13 @@ def main(
     ] = False,
     workers: Annotated[int, Parameter(help="Processes.")] = 2,
     minutes: Annotated[float, Parameter(help="Stop then, and count what was tried.")] = 600.0,
-    force: Annotated[bool, Parameter(negative=(), help="Replace results.")] = False,
 ) -> None:
     """Draw mutants of some rooms and count those that the tests notice."""
     if kernels:
         # Machine code is out of coverage's sight, and its cache does not see every change.
         os.environ["NUMBA_DISABLE_JIT"] = "1"
-    with result_folder(out, force=force) as folder, tempfile.TemporaryDirectory() as scratch:
+    out.mkdir(parents=True)
+    with tempfile.TemporaryDirectory() as scratch:
         copies = [copied(Path(scratch) / f"copy{k}") for k in range(workers)]
         drawn, equivalent = draw(rooms.split(), sample, seed, kernels=kernels)
         files = {mutant.file for mutant in drawn}
@@ -70,27 +70,19 @@ def main(
             if row["outcome"] in ("survived", "uncovered"):
                 print(f"{row['outcome']:<9} {row['file']}:{row['line']} {row['operator']}")
                 print(f"          {row['before']}")
-        counts = Counter(row["outcome"] for row in rows)
-        seen = counts["noticed"] + counts["timeout"]
-        configuration = {"sample": sample, "seed": seed, "rooms": rooms, "tests": tests}
-        configuration["kernels"] = kernels
-        summary: dict[str, Any] = {
-            "mutants": len(rows),
-            "equivalent": equivalent,
-            "outcomes": dict(counts),
-            "score": seen / max(len(rows), 1),
-            "score_by_kind": _score_by(rows, "kind"),
-            "score_by_file": _score_by(rows, "file"),
-            "provenance": provenance("mutation check", configuration, "score: share noticed"),
-        }
-        write_table(
-            folder,
-            "mutants",
-            {key: [row[key] for row in rows] for key in (rows or [{}])[0]},
-            summary["provenance"],
-            csv=True,
-        )
-        write_summary(folder, summary)
+    counts = Counter(row["outcome"] for row in rows)
+    seen = counts["noticed"] + counts["timeout"]
+    summary: dict[str, Any] = {
+        "asked": {"sample": sample, "seed": seed, "rooms": rooms, "tests": tests},
+        "mutants": len(rows),
+        "equivalent": equivalent,
+        "outcomes": dict(counts),
+        "score": seen / max(len(rows), 1),
+        "score_by_kind": _score_by(rows, "kind"),
+        "score_by_file": _score_by(rows, "file"),
+    }
+    pd.DataFrame(rows).to_csv(out / "mutants.csv", index=False)
+    (out / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
     print(f"noticed {seen} of {len(rows)}: {summary['score']:.3f}   {dict(counts)}")
 
 
