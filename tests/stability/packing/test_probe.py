@@ -205,7 +205,7 @@ def test_a_step_of_searches_is_one_up_to_592_contacts():
 def test_loops_carry_the_samples_work():
     graph = packing(30, seed=3, sliding=0.3)
     faces = find_faces(graph)
-    found = probe(Scene(graph, LAW), 12, faces=faces)
+    found = probe(Scene(graph, LAW), 12)
     assert np.allclose(found.loop_work.sum(axis=1), found.work, rtol=1e-11)
     assert np.array_equal(found.order, faces.order[faces.loops])
     assert found.area.sum() == pytest.approx(found.system.volume)
