@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from studies.frames import to_geodataframe as to_geodataframe
     from studies.frames import write_vtk as write_vtk
     from studies.one_loop import study as study
-    from studies.present_domain import loop_domain as loop_domain
+    from studies.domain import loop_domain as loop_domain
     from studies.probe import probe as probe
     from studies.series.tables import animate as animate
     from studies.series.tables import fates as fates

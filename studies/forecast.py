@@ -396,7 +396,10 @@ def run_forecast(
         tables = {"loops": found.loops, "next": found.next}
         told = asked.described() | {"held": held, "inertial_number": inertial_number}
         told |= forecast_summary(found, notes, spread=spread)
-        title, figures = f"Forecast of {readable(path.name)}", "studies.forecast_figures.figures"
+        title, figures = (
+            f"Forecast of {readable(path.name)}",
+            "studies.packing_figures.forecast_figures",
+        )
         return results.write_packing(title, snapshot, found, tables, told, figures)
 
 

@@ -21,11 +21,11 @@ from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath
 from studies.clock import of_parts
+from studies.domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.output import Summary, readable
 from studies.paths.figures import polygon_figures
 from studies.paths.followed import Followed, follow_loop
 from studies.paths.options import ProgrammeName, loop_options
-from studies.present_domain import LoopDomain, loop_domain, loop_domain_figure
 from studies.snapshot.in_packing import add_in_packing
 from studies.snapshot.summary import JUDGE_TITLES
 from studies.snapshot.table import CLOSURES, EIGENVALUES, FREE, PLACE, STABILITY, loop_columns

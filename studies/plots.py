@@ -39,10 +39,10 @@ from patterns.snapshots.snapshot import SnapshotLoop
 from stability import COMPONENTS, Path, directional_work, plane_cone, restrict, symmetric_spectrum
 from stability.material import MaterialPath
 from stability.packing import HeldPacking, Probe
+from studies.domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.packing_figures import draw_envelope, response_envelope
 from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
-from studies.present_domain import LoopDomain, draw_loop_domain, loop_domain
 from studies.results import table_of
 from studies.snapshot.figures import draw_orders, draw_rose, draw_values, loop_drawer
 from studies.snapshot.sample import Fabric

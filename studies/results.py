@@ -20,9 +20,9 @@ RATES = "status H=strain_rate P=stress_rate cauchy_=cauchy_rate"
 # only row (tensors behind the beginning of their columns); and the function that draws it.
 ANSWERS = {
     "Check": ("rows", ""),
-    "Evolution": ("loops", "studies.forecast_figures.draw_driven_stress"),
+    "Evolution": ("loops", "studies.packing_figures.draw_driven_stress"),
     "Fabric": ("columns", "studies.plots.plot_fabric"),
-    "Forecast": ("loops", "studies.forecast_figures.probability_map"),
+    "Forecast": ("loops", "studies.packing_figures.probability_map"),
     "GrainGraph": ("", "studies.plots.plot_loop"),
     "HeldPacking": ("", "studies.plots.plot_scene"),
     "LoopDomain": ("rows", "studies.plots.plot_domain"),

@@ -329,8 +329,7 @@ def domain_command(
     out = out_or(writing.out, f"loop-{loop}-domain" if path else "domain", path)
     ratios, directions = numbers("--kappa", choice.kappa), choice.directions
     with clock("grainloops domain") as tell:
-        from studies.domain import PROGRAMMES, DomainParameters, LoopDomainParameters, run_domain
-        from studies.present_domain import programmes_of
+        from studies import domain
 
         if not given:
             plain = (None, "blocked", None, 0.0, "strain")
@@ -343,22 +342,23 @@ def domain_command(
                 raise InputError(where, received, expected, remedy)
             _refuse_reading(loop, reading)
             angles = numbers("--alpha0", choice.alpha0)
-            count = PROGRAMMES if directions is None else directions
-            parameters = DomainParameters(angles, ratios, choice.phi_deg, count)
-            summary = run_domain(parameters, out, of_parts(tell, "programmes"), **writing.files())
-            return answer(writing.json, out, _domain_lines(summary))
-        if choice.alpha0 is not None:
+            count = domain.PROGRAMMES if directions is None else directions
+            wanted: Any = domain.DomainParameters(angles, ratios, choice.phi_deg, count)
+        elif choice.alpha0 is not None:
             raise InputError("--alpha0", f"given with {given}", "diamonds alone", "Leave it out.")
-        both = choice.compare is not None and not choice.closure
-        closures = ("affine", "traction") if both else (choice.closure or "affine",)
-        _, loops = _loops_of(choice, reading, closures, ratios, given)
-        if directions is None:
-            linear = all(options.contact_law == "linear" for options in loops)
-            directions = programmes_of(loops[0].spins, linear=linear)
-        control: Any = choice.programmes
-        wanted = LoopDomainParameters(tuple(loops), control, directions)
-        summary = run_domain(wanted, out, of_parts(tell, "programmes"), **writing.files())
-    return answer(writing.json, out, _loop_domain_lines(summary), summary["notes"])
+        else:
+            both = choice.compare is not None and not choice.closure
+            closures = ("affine", "traction") if both else (choice.closure or "affine",)
+            _, loops = _loops_of(choice, reading, closures, ratios, given)
+            if directions is None:
+                linear = all(options.contact_law == "linear" for options in loops)
+                directions = domain.programmes_of(loops[0].spins, linear=linear)
+            control: Any = choice.programmes
+            wanted = domain.LoopDomainParameters(tuple(loops), control, directions)
+        progress = of_parts(tell, "programmes")
+        summary = domain.run_domain(wanted, out, progress, **writing.files())
+    lines = _loop_domain_lines(summary) if given else _domain_lines(summary)
+    return answer(writing.json, out, lines, summary.get("notes", ()))
 
 
 def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:

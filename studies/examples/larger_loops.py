@@ -22,7 +22,7 @@ from loops import GrainGraph, HertzMindlin, LinearFrictional, RollingResistance,
 from loops.arrays import Floats
 from patterns import regular_polygon
 from studies.examples import run_example, save
-from studies.paths.thresholds import isotropic_threshold
+from studies.paths.followed import isotropic_threshold
 from studies.style import BLUE, GREY, LINE_COLOURS, TWO_COLUMNS, VERMILION, new_figure, styled
 
 KAPPA = 0.3

@@ -29,9 +29,8 @@ from stability import (
 )
 from studies.output import Columns
 from studies.paths.diamond import FollowedDiamond, path_dependence_table
-from studies.paths.followed import RADIUS, Followed, operator_diagram
-from studies.paths.orders import Compared
-from studies.paths.thresholds import SUBSPACES
+from studies.paths.followed import RADIUS, SUBSPACES, Followed, operator_diagram
+from studies.paths.run import Compared
 from studies.study import Drawings
 from studies.style import (
     BLACK,

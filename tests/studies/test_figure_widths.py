@@ -10,9 +10,8 @@ from matplotlib.text import Text
 
 import grainloops as gl
 from studies import style
-from studies.forecast_figures import forecast_figure
 from studies.material import draw_material
-from studies.packing_figures import order_shares, stress_and_volume
+from studies.packing_figures import forecast_figure, order_shares, stress_and_volume
 from studies.paths.diamond import follow_diamond
 from studies.paths.figures import draw_polar_figure, draw_split
 from studies.paths.options import DiamondOptions

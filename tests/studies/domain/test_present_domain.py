@@ -8,9 +8,15 @@ import pandas as pd
 import pytest
 
 import grainloops as gl
-from studies.domain import LoopDomainParameters, loop_domains
+from studies.domain import (
+    ENDS,
+    LoopDomainParameters,
+    goes_on,
+    loop_domain_figure,
+    loop_domains,
+    stretches,
+)
 from studies.paths.options import PolygonOptions
-from studies.present_domain import ENDS, goes_on, loop_domain_figure, stretches
 from tests.command import run
 
 KAPPA, START = 0.2, 0.3

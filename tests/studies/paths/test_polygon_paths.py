@@ -20,7 +20,7 @@ from stability import rates_at, restrict
 from stability.programmes import proportional_strain
 from studies.commands.loops import event_lines, state_lines
 from studies.paths.figures import draw_operators
-from studies.paths.followed import follow_loop
+from studies.paths.followed import follow_loop, thresholds
 from studies.paths.options import (
     ComparisonOptions,
     LoopOptions,
@@ -30,7 +30,6 @@ from studies.paths.options import (
     ring_of_lengths,
 )
 from studies.paths.run import run_paths
-from studies.paths.thresholds import thresholds
 from studies.style import axes_or_new
 from tests.oracles.diamond import DiamondParameters
 from tests.oracles.drained import drained_path as exact_drained_path
