@@ -329,8 +329,8 @@ def run_evolve(
             tables["forecast"] = dem_comparison(*compared)
             told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
         title = f"Path of {readable(planned[0].name)}"
-        figures, told = "studies.packing_figures.path_figures", asked.described() | told
-        summary = results.write_packing(title, snapshot, found, tables, told, figures)
+        told = asked.described() | told
+        summary = results.write_packing(title, snapshot, found, tables, told)
         if animation:
             from studies.packing_figures import animate_path
 

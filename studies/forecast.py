@@ -396,11 +396,8 @@ def run_forecast(
         tables = {"loops": found.loops, "next": found.next}
         told = asked.described() | {"held": held, "inertial_number": inertial_number}
         told |= forecast_summary(found, notes, spread=spread)
-        title, figures = (
-            f"Forecast of {readable(path.name)}",
-            "studies.packing_figures.forecast_figures",
-        )
-        return results.write_packing(title, snapshot, found, tables, told, figures)
+        title = f"Forecast of {readable(path.name)}"
+        return results.write_packing(title, snapshot, found, tables, told)
 
 
 def forecast_summary(found: Forecast, notes: Sequence[str], *, spread: bool) -> Summary:

@@ -212,7 +212,7 @@ def additive_work_map(
 # ---- paths
 
 
-def path_figures(
+def evolve_figures(
     snapshot: Snapshot, found: Any, tables: dict[str, pd.DataFrame], summary: Summary
 ) -> Drawings:
     """Every figure of a path by name."""

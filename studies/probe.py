@@ -124,8 +124,8 @@ def run_probe(
             for k, (path, far) in enumerate(zip(paths, reached, strict=True))
             if path.status != "finished"
         ]
-        title, figures = f"Probes of {readable(path.name)}", "studies.packing_figures.probe_figures"
-        return results.write_packing(title, snapshot, found, tables, told, figures)
+        title = f"Probes of {readable(path.name)}"
+        return results.write_packing(title, snapshot, found, tables, told)
 
 
 def probe(

@@ -61,6 +61,11 @@ class Results:
     csv: bool = False
     figures: Figures | None = ALL_FIGURES
 
+    @property
+    def command(self) -> str:
+        """Name of the command."""
+        return str(self.source["command"].split()[1])
+
     def write_tables(self, tables: Mapping[str, Any]) -> None:
         """Write tables by name as Parquet (and CSV if `csv`): data frames, or arrays by column."""
         for name, table in tables.items():
@@ -68,7 +73,7 @@ class Results:
 
     def write_summary(self, summary: Mapping[str, Any]) -> Summary:
         """Write `summary.json`; return the summary with its provenance and what its keys mean."""
-        told = words("definitions").get(self.source["command"].split()[1])
+        told = words("definitions").get(self.command)
         own = {} if told is None else {"definitions": told}
         whole = own | {**summary, "provenance": self.source}
         write_summary(self.folder, whole)
@@ -131,7 +136,7 @@ class Results:
 
         `largest` is the number of loops of the largest snapshot, by default `summary["loops"]`.
         """
-        told = words("captions")[self.source["command"].split()[1]]
+        told = words("captions")[self.command]
         pictures = self.save_figures(drawings)
         missing = {*(self.figures.names if self.figures else ())} - {one.name for one in pictures}
         if missing:
@@ -154,15 +159,12 @@ class Results:
         found: Any,
         tables: Mapping[str, Any],
         told: Mapping[str, Any],
-        figures: str,
     ) -> Summary:
-        """Write what was `found` of a packing, its report with the map of `tables["loops"]` too.
-
-        `figures` names the function that makes figures of snapshot, answer, tables and summary.
-        """
+        """Write what was `found` of a packing, its report with the map of `tables["loops"]` too."""
         summary = self.write_results(tables, {"mean_kn": snapshot.mean_kn, **told})
         if self.figures is not None:
-            drawings = named(figures)(snapshot, found, tables, summary)
+            draw = named(f"studies.packing_figures.{self.command}_figures")
+            drawings = draw(snapshot, found, tables, summary)
             maps = named("studies.snapshot.table.loops_for_map")(snapshot, tables["loops"])
             self.write_report(title, summary, drawings, maps)
         return summary

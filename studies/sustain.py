@@ -87,9 +87,8 @@ def run_sustain(
         tables = sustain_tables(found)
         told = asked | {"largest": found.largest, "held": held, "notes": list(snapshot.notes)}
         told |= sustain_summary(found, tables)
-        title, figures = f"Loads that {readable(path.name)} sustains", "sustain_figures"
-        figures = f"studies.packing_figures.{figures}"
-        summary = results.write_packing(title, snapshot, found, tables, told, figures)
+        title = f"Loads that {readable(path.name)} sustains"
+        summary = results.write_packing(title, snapshot, found, tables, told)
     store.remove()
     return summary
 

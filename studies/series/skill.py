@@ -187,26 +187,18 @@ def _predicted(
     def past(name: str) -> Floats:
         return unknown if earlier is None else _of_all(state, earlier[name], earlier["loop_after"])
 
-    packed = "fate" in state
-    work = {"packing": -state["packing_w2"], "own_motion": -state["own_w2"]} if packed else {}
-    walked = {name: column for name, column in EVENT_PREDICTORS.items() if f"{column}_w2" in state}
-    work |= {name: -state[f"{column}_w2"] for name, column in walked.items()}
+    def by(what: str) -> dict[str, Floats]:
+        columns = {name: f"{way}_{what}" for name, way in TIMES.items()}
+        return {name: state[column] for name, column in columns.items() if column in state}
+
+    work = {name: -values for name, values in by("w2").items()}
     yield TARGET, actual[TARGET], work, -past("w2")
-    if not packed:
+    if "fate" not in state:
         return
-    nonaffinity = {"packing": state["packing_nonaffinity"]}
-    nonaffinity |= {name: state[f"{column}_nonaffinity"] for name, column in walked.items()}
-    yield "nonaffine", actual["nonaffine"], nonaffinity, past("nonaffinity")
+    yield "nonaffine", actual["nonaffine"], by("nonaffinity"), past("nonaffinity")
     # Persistence: a loop that was not there before the last interval changes again.
     new = unknown if earlier is None else np.where(np.isnan(past("w2")), 1.0, -1.0)
-    opening, closing = (
-        {
-            name: state[f"{column}_{what}"]
-            for name, column in TIMES.items()
-            if f"{column}_{what}" in state
-        }
-        for what in ("opening", "closing")
-    )
+    opening, closing = by("opening"), by("closing")
     soon = {name: _soon(time) for name, time in opening.items()}
     yield "contact_lost", actual["contact_lost"], soon, new
     soon = {name: _soon(np.minimum(opening[name], closing[name])) for name in opening}

@@ -316,7 +316,7 @@ def do_tasks(
         closing(runner(do_task, open_tasks)) as answers,
     ):
         row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
-        for answer in answers:
+        for _, answer in answers:
             bar.advance(row)
             if answer is not None and not (skip_bad and answer.skippable):
                 raise answer.error()

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 # A limit holds for libraries that are loaded before it: scipy has linear algebra of its own.
 import scipy.linalg  # noqa: F401
@@ -31,13 +31,14 @@ from studies import environment
 from studies.clock import Progress, clock, paced
 from studies.output import code_version, errors_of, write_whole
 
-Asked = TypeVar("Asked")
-Answer = TypeVar("Answer")
 THREADS = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
     *("VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS"),
 )
-Runner = Callable[[Callable[[Any], Any], Sequence[Any]], Generator[Any]]
+Function = Callable[[Any], Any]
+# Places of tasks and their answers, in any order; closed, it drops the tasks that have not started.
+Answers = Generator[tuple[int, Any]]
+Runner = Callable[[Function, Sequence[Any]], Answers]
 
 # Seconds to wait for an answer of the scheduler, and for a first worker.
 PATIENCE = 8
@@ -64,28 +65,10 @@ def open_runner(
         yield partial(run_in_processes, pool)
 
 
-def run_here(function: Callable[[Asked], Answer], tasks: Sequence[Asked]) -> Generator[Answer]:
+def run_here(function: Function, tasks: Sequence[Any]) -> Answers:
     """Yield the answers one after the other, in this process."""
-    for task in tasks:
-        yield function(task)
-
-
-@dataclass(frozen=True, eq=False)
-class Direction:
-    """Task of a worker: a function of one of many directions, by their numbers."""
-
-    number: int
-    function: Callable[[Any], Any]
-    given: Any
-
-    @property
-    def name(self) -> str:
-        """Name in messages."""
-        return f"direction {self.number}"
-
-
-def _answer(task: Direction) -> tuple[int, Any]:
-    return task.number, task.function(task.given)
+    for place, task in enumerate(tasks):
+        yield place, function(task)
 
 
 @dataclass(frozen=True)
@@ -124,20 +107,20 @@ class Store:
 
 def in_directions(
     runner: Runner,
-    function: Callable[[Any], Answer],
+    function: Function,
     given: Sequence[Any] | Floats,
     store: Store | None = None,
     progress: Progress | None = None,
-) -> list[Answer]:
+) -> list[Any]:
     """Answers for all directions, independent of the number of processes; a store keeps them."""
     found = {} if store is None else store.read(len(given))
     after_one = paced(progress, len(given), len(found))
-    left = [Direction(k, function, one) for k, one in enumerate(given) if k not in found]
-    with closing(runner(_answer, left)) as answers:
-        for number, answer in answers:
+    left = [k for k in range(len(given)) if k not in found]
+    with closing(runner(function, [given[k] for k in left])) as answers:
+        for place, answer in answers:
             if store is not None:
-                store.write(number, answer)
-            found[number] = answer
+                store.write(left[place], answer)
+            found[left[place]] = answer
             after_one()
     return [found[k] for k in range(len(given))]
 
@@ -157,19 +140,17 @@ def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def run_in_processes(
-    pool: ProcessPoolExecutor, function: Callable[[Asked], Answer], tasks: Sequence[Asked]
-) -> Generator[Answer]:
-    """Yield the answers in any order, from processes of one thread each.
-
-    Closing the generator drops the tasks that have not started.
-    """
-    futures: list[Future[Answer]] = []
+    pool: ProcessPoolExecutor, function: Function, tasks: Sequence[Any]
+) -> Answers:
+    """Yield the answers from processes of one thread each."""
+    places: dict[Future[Any], int] = {}
     try:
         # The processes start while the tasks are handed out, one a core, of one thread each.
         with environment(**dict.fromkeys(THREADS, "1")), _interrupts_held():
-            futures += [pool.submit(function, task) for task in tasks]
-        for future in as_completed(futures):
-            yield future.result()
+            for place, task in enumerate(tasks):
+                places[pool.submit(function, task)] = place
+        for future in as_completed(places):
+            yield places[future], future.result()
     except BrokenProcessPool:
         raise InputError(
             "a worker process",
@@ -178,7 +159,7 @@ def run_in_processes(
             "Its memory may be used up: give a smaller --workers. Finished snapshots are kept.",
         ) from None
     finally:
-        for future in futures:
+        for future in places:
             future.cancel()
 
 
@@ -242,25 +223,21 @@ def connected(address: str, paths: Sequence[Path]) -> Iterator[Any]:
             logging.getLogger(name).setLevel(level)
 
 
-def run_on_cluster(
-    client: Any, function: Callable[[Any], Answer], tasks: Sequence[Any]
-) -> Generator[Answer]:
-    """Yield the answers in any order; the tasks of a lost worker go to another one.
+def run_on_cluster(client: Any, function: Function, tasks: Sequence[Any]) -> Answers:
+    """Yield the answers; the tasks of a lost worker go to another one.
 
-    Tasks have a `name` for messages.
+    Tasks may have a `name` for messages.
     """
     from distributed import CancelledError, KilledWorker, as_completed
 
-    futures = client.map(function, tasks, pure=False, key=function.__name__)
-    named: dict[Any, str] = {
-        future.key: task.name for future, task in zip(futures, tasks, strict=True)
-    }
+    futures = client.map(function, tasks, pure=False, key="grainloops")
+    places = {future.key: place for place, future in enumerate(futures)}
     try:
         for future in as_completed(futures, loop=client.loop):
-            yield future.result()
+            yield places[future.key], future.result()
     except KilledWorker as error:
         raise InputError(
-            named.get(error.task, str(error.task)),
+            getattr(tasks[places[error.task]], "name", "a direction"),
             "the loss of every worker that computed it",
             "an answer",
             "Their memory may be used up: give the workers more. Finished snapshots are kept.",

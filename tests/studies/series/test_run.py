@@ -474,7 +474,7 @@ def test_an_interrupt_is_not_lost_while_processes_start():
     # The processes hold it back for good, the main process does not.
     held = functools.partial(signal.pthread_sigmask, signal.SIG_BLOCK)
     with workers.processes(1) as pool:
-        (found,) = workers.run_in_processes(pool, held, [()])
+        ((_, found),) = workers.run_in_processes(pool, held, [()])
     assert signal.SIGINT in found and signal.SIGINT not in held(())
 
 
