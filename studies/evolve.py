@@ -32,7 +32,13 @@ from studies.paths.options import ProgrammeName, programme_named
 from studies.questions import Evolving, Holding, Replaying, options_of, taken
 from studies.reading import plan_series, reading
 from studies.series.evolution import sample_strain
-from studies.series.packing import DEFAULT_RATE, Following, Rate, interval_rate, stress_of
+from studies.series.packing import (
+    DEFAULT_RATE,
+    Rate,
+    interval_rate,
+    path_from_replay,
+    stress_of,
+)
 from studies.snapshot.in_packing import balance_notes, held_snapshot
 from studies.snapshot.regions import Property, compared, loop_regions
 from studies.snapshot.table import loop_polygons
@@ -302,9 +308,8 @@ def run_evolve(
         after = [one.read() for one in planned[1:]]
         notes, rate = [*snapshot.notes, *balance_notes(snapshot)], None
         if asked.by != "events":
-            known = rates.inertial_number, rates.time_step, rates.mean_mass
-            follows, moments = Following(asked.past, *known), [one.time for one in planned]
-            rate = replay_rate(snapshot, after, moments, follows, asked.stages[0])
+            moments = [one.time for one in planned]
+            rate = replay_rate(snapshot, after, moments, rates, asked.stages[0])
         found = followed(snapshot, asked, rate, progress)
         changes = found.changes()
         tables = {
@@ -316,20 +321,17 @@ def run_evolve(
         if len(found.ways) > 1:
             tables["replay_loops"] = found.loops("replay")
             tables["replay"] = row_table(found.ways["replay"]).drop(columns="events")
-        if regions is not None:
-            tables["regions"], told_regions = evolved_regions(tables["loops"], regions)
         if after:
             tables["dem"] = dem_table(snapshot, [one.name for one in planned[1:]], after)
         told = evolution_summary(found, tables, rate) | {"notes": notes, "held": held}
-        told |= {"dem": len(after), "forecast": None}
+        told |= asked.described() | {"dem": len(after), "forecast": None}
         if regions is not None:
-            told["regions"] = told_regions
+            tables["regions"], told["regions"] = evolved_regions(tables["loops"], regions)
         if after and found.driven[0] == "H" and len(asked.turns) == 1:
             compared = found.ways, tables["dem"], found.driven, found.sense
             tables["forecast"] = dem_comparison(*compared)
             told["forecast"] = dem_comparison_summary(tables["forecast"], [*found.ways])
         title = f"Path of {readable(planned[0].name)}"
-        told = asked.described() | told
         summary = results.write_packing(title, snapshot, found, tables, told)
         if animation:
             from studies.packing_figures import animate_path
@@ -394,11 +396,8 @@ def beside_path(found: Evolution, tables: Mapping[str, pd.DataFrame]) -> Summary
 
     The distance is None where the path ended before the replay.
     """
-    path, other = found.ways["events"], found.ways["replay"]
-    count = found.scene.graph.contact_count
-    ends = other.states[-1], path.states[-1], path.states[0]
-    last, end, first = (state.forces[:count] for state in ends)
-    apart = float(np.linalg.norm(end - last) / np.linalg.norm(last - first))
+    path, end = found.ways["events"], found.ways["replay"].states[-1]
+    apart = path_from_replay(path, end, found.scene.graph.contact_count)
     return {
         "end": end_of(tables["replay"], found.driven),
         "negative_loops": negative_share(tables["replay_loops"]),
@@ -522,7 +521,7 @@ def replay_rate(
     snapshot: Snapshot,
     after: Sequence[Snapshot],
     times: Sequence[float | None],
-    known: Following,
+    known: Replaying,
     stage: Stage,
 ) -> Rate:
     """Rate of the replay of a stage: that of the code until the next snapshot."""

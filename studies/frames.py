@@ -21,7 +21,7 @@ from patterns.snapshots.findings import SEVERITIES, Finding, crossings, worst_se
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Event, Path
 from stability.packing.path import columns
-from studies.output import SIGNS, components, described, folder_for_files, provenance
+from studies.output import SIGNS, Summary, components, described, folder_for_files, provenance
 from studies.snapshot import chains_on_loops
 from studies.snapshot import table as tables
 from studies.snapshot.in_packing import BANDS, add_in_packing
@@ -335,6 +335,13 @@ def order_work_table(
     return pd.DataFrame(
         {name: np.broadcast_to(value, total.shape).ravel() for name, value in columns.items()}
     )
+
+
+def work_shares(rows: pd.DataFrame) -> Summary:
+    """Shares of the loops by order, of the rows of one direction in `order_work_table`."""
+    names = ["loops", "area_share", "W2_share", "negative_share"]
+    by_order = rows.set_index("order")[names].to_dict("index")
+    return {str(order): shares for order, shares in by_order.items()}
 
 
 def loop_work_table(

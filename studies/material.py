@@ -123,19 +123,14 @@ def run_material(
             "loops": len(loops.weights),
             "orders": {int(n): int((loops.orders == n).sum()) for n in np.unique(loops.orders)},
             **values_of(options, "closure", "programme", "steps"),
-            **{
-                name: end_and_peak(table[table["set"] == name], path)
-                for name, path in paths.items()
-            },
+            **{name: end_and_peak(rows[name], path) for name, path in paths.items()},
             **{"loop": number, "notes": notes, "axis": axis, **start_of(stress)},
         }
         name = f"{options.order} grains" if snapshot is None else readable(snapshot.name)
-        tables, drawn = (
-            {"path": table, "loops": averaged_loops(loops)},
-            lambda: draw_material(table),
-        )
+        tables = {"path": table, "loops": averaged_loops(loops)}
+        drawn = [("material", lambda: draw_material(table))]
         title = f"Loops of {name} as a material"
-        return results.write_results(tables, values, [("material", drawn)], title)
+        return results.write_results(tables, values, drawn, title)
 
 
 def _single(loops: LoopSet, number: int | None) -> int:

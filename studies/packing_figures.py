@@ -33,6 +33,7 @@ from studies.style import (
     ORANGE,
     SEQUENTIAL,
     SKY,
+    TWO_COLUMNS,
     VERMILION,
     edge_ticks,
     figure_of,
@@ -424,10 +425,9 @@ def _radius(share: Any) -> Any:
     return 1.0 - np.log10(np.clip(share, LOWEST_LOAD, 1.0)) / np.log10(LOWEST_LOAD)
 
 
-@styled()
-def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
+@panel(TWO_COLUMNS, 2.9)
+def load_curves(found: Sustained, paths: pd.DataFrame, ax: Axes) -> None:
     """Load over the size of the strain along every direction."""
-    figure, ((ax,),) = new_panels(1, 1, 2.9)
     size = np.sqrt(sum(paths[f"H{ij}"] ** 2 for ij in ("11", "12", "21", "22")))
     # The start is at minus infinity: a line from there would look like a snap.
     size = size.where(size > 0)
@@ -452,7 +452,6 @@ def load_curves(found: Sustained, paths: pd.DataFrame) -> Figure:
         ax.text(*place, name, fontsize=6, **look)
     ax.set(xlabel=r"strain $|H|$ (–)", ylabel="load (force/length)", xscale="log")
     ax.legend()
-    return figure
 
 
 # ---- forecasts

@@ -23,7 +23,7 @@ from stability.packing.hold import HoldControl
 from stability.packing.probe import probe_by_increment, probe_to, search_step
 from stability.packing.regime_regions import NEUTRAL, Driven, Subspace
 from stability.path import Past
-from studies.frames import loop_work_table, order_work_table
+from studies.frames import loop_work_table, order_work_table, work_shares
 from studies.output import Columns, Summary, components, readable, values_of
 from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
@@ -260,9 +260,7 @@ def probe_summary(found: Probe, orders: pd.DataFrame) -> Summary:
     if softest is not None:
         # Every direction has the same number of rows.
         per_direction = len(orders) // len(theta)
-        rows = orders[softest * per_direction :][:per_direction].set_index("order")
-        names = ["loops", "area_share", "W2_share", "negative_share"]
-        shares = {str(order): row for order, row in rows[names].to_dict("index").items()}
+        shares = work_shares(orders[softest * per_direction :][:per_direction])
     if found.directions.shape[1] == 2 and len(found.arcs):
         # Arcs overlap only where a direction has several solutions.
         cover = float(min(np.ptp(found.arcs, axis=1).sum() / (2.0 * np.pi), 1.0))

@@ -27,7 +27,7 @@ from stability.packing.regime_regions import Subspace
 from stability.packing.sustain import LARGE, Loading, load_path
 from stability.path import Path as LoadedPath
 from studies.clock import Progress
-from studies.frames import load_table, loop_work_table, order_work_table
+from studies.frames import load_table, loop_work_table, order_work_table, work_shares
 from studies.output import (
     Summary,
     code_version,
@@ -292,9 +292,7 @@ def sustain_summary(found: Sustained, tables: dict[str, pd.DataFrame]) -> Summar
         row = whole.where(whole.notna() & (whole != np.inf), None).iloc[weakest].to_dict()
         row["limit_converged"] = found.paths[weakest].limit_spread < np.inf
         orders = tables["orders"]
-        own = orders[orders["theta_deg"] == row["theta_deg"]].set_index("order")
-        wanted = ["loops", "area_share", "W2_share", "negative_share"]
-        shares = {str(order): one for order, one in own[wanted].to_dict("index").items()}
+        shares = work_shares(orders[orders["theta_deg"] == row["theta_deg"]])
     return {
         "loops": len(tables["loops"]),
         "orders": shares,

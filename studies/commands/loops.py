@@ -22,8 +22,8 @@ from studies.commands import (
     flags,
     numbers,
     out_or,
+    printed,
 )
-from studies.commands.printed import printed
 from studies.questions import (
     FURTHER,
     ClosureOption,

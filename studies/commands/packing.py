@@ -20,11 +20,12 @@ from studies.commands import (
     Writing,
     answer,
     answered,
+    driven_line,
     flags,
     numbers,
     out_or,
+    printed,
 )
-from studies.commands.printed import driven_line, printed
 from studies.questions import (
     FURTHER,
     Averaging,

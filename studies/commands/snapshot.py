@@ -25,8 +25,9 @@ from studies.commands import (
     Sharing,
     Writing,
     answered,
+    printed,
+    shown,
 )
-from studies.commands.printed import printed, shown
 from studies.questions import FURTHER, AsGiven, Cells, Replaying, Snapshotting, Tracking
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from loops import (
     outline_area,
     polygon_area,
 )
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
 from loops.closures import Closure, Spins
 from loops.stress_strain import (
     best_fit_strain,
@@ -258,10 +258,15 @@ def sample_strain(
         sides = box_sides(one.x, before.walls), box_sides(two.x, after.walls)
         if sides[0] is not None and sides[1] is not None:
             return np.diag(1.0 - sides[1] / sides[0]), "walls"
-    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
+    here, there = common_grains(before, after)
     if len(here) < 3:
         return np.full((2, 2), np.nan), "unknown"
     return best_fit_strain(one.x[here], two.x[there]), "grains"
+
+
+def common_grains(before: Snapshot, after: Snapshot) -> tuple[Integers, Integers]:
+    """Return the grains that are in both snapshots, by their numbers in each."""
+    return np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)[1:]
 
 
 def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
@@ -270,7 +275,7 @@ def moved_branches(before: Snapshot, after: Snapshot, strain: Floats) -> Floats:
     In a cell those of the images that are nearest after `strain` (2, 2).
     """
     graph, cell = before.graph, after.graph.cell
-    _, here, there = np.intersect1d(before.ids, after.ids, assume_unique=True, return_indices=True)
+    here, there = common_grains(before, after)
     x = np.full((graph.grain_count, 2), np.nan)
     x[here] = after.graph.x[there]
     i, j = graph.contacts.T

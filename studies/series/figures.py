@@ -84,8 +84,12 @@ VERDICT_LOOKS = dict(zip(VERDICTS, ((BLUE, "o"), (VERMILION, "s"), (GREY, "^")),
 # Largest order in the figure of kinetics, and colours of the merged loops by order.
 LAST_DRAWN = 12
 MERGED = dict(zip(range(4, 9), (SKY, BLUE, GREEN, ORANGE, VERMILION), strict=True))
-MAPPED_COLUMNS = ("W2", "w2", *PREDICTIONS)
-PACKING_COLUMNS = ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing")
+# Columns of a map by the dataset of the interval that follows the snapshot.
+MAPPED_COLUMNS = {
+    "fates": ("fate", "successor", "order_after"),
+    "increments": ("W2", "w2", *PREDICTIONS, "nonaffinity"),
+    "packing": ("packing_w2", "packing_nonaffinity", "packing_opening", "packing_closing"),
+}
 SMALLEST = "traction_lambda_min"
 # Maps on a page, at most.
 MOST_MAPS = 20
@@ -455,17 +459,12 @@ def maps_of(series: Series, counts: Sequence[int], first: int) -> list[LoopsForM
     for k in places:
         one, table = planned[k], pd.read_parquet(series.parts["loops"][k])
         table = table.drop(columns=["grains", "snapshot", "step"])
-        if k < len(intervals):
-            parts = intervals[k].parts
-            fates = pd.read_parquet(parts["fates"])[: len(table)]
-            table = table.join(fates[["fate", "successor", "order_after"]])
-            own = pd.read_parquet(parts["increments"]).set_index("loop_before")
-            table = table.join(
-                own[[name for name in (*MAPPED_COLUMNS, "nonaffinity") if name in own]]
-            )
-            if "packing" in parts:
-                predicted = pd.read_parquet(parts["packing"])
-                table = table.join(predicted[[n for n in PACKING_COLUMNS if n in predicted]])
+        parts = intervals[k].parts if k < len(intervals) else {}
+        for dataset in (one for one in MAPPED_COLUMNS if one in parts):
+            own = pd.read_parquet(parts[dataset])
+            own = own.set_index("loop_before" if "loop_before" in own else "loop")
+            own = own[own.index >= 0]
+            table = table.join(own[[n for n in MAPPED_COLUMNS[dataset] if n in own]])
         name = f"{one.number} ({one.name})"
         place: Any = {"name": name, "number": one.number, "first": k == first, "about": about}
         maps += loops_for_map(one.read(), table, **place)

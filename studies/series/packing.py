@@ -15,7 +15,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path as File
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from patterns import Snapshot
 from patterns.snapshots.cells import CELL_COLUMNS
 from patterns.snapshots.tables import read_table
 from patterns.snapshots.walls import box_corners
-from stability import COMPONENTS, Programme, Stage, follow
+from stability import COMPONENTS, Path, Programme, Stage, follow
 from stability.packing import (
     LoopRates,
     indicators,
@@ -45,7 +45,8 @@ from stability.packing.yielding import component_control
 from stability.path import Past
 from stability.programmes import nominal
 from studies.output import Columns, Row
-from studies.series.evolution import cell_strain, moved_branches, sample_strain
+from studies.questions import Replaying
+from studies.series.evolution import cell_strain, common_grains, moved_branches, sample_strain
 from studies.snapshot.in_packing import (
     balance_notes,
     fixed_point,
@@ -127,7 +128,7 @@ def interval_rate(
     after: Snapshot,
     H: Floats,
     times: Sequence[float | None],
-    asked: Following,
+    asked: Following | Replaying,
     loading: IntervalLoading | None = None,
 ) -> Rate:
     """Rate at which the code strained its sample by `H` from one snapshot to the next.
@@ -164,7 +165,10 @@ def interval_rate(
 
 
 def times_of(
-    before: Snapshot, after: Snapshot, times: Sequence[float | None], asked: Following
+    before: Snapshot,
+    after: Snapshot,
+    times: Sequence[float | None],
+    asked: Following | Replaying,
 ) -> tuple[float | None, float | None]:
     """Times of both snapshots as far as known: of a table, else of the file, else by the steps."""
     known = [*times]
@@ -225,8 +229,7 @@ def packing_predictions(
     if before.rotation is not None and after.rotation is not None:
         # The packing under the grains' actual motion. Codes give angles up to a full turn; a grain
         # turns by less than half of one in an interval.
-        ids = before.ids, after.ids
-        _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
+        here, there = common_grains(before, after)
         turned = after.rotation[there] - before.rotation[here]
         spin = np.full(graph.grain_count, np.nan)
         spin[here] = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
@@ -296,12 +299,7 @@ def _by_events(
         ).state  # fmt: skip
         row["replay_stress_error"] = stress_error(ends["replay"], after)
         if "path" in ends:
-            first, last, other = (
-                state.forces[: graph.contact_count]
-                for state in (path.states[0], ends["replay"], ends["path"])
-            )
-            apart = np.linalg.norm(other - last) / np.linalg.norm(last - first)
-            row["path_from_replay"] = float(apart)
+            row["path_from_replay"] = path_from_replay(path, ends["replay"], graph.contact_count)
     except InputError as error:
         notes.append(f"not followed by events: {error}")
     columns: Columns = {}
@@ -309,6 +307,13 @@ def _by_events(
         changes = loop_changes(graph, end, before.faces)
         columns |= _picked(changes, {f"{name}_{key}": field for key, field in EVENT_FIELDS.items()})
     return columns, row, notes
+
+
+def path_from_replay(path: Path, replayed: PackingState, contacts: int) -> float:
+    """Distance of the contact forces at both ends, over their change on the replay."""
+    ends = path.states[0], replayed, path.states[-1]
+    first, last, other = (state.forces[:contacts] for state in ends)
+    return float(np.linalg.norm(other - last) / np.linalg.norm(last - first))
 
 
 def stress_error(end: PackingState, after: Snapshot) -> float | None:
@@ -349,8 +354,7 @@ def indicator_columns(before: Snapshot, previous: Snapshot | None) -> Columns:
     if previous is not None:
         strain, _ = sample_strain(previous, before)
         moved = least_squares_nonaffinity(previous.graph, moved_branches(previous, before, strain))
-        ids = before.ids, previous.ids
-        _, here, there = np.intersect1d(*ids, assume_unique=True, return_indices=True)
+        here, there = common_grains(before, previous)
         nonaffinity[here] = moved[there]
     try:
         found = indicators(before, nonaffinity=nonaffinity)
@@ -413,7 +417,7 @@ class StrainTable:
         return np.eye(2) - np.array(F_at) @ np.linalg.inv(first), np.append(shares[:-1], 1.0)
 
 
-def read_strains(path: Path) -> StrainTable:
+def read_strains(path: File) -> StrainTable:
     """Read strains over time: `time` with the cell `h_xx`, ... or with `H11`, `H22` (`H12`, `H21`).
 
     `InputError` if columns lack, times don't grow, or a cell has no area.

@@ -11,7 +11,7 @@ from loops import ForceChains, force_chains
 from loops.arrays import Integers
 from loops.errors import InputError, check_choice
 from patterns import Snapshot
-from studies.output import Summary, definitions, readable
+from studies.output import Summary, definitions, readable, values_of
 from studies.questions import Snapshotting, taken
 from studies.reading import read_planar, reading
 from studies.snapshot.in_packing import add_in_packing
@@ -23,7 +23,7 @@ from studies.snapshot.summary import (
     snapshot_summary,
     verdict_properties,
 )
-from studies.snapshot.table import loop_columns
+from studies.snapshot.table import loop_columns, loops_for_map, write_paraview
 from studies.study import files_of, study
 
 
@@ -36,10 +36,8 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     in_packing, hold, yield_band = asked.in_packing, asked.hold, asked.yield_band
     files = files_of(how)
     configuration = {"path": path, **reading(**how)}
-    if asked.input_error is not None:
-        configuration["input_error"] = asked.input_error
-    if asked.regions is not None:
-        configuration["regions"] = asked.regions
+    given = values_of(asked, "input_error", "regions").items()
+    configuration |= {name: value for name, value in given if value is not None}
     if in_packing is not None:
         from loops.in_place import METHODS
 
@@ -62,60 +60,48 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
             )
         if on_loops is not None:
             table["chain_contacts"] = on_loops
+        tables, more, keys = dict[str, Any](), Summary(), list[str]()
+        drawn: list[tuple[str, Any]] = []
         if asked.regions is not None:
             by_region = compared(table, asked.regions, verdict_properties(table))
-        certain = None
-        if asked.input_error is not None:
-            from studies.snapshot.input_error import add_input_errors, certain_columns
+            tables["regions"], more["regions"] = by_region
+            keys.append("regions")
+        if asked.quadrons:
+            from studies.snapshot.quadrons import quadron_columns, quadron_figure, quadron_summary
 
-            certain = add_input_errors(snapshot, table, asked.input_error)
+            quadrons = tables["quadrons"] = quadron_columns(snapshot)
+            more["quadrons"] = quadron_summary(quadrons)
+            drawn.append(("quadrons", lambda: quadron_figure(quadrons)))
+        if asked.input_error is not None:
+            from studies.snapshot.input_error import add_input_errors, certain_columns, draw_certain
+
+            more |= add_input_errors(snapshot, table, asked.input_error)
+            certain = tables["certain"] = certain_columns(snapshot, table)
+            keys.append("snapshot_input_error")
+            drawn.append(("certain", lambda: draw_certain(certain, str(asked.input_error))))
         # Writing a million loops takes a third of the time of the summary, on another core.
         with ThreadPoolExecutor(1) as other:
             written = other.submit(results.write_tables, {"loops": table})
             beside = None if chains is None else other.submit(chains_table, table)
-            summary = snapshot_summary(snapshot, table, in_place, chains)
+            summary = snapshot_summary(snapshot, table, in_place, chains) | more
             written.result()
         summary["notes"] += notes
-        tables: dict[str, Any] = {"orders": order_columns(summary, table)}
-        if certain is not None:
-            summary |= certain
-            summary["definitions"] |= definitions("snapshot_input_error")
-            tables["certain"] = certain_columns(snapshot, table)
-        if asked.regions is not None:
-            tables["regions"], summary["regions"] = by_region
-            summary["definitions"] |= definitions("regions")
-        if asked.quadrons:
-            from studies.snapshot.quadrons import quadron_columns, quadron_summary
-
-            tables["quadrons"] = quadron_columns(snapshot)
-            summary["quadrons"] = quadron_summary(tables["quadrons"])
+        summary["definitions"] |= definitions(*keys)
+        tables["orders"] = order_columns(summary, table)
         if beside is not None:
             tables["chains"] = beside.result()
         if results.figures:
             tables["fabric"] = fabric_table(snapshot.graph, summary)
         summary = results.write_results(tables, summary)
         if asked.paraview:
-            from studies.snapshot.table import write_paraview
-
             write_paraview(results.folder, snapshot, table, results.source)
         if results.figures:
             from studies.snapshot.figures import chain_segments, snapshot_figures
-            from studies.snapshot.table import loops_for_map
 
             links = {} if chains is None else {"links": chain_segments(snapshot, chains)}
-            drawn = snapshot_figures(snapshot, table, summary, **links)
-            if asked.quadrons:
-                from studies.snapshot.quadrons import quadron_figure
-
-                drawn = chain(drawn, [("quadrons", lambda: quadron_figure(tables["quadrons"]))])
-            if certain is not None:
-                from studies.snapshot.input_error import draw_certain
-
-                shown = tables["certain"], str(asked.input_error)
-                drawn = chain(drawn, [("certain", lambda: draw_certain(*shown))])
-            title = f"Loops of {readable(path.name)}"
+            every = chain(snapshot_figures(snapshot, table, summary, **links), drawn)
             maps = loops_for_map(snapshot, table, **links)
-            results.write_report(title, summary, drawn, maps)
+            results.write_report(f"Loops of {readable(path.name)}", summary, every, maps)
     return summary
 
 

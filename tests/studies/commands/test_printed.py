@@ -2,8 +2,8 @@
 
 import pytest
 
+from studies.commands import CONDITION, Filling, driven_line, printed
 from studies.commands.loops import _loop_domain_lines
-from studies.commands.printed import CONDITION, Filling, driven_line, printed
 from studies.output import words
 
 SUMMARY = {
