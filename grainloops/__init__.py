@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from stability.packing import indicators as indicators
     from stability.packing import replay as replay
     from studies import __version__ as __version__
+    from studies.domain import loop_domain as loop_domain
     from studies.evolve import evolve as evolve
     from studies.forecast import forecast as forecast
     from studies.frames import chain_table as chain_table
@@ -75,7 +76,6 @@ if TYPE_CHECKING:
     from studies.frames import to_geodataframe as to_geodataframe
     from studies.frames import write_vtk as write_vtk
     from studies.one_loop import study as study
-    from studies.domain import loop_domain as loop_domain
     from studies.probe import probe as probe
     from studies.series.tables import animate as animate
     from studies.series.tables import fates as fates

@@ -36,8 +36,8 @@ def run_snapshot(path: Path, out: Path, **how: Any) -> Summary:
     in_packing, hold, yield_band = asked.in_packing, asked.hold, asked.yield_band
     files = files_of(how)
     configuration = {"path": path, **reading(**how)}
-    given = values_of(asked, "input_error", "regions").items()
-    configuration |= {name: value for name, value in given if value is not None}
+    chosen = values_of(asked, "input_error", "regions").items()
+    configuration |= {name: value for name, value in chosen if value is not None}
     if in_packing is not None:
         from loops.in_place import METHODS
 
