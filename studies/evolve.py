@@ -17,6 +17,7 @@ from loops import Faces, InputError
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import contacts_at_start
 from loops.errors import check_choice, number, whole_number
+from loops.lazy import named
 from loops.scene import Scene, Subject
 from loops.shown import Shown, counted
 from patterns import Snapshot, planar
@@ -334,11 +335,10 @@ def run_evolve(
         title = f"Path of {readable(planned[0].name)}"
         summary = results.write_packing(title, snapshot, found, tables, told)
         if animation:
-            from studies.packing_figures import animate_path
-
             # Nothing has moved at the start.
             works = [np.zeros(len(tables["loops"])), *(one.normalised_work for one in changes)]
-            animate_path(snapshot, np.array(works), tables["path"], summary, results.folder)
+            animate = named("studies.packing_figures.animate_path")
+            animate(snapshot, np.array(works), tables["path"], summary, results.folder)
     return summary
 
 

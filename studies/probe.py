@@ -208,19 +208,18 @@ def probe_table(found: Probe) -> Columns:
     }
 
 
-def direction_paths(found: Probe, paths: Sequence[FollowedPath]) -> Columns:
+def direction_paths(found: Probe, paths: Sequence[FollowedPath]) -> pd.DataFrame:
     """Every recorded row of the directions' paths, those that ended on the way too."""
-    rows = [len(path) for path in paths]
-    return {
-        "direction": np.repeat(np.arange(len(paths)), rows),
-        "theta_deg": np.repeat(np.degrees(found.theta), rows),
-        "row": np.concatenate([np.arange(count) for count in rows]),
-        "driven": np.concatenate([path.parameter for path in paths]),
-        **components("H", np.concatenate([path.H for path in paths])),
-        **components("P", np.concatenate([path.P for path in paths])),
-        "status": np.repeat([path.status for path in paths], rows),
-        "message": np.repeat([path.message for path in paths], rows),
-    }
+    angles = np.degrees(found.theta).tolist()
+    parts = [
+        pd.DataFrame({
+            **{"direction": k, "theta_deg": angle, "row": np.arange(len(path))},
+            **{"driven": path.parameter, **components("H", path.H), **components("P", path.P)},
+            **values_of(path, "status", "message"),
+        })
+        for k, (angle, path) in enumerate(zip(angles, paths, strict=True))
+    ]  # fmt: skip
+    return pd.concat(parts, ignore_index=True)
 
 
 def solution_table(found: Probe) -> Columns:

@@ -233,11 +233,9 @@ def series_tables(
 def long_steps(evolution: pd.DataFrame) -> list[str]:
     """Warning of the intervals whose strain is too long for any rate of their start."""
     ends, steps = evolution["snapshot"].tolist(), evolution["step_strain"].tolist()
-    found = [
-        f"{ends[k - 1]} to {ends[k]} by {steps[k]:.2g}"
-        for k in range(1, len(steps))
-        if pd.notna(steps[k]) and steps[k] > LONG_STEP
-    ]
+    intervals = zip(pairwise(ends), steps[1:], strict=True)
+    found = [f"{start} to {end} by {step:.2g}" for (start, end), step in intervals
+             if pd.notna(step) and step > LONG_STEP]  # fmt: skip
     told = (
         f"the sample strains by more than 1e-4 from snapshot {', '.join(found)}: rates of the "
         "start (packing, grains' own motion, closures) do not hold over such an interval; "

@@ -110,33 +110,30 @@ def fabric(snapshot: Snapshot | Subject) -> Fabric:
     graph, faces = snapshot.graph, snapshot.faces
     branches = graph.branches
     contacts, length = direction_tensors(branches), np.hypot(*branches.T)
-    sets: list[tuple[str, Floats, Floats | None]] = [("contacts", contacts, None)]
+    sets: dict[str, tuple[Floats, Floats | None]] = {"contacts": (contacts, None)}
     if snapshot.has_forces:
         strong = strong_contacts(snapshot)
-        sets += [("strong contacts", contacts[strong], None)]
-        sets += [("weak contacts", contacts[~strong], None)]
-        sets += [("contacts by force", contacts, graph.normal_force)]
-    sets += [("contacts by length", contacts, length)]
+        sets["strong contacts"] = contacts[strong], None
+        sets["weak contacts"] = contacts[~strong], None
+        sets["contacts by force"] = contacts, graph.normal_force
+    sets["contacts by length"] = contacts, length
     shapes, area = edge_tensors(branches, faces), faces.area[faces.loops]
     groups = group_rows(faces.order[faces.loops])
-    sets += [("loops", shapes, area)]
-    sets += [
-        (f"loops of order {name}", shapes[rows], area[rows])
+    sets["loops"] = shapes[groups.pop("all")], area
+    sets |= {
+        f"loops of order {name}": (shapes[rows], area[rows])
         for name, rows in groups.items()
-        if name != "all" and len(area[rows])
-    ]
-    means = [mean_tensor(tensors, weights) for _, tensors, weights in sets]
+        if len(area[rows])
+    }
+    means = [mean_tensor(*one) for one in sets.values()]
     tensor = np.stack([mean.mean for mean in means])
     anisotropy, direction = principal(tensor)
-    errors = [
-        axis_errors(tensors, weights, angle)
-        for (_, tensors, weights), angle in zip(sets, direction, strict=True)
-    ]
+    errors = [axis_errors(*one, angle) for one, angle in zip(sets.values(), direction, strict=True)]
     along, across = np.array(errors).T
     with np.errstate(divide="ignore", invalid="ignore"):
         turned = np.degrees(0.5 * across / anisotropy)
     return Fabric(
-        of=np.array([name for name, _, _ in sets]),
+        of=np.array([*sets]),
         count=np.array([mean.number for mean in means]),
         tensor=tensor,
         anisotropy=np.asarray(anisotropy),

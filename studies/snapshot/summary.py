@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
@@ -228,14 +229,7 @@ def _mechanics(
 def _stability(table: Columns, groups: Groups, in_packing: InPacking | None) -> dict[str, Any]:
     """Verdicts on the loops by judge and order, and directions of instability by closure."""
     orders = np.flatnonzero(np.bincount(table["order"]))
-    found: dict[str, dict[str, Any]] = {
-        key: {}
-        for key in (
-            *("untrusted_loops", "unstable_loops", "unstable_by_order", "eigenvalues"),
-            *("undetermined_loops", "undetermined_by_order"),
-            *("mean_unstable_directions", "unstable_directions", "cone_opening", "soft_loops"),
-        )
-    }
+    found = defaultdict[str, dict[str, Any]](dict)
     for judge in judges(table):
         order, smallest = table["order"], verdicts(table, judge)
         if judge == PLACE and in_packing is not None:
@@ -357,12 +351,12 @@ def share_by_order(table: Columns, orders: list[int]) -> dict[str, NDArray[Any]]
 def packing_summary(table: Columns, groups: Groups, in_packing: InPacking) -> Summary:
     """Keys of the summary for loops in place."""
     smallest, error = table["surroundings_lambda_min"], table[f"{PLACE}_error"]
-    known = ~np.isnan(smallest)
+    known = {name: smallest[rows][~np.isnan(smallest[rows])] for name, rows in groups.items()}
     return {
         "in_packing": in_packing.method,
         "packing_at_rest": in_packing.at_rest,
         "packing_error": spread(np.where(np.isfinite(error), error, np.nan)),
-        "surroundings_positive": share_by_group(groups, smallest > 0, known),
+        "surroundings_positive": {name: share(own > 0) for name, own in known.items()},
         "surroundings_share": spread_by_group(groups, surroundings_share(table)),
     }
 
@@ -393,11 +387,6 @@ def spread_by_group(
         name: spread(values[rows], None if weights is None else weights[rows])
         for name, rows in groups.items()
     }
-
-
-def share_by_group(groups: Groups, having: Flags, known: Flags) -> dict[str, Any]:
-    """Share of the loops of each group that have a property."""
-    return {name: share(having[rows][known[rows]]) for name, rows in groups.items()}
 
 
 def by_order(
