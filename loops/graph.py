@@ -588,10 +588,9 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     """Grain graph from a networkx graph.
 
     Nodes need `x` (a pair, or `x` and `y`) and `radius`; `x0` (a pair) is optional. Edges may
-    carry `normal_force`, `shear_force`, `image`, `contact` (their place in the order), `i`, `j`
-    (their direction), and
-    all of them `regime` or `rolling_moment`;
-    the graph may carry `cell` and `cell0`. Grains are numbered in the order of the nodes.
+    carry `shear_force`, `image`, `contact` (their place in the order), `i`, `j` (their direction),
+    and all of them or none `normal_force`, `regime`, `rolling_moment`; the graph may carry `cell`
+    and `cell0`. Grains are numbered in the order of the nodes.
 
     Parameters
     ----------
@@ -606,7 +605,8 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     Raises
     ------
     InputError
-        Naming the nodes that lack `x` or `radius`, and as `GrainGraph`.
+        Naming the nodes that lack `x` or `radius`, the edges that lack what others have, and as
+        `GrainGraph`.
 
     Examples
     --------
@@ -637,6 +637,11 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
     ]
     edges = list(network.edges(data=True))
     edges.sort(key=lambda edge: edge[2].get("contact", 0))
+    fields = [name for name in CONTACT_FIELDS if any(name in data for *_, data in edges)]
+    for name in (one for one in fields if one != "shear_force"):
+        if lacks := [f"{a!r}-{b!r}" for a, b, data in edges if name not in data]:
+            received = f"none on {', '.join(lacks[:MOST_NAMED])}"
+            raise InputError(f"{name} of edges", received, "it on all edges or on none", "Set it.")
     cell = network.graph.get("cell")
     return GrainGraph(
         x=[data["x"] for data in nodes] or np.empty((0, 2)),
@@ -646,11 +651,7 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
             [[number[data.get("i", a)], number[data.get("j", b)]] for a, b, data in edges],
             dtype=np.int64,
         ),
-        **{
-            name: [data.get(name, None if name == "regime" else 0.0) for *_, data in edges]
-            for name in CONTACT_FIELDS
-            if any(name in data for *_, data in edges)
-        },
+        **{name: [data.get(name, 0.0) for *_, data in edges] for name in fields},
         images=None
         if cell is None
         else np.array([data.get("image", (0, 0)) for *_, data in edges], dtype=np.int64),

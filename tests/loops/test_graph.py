@@ -142,12 +142,18 @@ def test_networkx_round_trip_keeps_every_array():
         np.testing.assert_array_equal(getattr(back, name), getattr(graph, name), err_msg=name)
 
 
-def test_a_regime_on_some_edges_alone_is_refused():
-    network = to_networkx(GrainGraph(**PAIR, regime=[2]))
+@pytest.mark.parametrize("name", ["normal_force", "regime", "rolling_moment"])
+def test_what_some_edges_alone_have_is_refused(name):
+    network = to_networkx(GrainGraph(**PAIR, normal_force=[0.2], regime=[2], rolling_moment=[0.1]))
     network.add_node(2, x=(0.0, 0.9), radius=0.5)
-    network.add_edge(0, 2, normal_force=0.1)
-    with pytest.raises(InputError, match=r"regime: got .*None.*0 \(open\)"):
+    given = {"normal_force": 0.1, "regime": 1, "rolling_moment": 0.0}
+    del given[name]
+    network.add_edge(0, 2, **given)
+    with pytest.raises(InputError, match=f"{name} of edges: got none on 0-2, expected it on all"):
         from_networkx(network)
+    # Without a shear force an edge has none.
+    network.edges[0, 2, 0][name] = 1
+    assert from_networkx(network).shear_force.tolist() == [0.0, 0.0]
 
 
 STATE = {"normal_force": [3.0, 2.0, 1.0], "shear_force": [0.3, -0.2, 0.1]}
