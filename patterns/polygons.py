@@ -12,12 +12,7 @@ from loops.arrays import Flags, Floats, Integers
 from loops.errors import check_choice, number, whole_number
 from loops.validation import acute_angle, finite, positive
 from loops.validation import strain as compressive
-from patterns.diamond import overlap_ratio
-
-
-def ring_contacts(order: int) -> Integers:
-    """(n, 2) contacts (c, c + 1) of a ring of n grains."""
-    return np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
+from patterns.diamond.closed_form import overlap_ratio, ring_contacts, touching_ring
 
 
 def compressed_ring(
@@ -80,8 +75,6 @@ HALF_ANGLE_STEPS = 200
 # the graph counts T along the counter-clockwise tangent, the hexagon along growing alpha.
 HEXAGON_SHEAR_SIGNS = np.array([1.0, 0.0, -1.0, 1.0, 0.0, -1.0])
 AXIAL = np.array([False, True, False, False, True, False])
-# Strains of a hexagon that barely touches give an overlap of zero up to this rounding.
-TOUCHING_ATOL = 4.0 * np.finfo(np.float64).eps
 
 
 def regular_polygon(
@@ -179,10 +172,14 @@ def polydisperse_polygon(
         raise InputError("radii", str(radii), "at least three positive lengths", "Correct them.")
     sides = size + np.roll(size, -1, axis=-1)
     directions = cyclic_directions(sides)
+    return compressed_ring(_closed_ring(sides, directions), size, strain, kn)
+
+
+def _closed_ring(sides: Floats, directions: Floats) -> Floats:
+    """Corners (..., n, 2) of a polygon about its centroid."""
     edges = sides[..., None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
     corners = np.cumsum(edges, axis=-2) - edges
-    x0 = corners - polygon_centroid(corners)[..., None, :]
-    return compressed_ring(x0, size, strain, kn)
+    return corners - polygon_centroid(corners)[..., None, :]
 
 
 def cyclic_directions(sides: Floats) -> Floats:
@@ -286,18 +283,9 @@ def hexagon(
         expected = "a strain E1 that leaves room for the inclined branches"
         raise InputError("E1, E_axial", received, expected, "Compress the axial branches more.")
     overlap = np.where(AXIAL, axial[..., None], overlap_ratio(inclined, E2, alpha0)[..., None])
-    if (overlap < -TOUCHING_ATOL).any():
-        received = f"strains that part the grains by {-float(overlap.min()):.3g} of the branch"
-        expected = "strains under which every contact still touches"
-        raise InputError("E1, E2, E_axial", received, expected, "Compress the hexagon.")
-    return GrainGraph(
-        x=_centres(l0 * (1 - axial), l0 * (1 - inclined) * cos, l0 * (1 - E2) * sin),
-        x0=_centres(l0, l0 * cos, l0 * sin),
-        radii=radius[..., None] * np.ones(6),
-        contacts=ring_contacts(6),
-        normal_force=(kn * l0)[..., None] * np.maximum(overlap, 0.0),
-        shear_force=T[..., None] * HEXAGON_SHEAR_SIGNS,
-    )
+    x = _centres(l0 * (1 - axial), l0 * (1 - inclined) * cos, l0 * (1 - E2) * sin)
+    x0, shear = _centres(l0, l0 * cos, l0 * sin), T[..., None] * HEXAGON_SHEAR_SIGNS
+    return touching_ring("E1, E2, E_axial", x, x0, radius, kn, overlap, shear)
 
 
 def _centres(axial: Floats, along: Floats, across: Floats) -> Floats:
@@ -409,9 +397,7 @@ def random_loop(
     directions += rng.uniform(-np.pi, np.pi, (count, 1))
     mobilised = mu * rng.uniform(-1.0, 1.0, (*batch, order))
     sides = radii + np.roll(radii, -1, axis=-1)
-    edges = sides[..., None] * np.stack([np.cos(directions), np.sin(directions)], axis=-1)
-    corners = np.cumsum(edges, axis=-2) - edges
-    x0 = radius * (corners - polygon_centroid(corners)[..., None, :])
+    x0 = radius * _closed_ring(sides, directions)
     return compressed_ring(
         x0.reshape(*batch, order, 2), radius * radii.reshape(*batch, order), strain, kn, mobilised
     )

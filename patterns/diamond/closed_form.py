@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops import GrainGraph, InputError
-from loops.arrays import Floats
+from loops.arrays import Floats, Integers
 from loops.validation import acute_angle, finite, nonnegative, positive, sliding_sign, strain
 
-DIAMOND_SIDES = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
 # Opposite grains on axis 1 and on axis 2.
 OPPOSITE = ([0, 2], [1, 3])
 # As alpha grows, branches (0, 1) and (2, 3) turn clockwise and the two others counter-clockwise;
@@ -85,24 +84,38 @@ def diamond(
     alpha0, E1, E2, T, radius, kn = np.broadcast_arrays(
         alpha0, E1, E2, T, radius, positive("kn", kn)
     )
-    overlap = overlap_ratio(E1, E2, alpha0)
-    if np.any(overlap < -TOUCHING_ATOL):
-        raise InputError(
-            "E1, E2",
-            f"strains that part the grains by {-float(np.min(overlap)):.3g} of the branch",
-            "strains under which every contact still touches (l <= 2 radius)",
-            "Compress the diamond, or leave the open contacts out.",
-        )
-    N = kn * 2.0 * radius * np.maximum(overlap, 0.0)
     cos, sin = np.cos(alpha0), np.sin(alpha0)
+    x = _centres(2.0 * radius * (1.0 - E1) * cos, 2.0 * radius * (1.0 - E2) * sin)
+    x0 = _centres(2.0 * radius * cos, 2.0 * radius * sin)
+    overlap = overlap_ratio(E1, E2, alpha0)[..., None] * np.ones(4)
+    return touching_ring("E1, E2", x, x0, radius, kn, overlap, T[..., None] * DIAMOND_SHEAR_SIGNS)
+
+
+def touching_ring(
+    where: str, x: Floats, x0: Floats, radius: Floats, kn: Floats, overlap: Floats, shear: Floats
+) -> GrainGraph:
+    """Equal grains (..., n) around a loop from their overlaps over the branch that barely touches.
+
+    `InputError` where a contact opens, with the names of the strains.
+    """
+    if (overlap < -TOUCHING_ATOL).any():
+        received = f"strains that part the grains by {-float(overlap.min()):.3g} of the branch"
+        expected = "strains under which every contact still touches (l <= 2 radius)"
+        remedy = "Compress the loop, or leave the open contacts out."
+        raise InputError(where, received, expected, remedy)
     return GrainGraph(
-        x=_centres(2.0 * radius * (1.0 - E1) * cos, 2.0 * radius * (1.0 - E2) * sin),
-        x0=_centres(2.0 * radius * cos, 2.0 * radius * sin),
-        radii=radius[..., None] * np.ones(4),
-        contacts=DIAMOND_SIDES,
-        normal_force=N[..., None] * np.ones(4),
-        shear_force=T[..., None] * DIAMOND_SHEAR_SIGNS,
+        x=x,
+        x0=x0,
+        radii=radius[..., None] * np.ones(x.shape[-2]),
+        contacts=ring_contacts(x.shape[-2]),
+        normal_force=(2.0 * kn * radius)[..., None] * np.maximum(overlap, 0.0),
+        shear_force=shear,
     )
+
+
+def ring_contacts(order: int) -> Integers:
+    """(n, 2) contacts (c, c + 1) of a ring of n grains."""
+    return np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
 
 
 def _centres(half1: Floats, half2: Floats) -> Floats:

@@ -35,8 +35,13 @@ from patterns.snapshots.laws import lacks_of, law_of, told_law
 from patterns.snapshots.snapshot import Snapshot
 from patterns.snapshots.source import COHESIVE, Source
 from patterns.snapshots.tables import require_columns
-from patterns.snapshots.wall_contacts import Walls, height_between, walls_of_rows, walls_of_table
-from patterns.snapshots.walls import WallContacts
+from patterns.snapshots.walls import (
+    ReadWalls,
+    WallContacts,
+    height_between,
+    walls_of_rows,
+    walls_of_table,
+)
 
 
 def build_snapshot(frame: Frame, source: Source) -> Snapshot:
@@ -79,7 +84,7 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
     elif at_walls is not None and known:
         found = walls_of_rows(at_walls, named[single], ends, contacts, forces, source.kn)
     else:
-        found = Walls(None, len(every) - len(rows), [], [])
+        found = ReadWalls(None, len(every) - len(rows), [], [])
     walls = found.contacts
     findings += found.findings
     if cell is not None and not all(periodic):

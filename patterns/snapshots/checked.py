@@ -96,7 +96,7 @@ class Checked:
             # Walls whose forces are not known may push on the rim.
             free = [k for k in (0, 1) if graph.cell is None or not self.periodic[k]]
             self.inner &= ~on_rim(self.x[:, free], self.radii, self.inner)
-        self.reach = touching_lengths(self.radii, self.contacts)
+        self.reach = self.radii[self.contacts[:, 0]] + self.radii[self.contacts[:, 1]]
         self.overlap = self.reach - self.length
         self.touched = self.degree > 0
         self.odd = self._unbalanced()
@@ -256,12 +256,6 @@ class Checked:
         """`resultants` of the inner grains, zero on the others."""
         normal, shear = (np.where(self.inner[:, None], r, 0.0) for r in self.resultants)
         return normal, shear
-
-
-def touching_lengths(radii: Floats, contacts: Integers) -> Floats:
-    """Return the sum of the radii of both grains of each contact, (C,)."""
-    one, two = contacts.T
-    return radii[one] + radii[two]
 
 
 def goes_with_root(stiffness: Floats, radii: Floats, overlap: Floats) -> bool:

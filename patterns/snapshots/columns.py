@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import cache
-from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,82 +15,49 @@ from numpy.typing import NDArray
 from loops import InputError
 from patterns.snapshots.tables import Table, listed
 
-# Powers of length, force and time.
-Dimension = tuple[int, int, int]
-NUMBER, LENGTH, FORCE, TIME = (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)
-STIFFNESS, MOMENT, MASS, SPEED, SPIN = (-1, 1, 0), (1, 1, 0), (-1, 1, 2), (1, 0, -1), (0, 0, -1)
+TABLE = tomllib.loads((Path(__file__).parent / "columns.toml").read_text(encoding="utf-8"))
+Dimension = tuple[int, int, int]  # powers of length, force and time
+DIMENSIONS: dict[str, Dimension] = {name: tuple(own) for name, own in TABLE["dimensions"].items()}
 
 
 class Column(NamedTuple):
-    """Dimension of a column, and its other names: small letters and digits alone."""
+    """Dimension of a column, and its other names."""
 
     dimension: Dimension
-    others: tuple[str, ...] = ()
+    others: tuple[str, ...]
 
 
-def _axes(name: str, dimension: Dimension, others: str = "") -> dict[str, Column]:
-    """Columns of a vector: `@` is the axis in each name, `#` its number."""
-    return {
-        name.replace("@", axis): Column(
-            dimension, tuple(others.replace("@", axis).replace("#", str(k)).split())
-        )
-        for k, axis in enumerate("xyz")
-    }
+def _columns(*kinds: str) -> dict[str, Column]:
+    """Columns of kinds of tables, those of a vector one by one."""
+    found = {}
+    for name, (dimension, others) in (one for kind in kinds for one in TABLE[kind].items()):
+        for k, axis in enumerate("xyz") if "@" in name else [(0, "")]:
+            spelt = others.replace("@", axis).replace("#", str(k)).split()
+            found[name.replace("@", axis)] = Column(DIMENSIONS[dimension], tuple(spelt))
+    return found
 
 
-WHEN = {
-    "step": Column(NUMBER, ("timestep", "frame", "iteration")),
-    "time": Column(TIME),
-}
-SPRINGS = {
-    "kn": Column(STIFFNESS, ("normalstiffness",)),
-    "ks": Column(STIFFNESS, ("kt", "shearstiffness", "tangentialstiffness")),
-    "mu": Column(NUMBER, ("friction", "mug", "frictioncoefficient")),
-    "sliding": Column(NUMBER, ("issliding", "slides")),
-}
-GRAINS = {
-    "id": Column(NUMBER),
-    "type": Column(NUMBER),
-    **_axes("@", LENGTH, "pos@ @pos position@ coord@ @coord coordinate@ centre@ center@ points#"),
-    "radius": Column(LENGTH, ("rad", "r", "radii")),
-    "diameter": Column(LENGTH, ("diam", "d")),
-    **_axes("theta_@", NUMBER),
-    "mass": Column(MASS),
-    **_axes("v@", SPEED, "vel@ velocity@ velocity#"),
-    **_axes("omega_@", SPIN, "w@ angularvelocity@"),
-    **WHEN,
-}
-CONTACTS = {
-    "id1": Column(NUMBER, ("i", "i1", "end1", "source", "from")),
-    "id2": Column(NUMBER, ("j", "i2", "end2", "target", "to")),
-    "type1": Column(NUMBER),
-    "type2": Column(NUMBER),
-    **_axes("branch_@", LENGTH),
-    **_axes("c@", LENGTH, "point@ contactpoint@ @ pos@ position@"),
-    **_axes("n@", NUMBER, "normal@ normal#"),
-    **_axes("cell_d@", NUMBER),
-    "fn": Column(FORCE, ("normalforce", "forcenormal", "forcen", "fnormal")),
-    "ft": Column(
-        FORCE, ("fs", "shearforce", "tangentialforce", "forcet", "forceshear", "forcetangential")
-    ),
-    **_axes("fs@", FORCE),
-    **_axes("f@_on_2", FORCE),
-    **_axes("f@", FORCE, "force@ force#"),
-    "force": Column(FORCE, ("forcemagnitude", "totalforce")),
-    **_axes("fn@", FORCE, "normalforce@ forcenormal@ nf@"),
-    **_axes("ft@", FORCE, "tangentialforce@ shearforce@ forcetangential@ forceshear@ tf@"),
-    **SPRINGS,
-    "adhesion": Column(FORCE),
-    "cohesion": Column(FORCE),
-    **_axes("m@_on_2", MOMENT),
-    **WHEN,
-}
-CONTACTS["mz_on_2"] = Column(MOMENT, ("rollingmoment", "momenton2"))
+WHEN, GRAINS, CONTACTS = _columns("when"), _columns("grains", "when"), _columns("contacts", "when")
 OF_WALLS = [f"{part}{axis}" for part in ("branch_", "c", "n", "f") for axis in "xyz"]
-WALLS = {"id": GRAINS["id"], **{name: CONTACTS[name] for name in OF_WALLS}, **SPRINGS, **WHEN}
+OF_WALLS += ["kn", "ks", "mu", "sliding", *WHEN]
+WALLS = {"id": GRAINS["id"], **{name: CONTACTS[name] for name in OF_WALLS}}
 KINDS = {"grains": GRAINS, "contacts": CONTACTS, "walls": WALLS}
 # All names that a column map may give.
 PLAIN_NAMES = tuple(dict.fromkeys([*GRAINS, *CONTACTS]))
+# Vectors among them, and axial ones: `@` is the axis.
+AXIAL = ("theta_@", "omega_@", "m@_on_2")
+VECTORS = tuple(n for n in {**TABLE["grains"], **TABLE["contacts"]} if "@" in n and n not in AXIAL)
+UNITS: dict[str, tuple[float, Dimension]] = {
+    name: (size, DIMENSIONS[dimension])
+    for dimension, units in TABLE["units"].items()
+    for name, size in units.items()
+}
+WORDS = {kind: tuple(words.split()) for kind, words in TABLE["words"].items()}
+# Columns of pairs of files without names, by their numbers: grains, contacts.
+LAYOUTS = {
+    (len(grains), len(contacts)): (grains, contacts)
+    for grains, contacts in (map(str.split, one.values()) for one in TABLE["layouts"])
+}
 
 
 def components(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -100,9 +67,6 @@ def components(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 NONE = "none"  # entry of a column map for a column that the file lacks
 
-# Vectors among them, and axial ones: `@` is the axis.
-VECTORS = ("@", "v@", "branch_@", "c@", "n@", "cell_d@", "fs@", "f@_on_2", "f@", "fn@", "ft@")
-AXIAL = ("theta_@", "omega_@", "m@_on_2")
 # What codes call a grain: `Particle ID`, `ball.pos.x`, `Element 1 ID`.
 NOUNS = re.compile("(grain|particle|body|atom|ball|sphere|disc|disk|node|element)s?")
 NUMBERS = re.compile("identifiers?|identities|ids|number|no")
@@ -136,19 +100,6 @@ def is_column(name: str) -> bool:
     return any(read_as(name, kind) for kind in KINDS)
 
 
-UNITS: dict[str, tuple[float, Dimension]] = {
-    **{f"{p}m": (s, LENGTH) for p, s in (("", 1), ("k", 1e3), ("c", 1e-2), ("m", 1e-3))},
-    **{f"{p}m": (s, LENGTH) for p, s in (("u", 1e-6), ("µ", 1e-6), ("μ", 1e-6), ("n", 1e-9))},
-    **{f"{p}N": (s, FORCE) for p, s in (("", 1), ("m", 1e-3), ("k", 1e3), ("M", 1e6), ("u", 1e-6))},
-    **{f"{p}Pa": (s, (-2, 1, 0)) for p, s in (("", 1), ("k", 1e3), ("M", 1e6), ("G", 1e9))},
-    **{f"{p}g": (s, MASS) for p, s in (("k", 1), ("", 1e-3), ("m", 1e-6))},
-    **{f"{p}s": (s, TIME) for p, s in (("", 1), ("m", 1e-3), ("u", 1e-6), ("µ", 1e-6))},
-    "rad": (1.0, NUMBER),
-    **dict.fromkeys(("deg", "°", "degrees"), (pi / 180, NUMBER)),
-    "rpm": (pi / 30, SPIN),
-    # Of a length that is not known.
-    **dict.fromkeys(("px", "pix", "pixel", "pixels"), (float("nan"), LENGTH)),
-}
 NO_UNIT = ("", "-", "1", "--")
 
 
@@ -156,8 +107,8 @@ NO_UNIT = ("", "-", "1", "--")
 def unit(text: str) -> tuple[float, Dimension] | None:
     """Size in SI units and dimension of a unit such as `mm`, `N/m`, `rad/s`; None if unknown."""
     if text in NO_UNIT:
-        return 1.0, NUMBER
-    size, powers = 1.0, NUMBER
+        return 1.0, (0, 0, 0)
+    size, powers = 1.0, (0, 0, 0)
     for k, part in enumerate(text.replace("²", "2").replace("³", "3").split("/")):
         factors = [one for one in re.split(r"[\s*·.]+", part) if one]
         for factor in factors:
@@ -251,7 +202,7 @@ def _factors(
     of_x = [one for (_, name), one in units.items() if name == "x"]
     base = {
         wanted: next((one for one in (*of_x, *units.values()) if one.dimension == wanted), None)
-        for wanted in (LENGTH, FORCE)
+        for wanted in (DIMENSIONS["length"], DIMENSIONS["force"])
     }
     one, other = (1.0 if unit is None else unit.size for unit in base.values())
     for (kind, name), own in units.items():
@@ -282,21 +233,6 @@ def check_names(given: Mapping[str, str], known: Iterable[str]) -> None:
             raise InputError(where, f"the name {name!r}", f"one of {', '.join(known)}", remedy)
 
 
-# Words of the names of files, in the order in which they are looked for.
-WORDS = {
-    "grains": (
-        *("grains", "grain", "particles", "particle", "spheres", "sphere", "discs", "disks"),
-        *("balls", "ball", "bodies", "atoms", "atom", "nodes", "positions", "position", "posvel"),
-    ),
-    "contacts": (
-        *("contacts", "contact", "interactions", "interaction", "intrs", "intr", "edges"),
-        *("bonds", "local", "pairs", "pair", "forces", "force"),
-    ),
-    "walls": ("walls", "wall"),
-    "cell": ("cell",),
-}
-
-
 def names_beside(path: Path, kind: str) -> list[str]:
     """Names that a file of contacts, walls or the cell may have beside that of the grains."""
     found = []
@@ -306,12 +242,3 @@ def names_beside(path: Path, kind: str) -> list[str]:
             found += [path.name[: match.start()] + case(other) + path.name[match.end() :]
                       for other in WORDS[kind]]  # fmt: skip
     return list(dict.fromkeys(found))
-
-
-# Columns of pairs of files without names, by their numbers: grains, contacts.
-LAYOUTS = {
-    (4, 9): (
-        ("id", "x", "y", "radius"),
-        ("id1", "id2", "type1", "type2", "fnx", "fny", "ftx", "fty", "moment"),
-    ),
-}

@@ -76,11 +76,6 @@ def is_dump(head: bytes) -> bool:
     return head.startswith((START, b"ITEM: UNITS"))
 
 
-def first_frame(path: Path, head: bytes) -> DumpFrame:
-    """Header of the first frame, from the first bytes of a dump; `InputError` if it is none."""
-    return _frame(path, head, 0)
-
-
 def dump_frames(path: Path) -> list[DumpFrame | InputError]:
     """Headers of all frames of a dump; their rows are passed over, not read."""
     text, at = open_text(path), 0
@@ -88,7 +83,7 @@ def dump_frames(path: Path) -> list[DumpFrame | InputError]:
     seen: set[float] = set()
     while 0 <= at < len(text):
         try:
-            frame = _frame(path, text, at)
+            frame = frame_at(path, text, at)
         except InputError as error:
             if text[at:].strip():
                 found.append(error)
@@ -107,7 +102,7 @@ def dump_frames(path: Path) -> list[DumpFrame | InputError]:
     return found
 
 
-def _frame(path: Path, text: Text, at: int) -> DumpFrame:
+def frame_at(path: Path, text: Text, at: int = 0) -> DumpFrame:
     """Read the header that starts at the byte `at`."""
     if not is_dump(text[at : at + len(START)]):
         raise InputError(str(path), f"{text[at : at + 40]!r}", START.decode(), "Give a text dump.")
@@ -184,7 +179,6 @@ def _box(where: str, values: dict[bytes, list[bytes]]) -> Box | None:
     return Box(origin, cell, periodic, digits)
 
 
-Listings = list[DumpFrame | InputError]
 # Plain names of the atoms' columns that a column map may give.
 ATOM_NAMES = ("id", "x", "y", "z", "radius")
 # Boxes of both dumps of a step agree to six printed digits.
@@ -287,7 +281,7 @@ def _require_one_box(atoms: DumpFrame, contacts: DumpFrame) -> None:
         raise InputError(contacts.where, received, expected, "Take both dumps from one run.")
 
 
-def _require_kind(frames: Listings, *, atom: bool) -> None:
+def _require_kind(frames: list[DumpFrame | InputError], *, atom: bool) -> None:
     for frame in frames:
         if isinstance(frame, DumpFrame) and (frame.label == "ATOMS") != atom:
             expected = "the dump of atoms" if atom else "the dump of contacts ('dump local')"

@@ -300,17 +300,13 @@ def index_of(ids: Integers, named: Integers) -> Integers:
     """Place of ids in a list of distinct ones, -1 for an unknown id."""
     low, high = int(ids.min()), int(ids.max())
     if high - low < SPARSE * len(ids):
-        place = named - low
-        every = bool(place.min(initial=0) >= 0 and place.max(initial=0) <= high - low)
-        if not every:
-            known = (place >= 0) & (place <= high - low)
-            place = np.where(known, place, 0)
-        # Consecutive ids are places themselves.
-        if high - low >= len(ids) or (ids[1:] < ids[:-1]).any():
-            at = np.full(high - low + 1, -1)
-            at[ids - low] = np.arange(len(ids))
-            place = at[place]
-        return place if every else np.where(known, place, -1)
+        shift = np.where((named >= low) & (named <= high), named - low, -1)
+        if high - low < len(ids) and (ids[1:] > ids[:-1]).all():
+            return shift  # consecutive ids are places themselves
+        # The last place is that of unknown ids.
+        place = np.full(high - low + 2, -1)
+        place[ids - low] = np.arange(len(ids))
+        return place[shift]
     order = np.argsort(ids)
     found = order[np.minimum(np.searchsorted(ids, named, sorter=order), len(ids) - 1)]
     return np.where(ids[found] == named, found, -1)
@@ -328,12 +324,11 @@ def refuse_repeated(table: Table, ids: Integers) -> None:
     """Raise `InputError` if an id stands twice in the table."""
     if (ids[1:] > ids[:-1]).all():
         return
-    ordered = np.sort(ids)
-    same = np.flatnonzero(ordered[1:] == ordered[:-1])
-    if len(same) == 0:
+    values, count = np.unique(ids, return_counts=True)
+    if len(values) == len(ids):
         return
-    repeated = ordered[same[0]]
-    received = f"id {repeated} {np.count_nonzero(ids == repeated)} times"
+    first = int(np.argmax(count > 1))
+    received = f"id {values[first]} {count[first]} times"
     remedy = "Keep one snapshot in the table and drop repeated rows."
     raise InputError(f"column 'id' of {table.path}", received, "each id once", remedy)
 

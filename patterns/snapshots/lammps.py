@@ -9,7 +9,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from patterns.snapshots.columns import NONE, check_names, components
+from patterns.snapshots.columns import NONE, TABLE, check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
     PAIR_REACH,
@@ -28,20 +28,7 @@ from patterns.snapshots.geometry import Contacts, sample_rows
 from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table, listed
 
-# Plain names of the columns of contacts of LAMMPS, and their contents.
-CONTACT_NAMES = {
-    "id1": "id of atom 1",
-    "id2": "id of atom 2",
-    "dx": "x of atom 1 less x of atom 2",
-    "dy": "y of atom 1 less y of atom 2",
-    "dist": "distance of the centres",
-    "force": "size of the normal force, repulsion positive",
-    "fx": "x of the normal force on atom 1",
-    "fy": "y of the normal force on atom 1",
-    "p1": "x of the tangential force on atom 1",
-    "p2": "y of the tangential force on atom 1",
-    "p4": "size of the tangential force",
-}
+CONTACT_NAMES: dict[str, str] = TABLE["lammps"]
 # Relative tolerance of positions, sizes and directions: dumps have six digits or more.
 TOLERANCE = 1e-3
 AGREEING = 0.5  # least share of rows that fit, by which a column is recognised

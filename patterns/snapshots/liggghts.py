@@ -17,7 +17,7 @@ from patterns.snapshots.dump_files import (
     FoundContacts,
     Map,
     find_ids,
-    first_frame,
+    frame_at,
     frames_of_dumps,
     given_columns,
     is_dump,
@@ -52,7 +52,7 @@ def is_liggghts(path: Path, head: bytes) -> bool:
     if contacts is None:
         return False
     try:
-        names = first_frame(contacts, head_of(contacts)).names
+        names = frame_at(contacts, head_of(contacts)).names
     except InputError:
         return False
     numbered = {f"[{k + 1}]" for k in range(len(names))}

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import InputError
-from patterns.snapshots.columns import components
+from patterns.snapshots.columns import TABLE, components
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
     Frame,
@@ -24,17 +24,8 @@ from patterns.snapshots.source import Source
 from patterns.snapshots.tables import Table
 
 # Columns by the number of numbers in the header of a frame: 6 in two dimensions, else 8.
-DATA_COLUMNS = {
-    6: ("x", "y", "vx", "vy", "radius", "angle", "omega", "info"),
-    8: (
-        *("x", "y", "z", "vx", "vy", "vz", "radius", "alpha", "beta", "gamma"),
-        *("omega_x", "omega_y", "omega_z", "info"),
-    ),
-}
-FSTAT_COLUMNS = (
-    *("time", "i", "j", "cx", "cy", "cz", "delta", "delta_t", "fn", "ft"),
-    *("nx", "ny", "nz", "tx", "ty", "tz"),
-)
+DATA_COLUMNS = {width: tuple(TABLE["mercury"][str(width)].split()) for width in (6, 8)}
+FSTAT_COLUMNS = tuple(TABLE["mercury"]["fstat"].split())
 COMMENT_LINES = 3  # lines before the rows of a frame in .fstat
 
 

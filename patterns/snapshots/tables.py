@@ -34,7 +34,6 @@ from patterns.snapshots.files import (
     whole_file,
 )
 
-FLOAT = pyarrow.float64()
 Wanted = Callable[[str], bool]  # whether a column of this name is read
 NAMES_SHOWN = 12  # number of names in a message
 
