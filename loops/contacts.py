@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
-from loops.graph import ContactState, GrainGraph, branches_between, require_one_state
+from loops.graph import GrainGraph, branches_between, require_one_state
 from loops.laws.of_pairs import MovableLaw, PairLaw, require_movable
 from loops.neighbours import new_pairs
 from loops.scene import Scene
@@ -47,8 +47,8 @@ AT_YIELD = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PackingState(Shown):
-    """A state of a packing on its path.
+class Contacts(Shown):
+    """Contact table of a packing: its state on a path, and the law of the contacts.
 
     Attributes
     ----------
@@ -72,6 +72,9 @@ class PackingState(Shown):
         Unit normals of the walls into the sample, which keep their directions.
     cell0 : (2, 2) array
         Cell at the start.
+    law : PairLaw
+        What the law gives for these contacts at their overlaps; None of a state that is asked for
+        its forces alone.
     """
 
     radii: Floats
@@ -86,6 +89,7 @@ class PackingState(Shown):
     closed: Flags
     walls: Floats
     cell0: Floats
+    law: PairLaw = None  # type: ignore[assignment]
 
     @property
     def count(self) -> int:
@@ -132,14 +136,6 @@ class PackingState(Shown):
         """(C, 2) unit normals along the branches, and the tangents, turned counter-clockwise."""
         n = self.branches / self.length[:, None]
         return n, np.column_stack([-n[:, 1], n[:, 0]])
-
-    @property
-    def between_grains(self) -> ContactState:
-        """Return the contacts between grains as their law sees them."""
-        rows = np.flatnonzero(~self.at_wall)
-        length, (n, t) = self.length[rows], self.axes
-        forces = self.normal_force[rows], self.shear_force[rows]
-        return ContactState(length, n[rows], t[rows], *forces, *self.radii[self.contacts[rows]].T)
 
     @cached_property
     def forces(self) -> Floats:
@@ -214,18 +210,7 @@ class PackingState(Shown):
             rolling_moment=self.rolling_moment[c] if self.rolling_moment.any() else None,
         )
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Contacts(PackingState):
-    """Contact table of a packing: its state, and the law of the contacts.
-
-    Attributes
-    ----------
-    law : PairLaw
-        What the law gives for these contacts at their overlaps.
-    """
-
-    law: PairLaw
+    # ---- under its law
 
     @cached_property
     def overlap(self) -> Floats:
@@ -344,8 +329,8 @@ class Contacts(PackingState):
 
 def start_state(
     graph: GrainGraph, boundary: Boundary | None = None, *, still: bool = False
-) -> PackingState:
-    """Return the state of a graph with its own forces, in its cell or between walls.
+) -> Contacts:
+    """Return the state of a graph with its own forces, in its cell or between walls, without a law.
 
     The box is that of four walls along the axes, or of walls that stand `still` in any direction.
     """
@@ -372,7 +357,7 @@ def start_state(
         at_walls = planes.state(graph.radii)
         N, T = np.append(N, at_walls.normal_force), np.append(T, at_walls.shear_force)
         M = np.append(M, 0.0 * at_walls.length)
-    return PackingState(
+    return Contacts(
         radii=radii,
         x=x,
         angle=angle,
@@ -395,17 +380,16 @@ def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
     carries nothing, or has neither cell nor walls.
     """
     start = start_state(scene.graph, scene.boundary, still=still)
-    law = require_movable(scene.law, start.between_grains)
+    law = require_movable(scene.law, scene.contact_state)
     return contacts_of(start, law, scene.boundary)
 
 
-def contacts_of(start: PackingState, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:
+def contacts_of(start: Contacts, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:
     """Return the contacts of a state under a law, those with walls last."""
     wall = np.where(start.at_wall, start.contacts[:, 1] - start.count, -1)
     radii = np.ascontiguousarray(start.radii[start.contacts].T)
     planes, springs = None if boundary is None else boundary.walls, None
     if len(start.walls) and planes is not None:
         springs = planes.springs(start.radii)
-    of_start = {field.name: getattr(start, field.name) for field in fields(PackingState)}
-    contacts = Contacts(**of_start, law=PairLaw.made(law, radii, wall, springs))
+    contacts = replace(start, law=PairLaw.made(law, radii, wall, springs))
     return contacts.parted(contacts.overlap == 0)

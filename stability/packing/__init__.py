@@ -1,6 +1,6 @@
 """A packing: its rate problem, its path by events, its replay, and what they make loops do."""
 
-from loops.contacts import PackingState as PackingState
+from loops.contacts import Contacts as Contacts
 from stability.packing.equations_of_motion import replay as replay
 from stability.packing.hold import HeldPacking as HeldPacking
 from stability.packing.hold import hold as hold

@@ -13,7 +13,7 @@ from scipy.linalg import expm, logm
 from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
-from loops.contacts import Contacts, PackingState, contacts_at_start
+from loops.contacts import Contacts, contacts_at_start
 from loops.errors import InputError, number, short, whole_number
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
@@ -54,7 +54,7 @@ CHECK_STEPS = 1000
 MAX_CHECKS = 200
 
 
-def require_upright(start: PackingState, stress: Floats, strain: Floats, rate: Floats) -> None:
+def require_upright(start: Contacts, stress: Floats, strain: Floats, rate: Floats) -> None:
     """Raise `InputError` where `stress @ P' + strain @ H' = rate` would turn or shear a box."""
     if not len(start.walls):
         return
@@ -167,7 +167,7 @@ def largest_step(masses: Floats, inertias: Floats, state: Contacts) -> float:
     return 2.0 / math.sqrt(abs(float(found[0])))
 
 
-def duration_of(H: ArrayLike, masses: Floats, state: PackingState, inertial_number: float) -> float:
+def duration_of(H: ArrayLike, masses: Floats, state: Contacts, inertial_number: float) -> float:
     """Duration of a strain, or of one of this size, at an inertial number."""
     pressure = state.pressure
     if not pressure > 0:
@@ -406,7 +406,7 @@ class Moving:
         parted = finish(self.law, motion, discs, self.servo, dt, self.by_radii)
         return -1 if parted else 1
 
-    def unbalanced(self, state: PackingState) -> float:
+    def unbalanced(self, state: Contacts) -> float:
         """Mean resultant on a grain, walls included, over the mean contact force."""
         left = np.linalg.norm(self.motion.resultant[: state.count, :2], axis=1)
         return float(left.mean() / state.mean_force) if state.closed.any() else np.inf

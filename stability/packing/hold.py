@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers
 from loops.boundary import Boundary, PlaneContacts, boundary_of
-from loops.contacts import Contacts, PackingState, contacts_at_start, start_state
+from loops.contacts import Contacts, contacts_at_start, start_state
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
@@ -295,7 +295,7 @@ def unbalanced_force(graph: GrainGraph, boundary: Boundary) -> float:
     return start_state(graph, replace(boundary, volume=1.0), still=True).unbalanced
 
 
-def _stress(state: PackingState) -> Floats:
+def _stress(state: Contacts) -> Floats:
     """Return the stress of Love and Weber, contacts with walls of any direction included."""
     return np.asarray(state.forces.T @ state.branches / abs(np.linalg.det(state.cell)))
 

@@ -8,16 +8,17 @@ enough.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 from scipy.sparse.linalg import eigsh
 from scipy.spatial import Delaunay
 
 from loops.arrays import Flags, Floats, available_cores
-from loops.contacts import PackingState
+from loops.contacts import Contacts
 from loops.errors import check_type
 from loops.fabric import force_chains
 from loops.faces import Faces
@@ -116,14 +117,14 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     return _of_loops(graph, faces, carries, response.strain_rate, branch, force, losing)
 
 
-def loop_changes(before: GrainGraph, after: PackingState, faces: Faces) -> LoopRates:
+def loop_changes(before: GrainGraph, after: Contacts, faces: Faces) -> LoopRates:
     """Return changes of every loop up to a later state, as rates over a unit of time.
 
     Parameters
     ----------
     before : GrainGraph
         The packing at the start.
-    after : PackingState
+    after : Contacts
         Of the same packing, from `replay` or `follow`.
     faces : Faces
         Faces of the start.
@@ -306,7 +307,8 @@ def indicators(
     mobilised = np.where(closed, 0.0, np.nan)
     np.divide(np.abs(state.shear_force), strength, out=mobilised, where=closed & (strength > 0))
     motion, spin, slip, opening = _compliances(system)
-    by_grain = {
+    # Mean over the grains or the contacts of a loop, or the most extreme value.
+    grains: dict[str, Floats] = {
         "coordination": np.where(coordination > 0, coordination, np.nan),
         "vibrality": motion,
         "spin_vibrality": spin,
@@ -315,20 +317,20 @@ def indicators(
         "density": local_density(graph, faces),
     }
     if nonaffinity is not None:
-        by_grain["past_nonaffinity"] = real("nonaffinity", nonaffinity, graph.grain_count)
-    extreme = {
-        "largest_mobilisation": (np.fmax, mobilised),
-        "slip_criticality": (np.fmin, slip),
-        "opening_criticality": (np.fmin, opening),
+        grains["past_nonaffinity"] = real("nonaffinity", nonaffinity, graph.grain_count)
+    most, least = (partial(one.reduce, axis=1) for one in (np.fmax, np.fmin))
+    contacts: dict[str, tuple[Callable[[Floats], Floats], Floats]] = {
+        "mobilisation": (_mean, mobilised),
+        "largest_mobilisation": (most, mobilised),
+        "slip_criticality": (least, slip),
+        "opening_criticality": (least, opening),
     }
-    known = (*by_grain, "mobilisation", *extreme)
-    out = {name: np.full(len(faces.loops), np.nan) for name in known}
+    out = {name: np.full(len(faces.loops), np.nan) for name in (*grains, *contacts)}
     for batch in loop_batches(graph, faces):
-        for name, values in by_grain.items():
+        for name, values in grains.items():
             out[name][batch.row] = _mean(values[batch.grains])
-        out["mobilisation"][batch.row] = _mean(mobilised[batch.contacts])
-        for name, (most, values) in extreme.items():
-            out[name][batch.row] = most.reduce(values[batch.contacts], axis=1)
+        for name, (of_loop, values) in contacts.items():
+            out[name][batch.row] = of_loop(values[batch.contacts])
     out["chain"] = force_chains(graph).on_loops(faces) / faces.order[faces.loops]
     return {name: out[name] for name in EXPECTED if name in out}
 
@@ -445,23 +447,16 @@ def least_squares_nonaffinity(graph: GrainGraph, moved: ArrayLike) -> Floats:
     # Of the change alone, which the same maps fit: squares of whole branches would lose it.
     change = np.asarray(moved, dtype=float) - d
     known = np.isfinite(change).all(axis=1)
-    grains = graph.contacts[known]
-    d, change = d[known], change[known]
-    count = np.bincount(grains.ravel(), minlength=graph.grain_count)
-    outer = sparse.csr_array(
-        (np.ones(grains.size), (grains.ravel(), np.repeat(np.arange(len(grains)), 2))),
-        (graph.grain_count, len(grains)),
-    )
-    product = {
-        name: (outer @ (a[:, :, None] * b[:, None, :]).reshape(-1, 4)).reshape(-1, 2, 2)
-        for name, a, b in (("dd", d, d), ("cd", change, d), ("cc", change, change))
-    }
-    spans = (count > 2) & (
-        np.abs(np.linalg.det(product["dd"]))
-        > 1e-12 * np.trace(product["dd"], axis1=1, axis2=2) ** 2
-    )
-    best = product["cd"][spans] @ np.linalg.inv(product["dd"][spans])
-    left = product["cc"][spans] - best @ np.swapaxes(product["cd"][spans], 1, 2)
+    ends, d, change = graph.contacts[known], d[known], change[known]
+    dd, cd, cc = np.zeros((3, graph.grain_count, 2, 2))
+    for grains in ends.T:
+        for total, a, b in ((dd, d, d), (cd, change, d), (cc, change, change)):
+            np.add.at(total, grains, a[:, :, None] * b[:, None, :])
+    count = np.bincount(ends.ravel(), minlength=graph.grain_count)
+    regular = np.abs(np.linalg.det(dd)) > 1e-12 * np.trace(dd, axis1=1, axis2=2) ** 2
+    spans = (count > 2) & regular
+    best = cd[spans] @ np.linalg.inv(dd[spans])
+    left = cc[spans] - best @ np.swapaxes(cd[spans], 1, 2)
     out = np.full(graph.grain_count, np.nan)
     radius = float(graph.radii.mean())
     out[spans] = np.trace(left, axis1=1, axis2=2) / (count[spans] * radius**2)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 
 from loops.arrays import Flags, Floats, Regimes
-from loops.contacts import AT_YIELD, Contacts, PackingState
+from loops.contacts import AT_YIELD, Contacts
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING
 from stability.packing.yielding import MixedControl
 from stability.path import Event
@@ -141,7 +141,7 @@ class PackingPoint:
         """(B, 3) resultants that no load balances."""
         return self.state.resultants + self.load
 
-    def jump_to(self, after: PackingState) -> str:
+    def jump_to(self, after: Contacts) -> str:
         """Tell the jump of the stress or of a centre in a short strain; empty if there is none."""
         # Near zero stress the change is measured by the stress of the start; contacts that pull
         # cancel others in the stress, and count besides.

@@ -22,7 +22,7 @@ from loops.system import System
 from loops.validation import finite, real
 from stability.complementarity import STARTS
 from stability.destabilising import LinearControl, control_along, no_control
-from stability.directional.branches import plane_directions, unit_directions, works
+from stability.directional.branches import plane_directions, unit_directions
 from stability.packing.equations_of_motion import require_upright
 from stability.packing.loop_quantities import loop_changes, loop_sums
 from stability.packing.regime_regions import (
@@ -292,6 +292,14 @@ def probe(
     elastic = np.array([pieces.elastic(direction) for direction in wanted])
     normalised = np.array([answer.normalised for answer in answers])
     around, known = cones(pieces, wanted, answers), normalised[piece >= 0]
+    every = np.concatenate([answer.rates for answer in answers])
+    solutions = Solutions(
+        np.repeat(np.arange(len(answers)), [len(answer.slides) for answer in answers]),
+        every[:, 0].reshape(-1, 2, 2),
+        every[:, 1].reshape(-1, 2, 2),
+        pieces.normalised(every),
+        np.concatenate([answer.slides for answer in answers]),
+    )
     if around is None:
         around = Cones(np.empty((0, 2)), np.empty((0, 2), dtype=bool))
         share = np.sum(known < -NEUTRAL) / max(len(known), 1)
@@ -304,7 +312,7 @@ def probe(
         **{name: np.array([getattr(row, name) for row in rows]) for name in TOLD},
         strain_rate=strain,
         stress_rate=stress,
-        work=np.array([answer.work for answer in answers]),
+        work=np.sum(strain * stress, axis=(1, 2)),
         normalised=normalised,
         elastic_strain=elastic[:, 0],
         elastic_stress=elastic[:, 1],
@@ -321,7 +329,7 @@ def probe(
         area=found.area[found.loops],
         folds=pieces.folds,
         closed=all(branch.closed for branch in pieces.branches),
-        solutions=_solutions(pieces, answers),
+        solutions=solutions,
         candidates=len(rates.rows),
         settled=rates.settled,
         system=rates.system,
@@ -354,25 +362,6 @@ def search_step(candidates: int, directions: int) -> int:
     1 up to 592 contacts at yield, with 72 directions.
     """
     return max(1, int(np.ceil(directions * candidates**3 / SEARCH_WORK)))
-
-
-def _solutions(pieces: RegimeRegions, answers: list[DirectionAnswer]) -> Solutions:
-    strain, stress = (
-        np.concatenate([getattr(answer, name) for answer in answers])
-        for name in ("strains", "stresses")
-    )
-    parts = [rates @ pieces.basis.T for rates in (strain, stress)]
-    sizes = [np.linalg.norm(part, axis=1, keepdims=True) for part in parts]
-    normalised = works(
-        *(part / np.where(size > 0, size, 1.0) for part, size in zip(parts, sizes, strict=True))
-    )[1]
-    return Solutions(
-        direction=np.repeat(np.arange(len(answers)), [len(answer.strains) for answer in answers]),
-        strain_rate=strain.reshape(-1, 2, 2),
-        stress_rate=stress.reshape(-1, 2, 2),
-        normalised=normalised,
-        sliding=np.concatenate([answer.slides for answer in answers]),
-    )
 
 
 def probe_directions(directions: ArrayLike, subspace: Subspace) -> Floats:

@@ -54,18 +54,16 @@ UNLOADING = -np.sqrt([0.5, 0.5])
 
 
 class DirectionAnswer(NamedTuple):
-    """Response along one direction; if undetermined, works are nan and the region is -1.
+    """Response along a direction, its normalised W2 and its region; nan and -1 if undetermined.
 
-    `strains`, `stresses` (k, 4) and `slides` (k,) are the rates of all solutions that are known and
-    the number of contacts that slide; the first one is that of the response.
+    `rates` (k, 2, 4) are strain and stress rates of all solutions that are known, `slides` (k,) the
+    number of contacts that slide; the first one is that of the response.
     """
 
     response: PackingResponse
-    work: float
     normalised: float
     piece: int
-    strains: Floats
-    stresses: Floats
+    rates: Floats
     slides: Integers
 
 
@@ -194,15 +192,9 @@ class RegimeRegions:
                 if not self._known(direction, active):
                     self._trace(direction, active)
         if response.status not in SOLVED:
-            none = np.empty((0, 4))
-            return DirectionAnswer(
-                response, np.nan, np.nan, -1, none, none, np.empty(0, dtype=np.int64)
-            )
+            none = np.empty((0, 2, 4)), np.empty(0, dtype=np.int64)
+            return DirectionAnswer(response, np.nan, -1, *none)
         self.answered.append((direction, solved.active))
-        strain = self.basis @ response.strain_rate.ravel()
-        stress = self.basis @ response.stress_rate.ravel()
-        size = float(np.linalg.norm(strain))
-        work, normalised = works(strain / size if size > 0 else strain, stress)
         # The region of these regimes, entered for the first time or known.
         region = self.number.setdefault(solved.active.tobytes(), len(self.number))
         if region == len(self.tangents):
@@ -216,10 +208,15 @@ class RegimeRegions:
         own = response.strain_rate.ravel(), response.stress_rate.ravel()
         others = [self.rates.rates_of(control, active) for active in solved.solutions[1:]]
         rates = np.array([own, *others])
-        return DirectionAnswer(
-            response, float(work) * size, float(normalised), region,
-            rates[:, 0], rates[:, 1], np.count_nonzero(solved.solutions, axis=1),
-        )  # fmt: skip
+        slides = np.count_nonzero(solved.solutions, axis=1)
+        normalised = float(self.normalised(rates)[0])
+        return DirectionAnswer(response, normalised, region, rates, slides)
+
+    def normalised(self, rates: Floats) -> Floats:
+        """Return W2 over the sizes of strain and stress rates (k, 2, 4) in the subspace, (k,)."""
+        strain, stress = np.moveaxis(rates @ self.basis.T, 1, 0)
+        size = np.linalg.norm(strain, axis=1, keepdims=True)
+        return works(strain / np.where(size > 0, size, 1.0), stress)[1]
 
     def _solved(self, direction: Floats, control: MixedControl, starts: int | None) -> Solved:
         """Answer a direction from known branches, new starts or the nearest answer."""

@@ -333,16 +333,15 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
     solver = PackingPathSolver(scene, [stage], options, loading.coasting)
     solver.start_stage(0, stage, 1)
     motions: list[Motion] = []
-    limit = spread = strain = math.nan
     status: PathStatus = "held"
     message = "no large motion up to the largest load"
-    push, load = PUSH, 0.0
+    push, load, change, near = PUSH, 0.0, math.nan, math.nan
     while solver.point.targets and load < stage.target:
-        stop, change = _to_loss(solver, loading.interval), math.nan
-        if stop is not None and math.isnan(limit):
+        stop = _to_loss(solver, loading.interval)
+        if stop is not None and math.isnan(_first_loss(motions)):
             halving -= thread_time()
-            limit_of = partial(_load_of_loss, solver)
-            stop, _, change = halved(solver, stop, partial(_to_loss, solver), limit_of)
+            load_of_loss = partial(_load_of_loss, solver)
+            stop, _, change = halved(solver, stop, partial(_to_loss, solver), load_of_loss)
             halving += thread_time()
         if stop is None or not solver.point.targets:
             break
@@ -359,21 +358,18 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         told = {"lost": lost, "load": load, "cause": cause, "contact": contact}
         motion, end, work = move(here, control, loading.damping, faces, **told)
         motions.append(motion)
-        strain = float(np.linalg.norm(motion.strain))
-        if math.isnan(limit) and strain >= MICRO_STRAIN:
-            limit, spread = lost, change
-        push = min(2.0 * push, MOST_PUSH) if strain < LITTLE * loading.large else PUSH
+        little = float(np.linalg.norm(motion.strain)) < LITTLE * loading.large
+        push = min(2.0 * push, MOST_PUSH) if little else PUSH
         solver.go_on_from(end, work, load - here.parameter)
         solver.record()
         rests = motion.status == "at rest"
-        strain = _strain_of_near(motions) if rests else strain
-        if strain >= loading.large or not rests:
-            status = LARGE_MOTION[not rests] if strain >= loading.large else "unfinished"
-            flows = f"; no rest at constant load, strain {strain:.2g}"
+        near = _strain_of_near(motions if rests else [motion])
+        if near >= loading.large or not rests:
+            status = LARGE_MOTION[not rests] if near >= loading.large else "unfinished"
+            flows = f"; no rest at constant load, strain {near:.2g}"
             message = cause if rests else cause + flows
             break
-    if not math.isnan(limit):
-        spread = max(spread, _spread_of_the_threshold(motions, limit))
+    limit, spread = _limit(motions, change)
     path = solver.path(status, message)
     resting = np.ones(len(path), dtype=bool)
     resting[-1] = not motions or motions[-1].status == "at rest"
@@ -382,7 +378,7 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         direction=direction,
         limit=limit,
         limit_spread=spread,
-        first_large_strain=strain if status in LARGE_MOTION else math.nan,
+        first_large_strain=near if status in LARGE_MOTION else math.nan,
         motions=tuple(motions),
         resting=resting,
         states=(),
@@ -404,14 +400,20 @@ def _first_load(motions: Sequence[Motion], least: float) -> float:
     return next(found, math.nan)
 
 
-def _spread_of_the_threshold(motions: Sequence[Motion], limit: float) -> float:
-    """Return how far the limit is from that of motions above a third and three times the strain."""
-    strains = [np.linalg.norm(motion.strain) for motion in motions]
-    found = 0.0
-    for least in (MICRO_STRAIN / 3.0, 3.0 * MICRO_STRAIN):
-        losses = [one.lost for one, strain in zip(motions, strains, strict=True) if strain >= least]
-        found = max(found, abs(losses[0] / limit - 1.0) if losses else 0.0)
-    return found
+def _first_loss(motions: Sequence[Motion], least: float = MICRO_STRAIN) -> float:
+    """Return the stress at which the first motion of a strain began; nan if there is none."""
+    return next((one.lost for one in motions if np.linalg.norm(one.strain) >= least), math.nan)
+
+
+def _limit(motions: Sequence[Motion], change: float) -> tuple[float, float]:
+    """Return the stress at which the first motion of 1e-5 began, and its spread.
+
+    That is its `change` by half the interval, or how far motions of a third and of three times the
+    strain are from it.
+    """
+    limit, *others = (_first_loss(motions, share * MICRO_STRAIN) for share in (1.0, 1 / 3, 3.0))
+    away = [abs(other / limit - 1.0) for other in others if not math.isnan(other)]
+    return limit, math.nan if math.isnan(limit) else max(change, *away, 0.0)
 
 
 def _load_of_loss(solver: PackingPathSolver) -> float:

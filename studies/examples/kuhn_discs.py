@@ -20,7 +20,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from loops import GrainGraph, LinearFrictional, Scene, contact_state, find_faces
-from loops.contacts import PackingState
+from loops.contacts import Contacts
 from loops.laws.frictional import ShearIncrement
 from loops.neighbours import near_pairs
 from stability import Path as FollowedPath
@@ -91,7 +91,7 @@ def within(table: pd.DataFrame) -> bool:
     return bool((table[["off_sigma", "off_extension"]].abs().to_numpy() < bounds).all())
 
 
-def structure(state: PackingState) -> dict[str, Any]:
+def structure(state: Contacts) -> dict[str, Any]:
     """Return numbers of contacts and loops, and the share of the contacts' normals along axis 1.
 
     Contacts are those that carry; `touching` counts pairs of discs that touch, and

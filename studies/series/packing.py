@@ -22,7 +22,7 @@ import numpy as np
 
 from loops import InputError, Regime, loop_batches
 from loops.arrays import Floats
-from loops.contacts import PackingState, contacts_at_start, start_state
+from loops.contacts import Contacts, contacts_at_start, start_state
 from loops.in_place import loops_in_place
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import Fate, LoopFates
@@ -270,7 +270,7 @@ def _by_events(
 ) -> tuple[Columns, dict[str, Any], list[str]]:
     """Predictions of the packing's path and of its replay, columns, notes on failures."""
     graph = before.graph
-    ends, notes = dict[str, PackingState](), list[str]()
+    ends, notes = dict[str, Contacts](), list[str]()
     row: Row = {"replay_inertial_number": None, "replay_rate_from": None}
     row |= {"path_status": "refused", "path_instabilities": 0}
     row |= {"path_released": None, "path_from_replay": None, "replay_stress_error": None}
@@ -309,14 +309,14 @@ def _by_events(
     return columns, row, notes
 
 
-def path_from_replay(path: Path, replayed: PackingState, contacts: int) -> float:
+def path_from_replay(path: Path, replayed: Contacts, contacts: int) -> float:
     """Distance of the contact forces at both ends, over their change on the replay."""
     ends = path.states[0], replayed, path.states[-1]
     first, last, other = (state.forces[:contacts] for state in ends)
     return float(np.linalg.norm(other - last) / np.linalg.norm(last - first))
 
 
-def stress_error(end: PackingState, after: Snapshot) -> float | None:
+def stress_error(end: Contacts, after: Snapshot) -> float | None:
     """Difference of a final stress to that of the later snapshot, over its mean stress."""
     own = stress_of(after)
     pressure = 0.5 * abs(float(np.trace(own)))

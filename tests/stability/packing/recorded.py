@@ -13,7 +13,7 @@ import numpy as np
 
 from grainloops import hold, indicators, probe, replay
 from loops import LinearFrictional, Scene, boundary_of, find_faces
-from loops.contacts import PackingState
+from loops.contacts import Contacts
 from stability import Stage, programmes
 from stability.packing import HeldPacking, PackingResponse, Probe
 from stability.packing.loop_quantities import least_squares_nonaffinity
@@ -38,7 +38,7 @@ def plain(value):
     if isinstance(value, (PackingResponse, Probe)):
         left = np.where(value.residual > 1e-6, value.residual, 0.0)
         return named(value) | {"residual": plain(left)}
-    if isinstance(value, PackingState) and np.abs(value.x.mean(axis=0)).max() > 1e-12:
+    if isinstance(value, Contacts) and np.abs(value.x.mean(axis=0)).max() > 1e-12:
         # A periodic packing drifts as a whole by rounding.
         return plain(replace(value, x=value.x - value.x.mean(axis=0)))
     if isinstance(value, HeldPacking):
@@ -74,7 +74,7 @@ def plain(value):
 def named(value):
     """Fields of an answer by name, without what it keeps for itself."""
     # Without cohesion what is closed follows from the forces; the law is that of the case.
-    left_out = LEFT_OUT | ({"closed", "law"} if isinstance(value, PackingState) else set())
+    left_out = LEFT_OUT | ({"closed", "law"} if isinstance(value, Contacts) else set())
     given = [one.name for one in fields(value) if one.init]
     names = [name for name in given if name not in left_out and name[0] != "_"]
     return {name: plain(getattr(value, name)) for name in names}

@@ -32,7 +32,7 @@ from stability.packing.sustain import (
     MICRO_STRAIN,
     MODE_STRAIN,
     Loading,
-    _spread_of_the_threshold,
+    _limit,
     load_path,
 )
 from stability.programmes import proportional_stress
@@ -191,7 +191,7 @@ def test_a_limit_that_hangs_on_the_strain_of_a_motion_says_so(strains, spread):
         for k, e in zip(loads, strains, strict=True)
     ]
     limit = next(one.lost for one in motions if one.strain[0] >= MICRO_STRAIN)
-    assert _spread_of_the_threshold(motions, limit) == spread
+    assert _limit(motions, 0.0) == (limit, spread)
 
 
 def one_run(path, limit, motions):
