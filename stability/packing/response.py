@@ -541,9 +541,27 @@ class PackingRates:
 def rate_problem(
     scene: Scene, *, yield_band: float = YIELD_BAND, by_forces: bool = False
 ) -> PackingRates:
-    """Find the contacts within the yield band, and those whose known regime is sliding.
+    """Prepare the rate problem of a packing: one factorisation for any number of controls.
 
-    With `by_forces` closed contacts have regimes by their forces, whatever is known of them.
+    Parameters
+    ----------
+    scene : Scene
+        The packing, one state.
+    yield_band : float
+        Contacts with `|T|` of at least this share of their strength may slide, and those whose
+        known regime is sliding.
+    by_forces : bool
+        Closed contacts have regimes by their forces, whatever is known of them.
+
+    Returns
+    -------
+    PackingRates
+        `solved(control)` answers with rates, `increment(control)` with a whole increment.
+
+    Raises
+    ------
+    InputError
+        If the packing floats, or the band is no such share.
     """
     number("yield_band", yield_band, 0.0, 1.0, open_low=True)
     rows = scene.rows
