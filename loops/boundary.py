@@ -14,7 +14,8 @@ from loops.assembly import contact_regime, contact_tangent
 from loops.errors import InputError
 from loops.faces import FaceKind, Faces
 from loops.graph import ContactState, GrainGraph
-from loops.laws.frictional import ContactLaw, LinearFrictional, Regime
+from loops.laws.frictional import ContactLaw, Regime
+from loops.laws.kinds import LinearFrictional
 from loops.shown import Shown
 
 BoundaryKind = Literal["free", "cell", "walls", "outline"]

@@ -13,7 +13,8 @@ from loops.arrays import Flags, Floats, Integers
 from loops.boundary import Boundary
 from loops.errors import InputError
 from loops.graph import GrainGraph, branches_between, require_one_state
-from loops.laws.of_pairs import MovableLaw, PairLaw, require_movable
+from loops.laws.frictional import FrictionalLaw
+from loops.laws.of_pairs import PairLaw, require_movable
 from loops.neighbours import new_pairs
 from loops.scene import Scene
 from loops.shown import Shown
@@ -384,7 +385,7 @@ def contacts_at_start(scene: Scene, *, still: bool = False) -> Contacts:
     return contacts_of(start, law, scene.boundary)
 
 
-def contacts_of(start: Contacts, law: MovableLaw, boundary: Boundary | None = None) -> Contacts:
+def contacts_of(start: Contacts, law: FrictionalLaw, boundary: Boundary | None = None) -> Contacts:
     """Return the contacts of a state under a law, those with walls last."""
     wall = np.where(start.at_wall, start.contacts[:, 1] - start.count, -1)
     radii = np.ascontiguousarray(start.radii[start.contacts].T)

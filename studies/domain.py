@@ -49,7 +49,7 @@ from loops.arrays import Flags, Floats, one_blas_thread, true_runs
 from loops.closures import Closure, Spins
 from loops.closures.system import named_closure
 from loops.errors import check_choice, whole_number
-from loops.laws.frictional import linear_springs
+from loops.laws.kinds import linear_springs
 from loops.scene import Subject, scene_of
 from loops.shown import Shown
 from patterns import diamond

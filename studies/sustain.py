@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,6 @@ from loops import InputError
 from loops.arrays import Floats
 from loops.contacts import contacts_at_start
 from loops.errors import check_choice
-from loops.laws.of_pairs import MovableLaw
 from loops.scene import Scene, Subject, scene_of
 from stability import COMPONENTS
 from stability.packing import Sustained
@@ -201,7 +200,7 @@ def _load(scene: Scene, loading: Loading, direction: Floats) -> LoadedPath:
 
 def _digest(scene: Scene, asked: dict[str, Any]) -> str:
     """Digest of all that the directions depend on."""
-    law = cast(MovableLaw, scene.law)
+    law = scene.law
     # Beside a spring for rolling stands the law of the forces.
     parts = scene.graph, scene.boundary.walls, law, vars(law).get("law")
     said = f"{code_version()} {asked} {law.shear_increment} {law.shear_history}"

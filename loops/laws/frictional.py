@@ -1,11 +1,11 @@
-"""The protocol of contact laws, Coulomb friction on any normal force, and on linear springs."""
+"""Contact laws: Coulomb friction on any normal force, regimes, and the edge between them."""
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, Literal, Protocol, Self, TypeGuard, cast, get_args, runtime_checkable
+from typing import Any, Literal, Self, TypeGuard, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,95 +62,23 @@ class Regime(IntEnum):
     __array_ufunc__ = np.ndarray.__array_ufunc__
 
 
-@runtime_checkable
-class ContactLaw(Protocol):
-    """A rate-type contact law, local components in the order (normal, tangential).
-
-    The relative displacement rates are `un' = n . d'` and `ut' = g t . d' - (b_i w_i + b_j w_j)`,
-    with `g`, `b_i`, `b_j` from `shear_kinematics` and `w` the grain spins (counter-clockwise
-    positive). The force rates are `(N', T') = -D (un', ut')` with `D` from `local_stiffness`, and
-    the rolling moment on grain j has the rate `-k_r (w_j - w_i)`. Forces are positive in
-    compression. The normal force of a closed contact is a function of the geometry.
-
-    The edge of the law says which regimes are open to a contact: it opens where `gap` grows
-    positive, closes where the grains touch, slides while `|T|` is at its `strength` and the slip
-    dissipates. Derive a law of your own from `loops.FrictionalLaw`.
-    """
-
-    @property
-    def mu(self) -> ArrayLike:
-        """Friction, broadcastable to (..., C): 0 slides freely, inf never slides."""
-        ...
-
-    @property
-    def keeps_strength(self) -> bool:
-        """Whether `|T|` of a sliding contact is its strength; otherwise `T` is integrated."""
-        ...
-
-    def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """Return `g`, `b_i`, `b_j`, each (..., C); objectivity asks for `g l = b_i + b_j`."""
-        ...
-
-    def local_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Return `D`, (..., C, 2, 2) (force per length), in the given regime."""
-        ...
-
-    def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """Return `k_r`, broadcastable to (..., C) (moment per angle)."""
-        ...
-
-    def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
-        """Return the regime, (..., C), along the displacement rates `(un', ut')` if given."""
-        ...
-
-    def normal_force(self, state: ContactState) -> Floats:
-        """Return `N`, (..., C) (force), as the overlaps of the state give it."""
-        ...
-
-    def closed_force(self, state: ContactState) -> Floats:
-        """Return `N`, (..., C), as if every contact were closed: smooth beyond the opening."""
-        ...
-
-    def gap(self, state: ContactState) -> Floats:
-        """Return (..., C) a length, positive where a closed contact has opened."""
-        ...
-
-    def strength(self, state: ContactState) -> Floats:
-        """Return the shear force, (..., C), that a contact can carry under its `N`."""
-        ...
-
-    def normal_energy(self, state: ContactState) -> Floats:
-        """Return the energy, (..., C), that closed contacts store in their normal direction."""
-        ...
-
-    def take(self, contacts: Integers | slice) -> ContactLaw:
-        """Return the law of the picked contacts, parameters shaped like `contacts`."""
-        ...
-
-    def parted(self, opened: Flags) -> ContactLaw:
-        """Return the law once these contacts (C,) have opened: another one where bonds break."""
-        ...
-
-
-OF_A_LAW = [name for name in dir(ContactLaw) if not name.startswith("_")]
 # Parameters by contact of a law that takes its contacts itself.
 BY_CONTACT = ("kn", "kt", "mu", "k_r", "mu_r")
 
 
 def require_law(law: object, contacts: tuple[int, ...] | None = None) -> None:
-    """Raise `InputError` unless the law has everything that `ContactLaw` asks for.
+    """Raise `InputError` unless the law is derived from `FrictionalLaw`.
 
     Of contacts of this shape its parameters are numbers, or arrays with as many in the last axis.
     """
-    missing = [name for name in OF_A_LAW if not hasattr(law, name)]
-    if isinstance(law, type) or missing:
-        received = "none" if law is None else f"{type(law).__name__} without {', '.join(missing)}"
-        received = f"the class {law.__name__}" if isinstance(law, type) else received
+    if not isinstance(law, FrictionalLaw):
+        received = f"the class {law.__name__}" if isinstance(law, type) else type(law).__name__
+        expected = "a law with its tangent and its edge"
         remedy = "Give gl.LinearFrictional(kn, kt, mu), say, or derive it from gl.FrictionalLaw."
-        raise InputError("contact law", received, "a law with its tangent and its edge", remedy)
+        raise InputError("contact law", "none" if law is None else received, expected, remedy)
     if contacts is None:
         return
-    everything = getattr(type(law), "take", None) is FrictionalLaw.take
+    everything = type(law).take is FrictionalLaw.take
     for name, value in vars(law).items():
         if name == "law":
             require_law(value, contacts)
@@ -170,6 +98,14 @@ def _require_fit(name: str, shape: tuple[int, ...], contacts: tuple[int, ...]) -
 
 class FrictionalLaw(Shown):
     """Base of contact laws: a normal force of the overlap, an elastic shear spring, friction.
+
+    Local components are in the order (normal, tangential). The relative displacement rates are
+    `un' = n . d'` and `ut' = g t . d' - (b_i w_i + b_j w_j)`, with `g`, `b_i`, `b_j` from
+    `shear_kinematics` and `w` the grain spins (counter-clockwise positive). The force rates are
+    `(N', T') = -D (un', ut')` with `D` from `local_stiffness`, and the rolling moment on grain j
+    has the rate `-k_r (w_j - w_i)`. Forces are positive in compression. The edge of the law says
+    which regimes are open to a contact: it opens where `gap` grows positive, closes where the
+    grains touch, slides while `|T|` is at its `strength` and the slip dissipates.
 
     A law of your own gives `closed_force`, and `stiffnesses` unless they are its constants `kn` and
     `kt`; without a constant `kn` it is the slope of `closed_force`. Its parameters are attributes
@@ -240,7 +176,7 @@ class FrictionalLaw(Shown):
     def __init__(self, **parameters: ArrayLike) -> None:
         for name in {"kn", "kt", "mu"} & {*parameters}:
             expected = "a number, or one for each contact"
-            parameter(name, parameters[name], expected, 0.0, open_low=False, high=np.inf)
+            parameter(name, parameters[name], expected, high=np.inf)
         checked_increment(parameters.get("shear_increment", self.shear_increment))  # type: ignore[arg-type]
         vars(self).update(parameters)
 
@@ -303,7 +239,10 @@ class FrictionalLaw(Shown):
         return np.where(self.gap(state) > 0.0, 0.0, self.closed_force(state))
 
     def shear_kinematics(self, state: ContactState) -> tuple[Floats, Floats, Floats]:
-        """`g = 1` and the lever arms (`branch`), or `g = (r_i + r_j)/l` and the radii (`radii`)."""
+        """`g = 1` and the lever arms (`branch`), or `g = (r_i + r_j)/l` and the radii (`radii`).
+
+        Objectivity asks for `g l = b_i + b_j`.
+        """
         if self.shear_increment == "radii":
             return state.touching_length / state.length, state.radii_i, state.radii_j
         return np.ones_like(state.length), state.arm_i, state.arm_j
@@ -328,7 +267,7 @@ class FrictionalLaw(Shown):
         return stiffness
 
     def rolling_stiffness(self, state: ContactState, regime: Regimes) -> Floats:
-        """No rolling resistance."""
+        """`k_r`, broadcastable to (..., C) (moment per angle): no rolling resistance."""
         return np.zeros(())
 
     def regime(self, state: ContactState, rates: tuple[Floats, Floats] | None = None) -> Regimes:
@@ -358,8 +297,10 @@ class FrictionalLaw(Shown):
         """Law of the picked contacts; parameters that are numbers stay numbers."""
         law = copy.copy(self)
         for name, value in vars(self).items():
-            if np.ndim(value) > 0 and not isinstance(value, str):
-                object.__setattr__(law, name, np.asarray(value)[..., contacts])
+            if isinstance(value, FrictionalLaw):
+                vars(law)[name] = value.take(contacts)
+            elif np.ndim(value) > 0 and not isinstance(value, str):
+                vars(law)[name] = np.asarray(value)[..., contacts]
         return law
 
     def parted(self, opened: Flags) -> Self:
@@ -367,9 +308,8 @@ class FrictionalLaw(Shown):
         return self
 
 
-def linear_springs(law: object) -> TypeGuard[LinearFrictional]:
-    """Return whether a law is linear springs with friction, and nothing else."""
-    return type(law) is LinearFrictional
+# What functions of contacts take.
+ContactLaw = FrictionalLaw
 
 
 def of_tables(law: object) -> TypeGuard[FrictionalLaw]:
@@ -445,11 +385,12 @@ LARGEST = float(np.finfo(float).max)
 
 
 def parameter(
-    name: str, value: ArrayLike, expected: str, low: float, *, open_low: bool, high: float = LARGEST
-) -> Any:
-    """Return parameters between two bounds as an array, or raise `InputError`."""
+    name: str, value: ArrayLike, expected: str, low: float = 0.0, *, above: bool = False,
+    high: float = LARGEST,
+) -> Any:  # fmt: skip
+    """Return parameters from `low`, or `above` it, to `high` as an array, or raise `InputError`."""
     array = real(f"{name} of the contact law", value, expected=expected)
-    ok = (array > low if open_low else array >= low) & (array <= high)
+    ok = (array > low if above else array >= low) & (array <= high)
     if not ok.all():
         bad = str(array[~ok].flat[0])
         raise InputError(f"{name} of the contact law", bad, expected, "Correct it.")
@@ -463,99 +404,21 @@ def friction_of(mu: ArrayLike | None, phi: ArrayLike | None) -> ArrayLike | None
     if mu is not None:
         raise InputError("mu, phi", "both", "one of them", "Leave one out.")
     expected = "an angle in radians, from 0 to pi/2: np.radians(30) for 30 degrees"
-    return np.tan(parameter("phi", phi, expected, 0.0, open_low=False, high=0.5 * np.pi))
+    return np.tan(parameter("phi", phi, expected, high=0.5 * np.pi))
 
 
 def friction_and_increment(
-    law: Any, mu: ArrayLike, shear_increment: str, phi: ArrayLike | None = None
-) -> None:
-    """Set what every law with friction has, or raise `InputError`."""
+    mu: ArrayLike, phi: ArrayLike | None, shear_increment: str
+) -> dict[str, Any]:
+    """Return what every law with friction has, or raise `InputError`."""
     expected = "a coefficient of friction, zero or more"
     if phi is not None:
         mu = cast(ArrayLike, friction_of(None if np.all(np.isinf(mu)) else mu, phi))
-    object.__setattr__(law, "mu", parameter("mu", mu, expected, 0.0, open_low=False, high=np.inf))
-    object.__setattr__(law, "shear_increment", checked_increment(shear_increment))
+    mu = parameter("mu", mu, expected, high=np.inf)
+    return {"mu": mu, "shear_increment": checked_increment(shear_increment)}
 
 
 def checked_increment(increment: str) -> ShearIncrement:
     """Return a known shear increment, or raise `InputError`."""
     check_choice("shear_increment", increment, get_args(ShearIncrement))
     return cast(ShearIncrement, increment)
-
-
-@dataclass(frozen=True, eq=False, init=False, repr=False)
-class LinearFrictional(FrictionalLaw):
-    """Linear springs, Coulomb friction, no cohesion (Nicot et al. 2016, equations 5-8).
-
-    - elastic: `N' = -kn un'`, `T' = -kt ut'`;
-    - sliding (`|T| = mu N`): `T' = s mu N'`, `s = sign(T)`, while the slip dissipates,
-      `-s (ut' + s mu N'/kt) >= 0`; the sign `s` keeps `|T| = mu N` when `N` falls, which the
-      printed (8c) does not (Theory, equation (9.1));
-    - open: `N = T = 0` once the branch is longer than `r_i + r_j`.
-
-    Parameters
-    ----------
-    kn : float or (..., C) array
-        Normal stiffness (force per length, positive).
-    kt : float or (..., C) array
-        Tangential stiffness (force per length, not negative).
-    mu : float or (..., C) array, default inf
-        Coefficient of friction, tan of the contact friction angle (not negative; inf never
-        slides).
-    phi : float or (..., C) array, optional
-        Angle of friction (radians) in place of `mu`.
-    shear_increment : {'branch', 'radii'}
-        What a turn of the branch by `d(alpha)` adds to `ut`: `l d(alpha)` (the paper) or
-        `(r_i + r_j) d(alpha)` (Yade's default, `avoidGranularRatcheting`).
-
-    Raises
-    ------
-    InputError
-        If a parameter is not finite, has the wrong sign or `shear_increment` is unknown.
-
-    Examples
-    --------
-    >>> from loops import GrainGraph, LinearFrictional, contact_state
-    >>> pair = GrainGraph(x=[[0, 0], [0.9, 0]], radii=[0.5, 0.5], contacts=[[0, 1]])
-    >>> law, state = LinearFrictional(kn=1.0, kt=0.5), contact_state(pair)
-    >>> law.normal_force(state).round(12).tolist()
-    [0.1]
-    >>> law.local_stiffness(state, law.regime(state)).tolist()
-    [[[1.0, 0.0], [0.0, 0.5]]]
-    """
-
-    kn: Floats
-    kt: Floats
-    mu: Floats
-    shear_increment: ShearIncrement
-    overlap_power = 1.0
-
-    def __init__(
-        self,
-        kn: ArrayLike,
-        kt: ArrayLike,
-        mu: ArrayLike = np.inf,
-        shear_increment: ShearIncrement = "branch",
-        *,
-        phi: ArrayLike | None = None,
-    ) -> None:
-        kn = parameter("kn", kn, "a positive finite stiffness", 0.0, open_low=True)
-        object.__setattr__(self, "kn", kn)
-        kt = parameter("kt", kt, "a finite stiffness, zero or more", 0.0, open_low=False)
-        object.__setattr__(self, "kt", kt)
-        friction_and_increment(self, mu, shear_increment, phi)
-
-    table_words = property(lambda self: {})
-    constant_springs = property(lambda self: (self.kn, self.kt))
-
-    def stiffnesses(self, state: ContactState) -> tuple[Floats, Floats]:
-        """The constants `kn` and `kt`."""
-        return self.kn, self.kt
-
-    def closed_force(self, state: ContactState) -> Floats:
-        """`N = kn (r_i + r_j - l)`."""
-        return self.kn * state.overlap
-
-    def normal_energy(self, state: ContactState) -> Floats:
-        """`N^2/(2 kn)`."""
-        return self.closed_force(state) ** 2 / (2.0 * self.kn)

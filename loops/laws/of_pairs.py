@@ -18,14 +18,19 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers, median
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws.cohesive import CohesiveFrictional
 from loops.laws.compiled import Filling, answer_of, compiled, pressed_contacts
-from loops.laws.frictional import FrictionalLaw, LinearFrictional, Regime, linear_springs
-from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND, HertzMindlin, effective_radius
-from loops.laws.rolling_resistance import RollingResistance
+from loops.laws.frictional import FrictionalLaw, Regime
+from loops.laws.kinds import (
+    HERTZ,
+    HERTZ_BAND,
+    CohesiveFrictional,
+    HertzMindlin,
+    LinearFrictional,
+    RollingResistance,
+    effective_radius,
+    linear_springs,
+)
 
-# Contact laws of paths and equations of motion.
-MovableLaw = FrictionalLaw | RollingResistance
 # Which pairs touch, and all of them as their law sees them.
 Pressed = tuple[Flags, ContactState]
 # Smallest overlap, over the distance of the centres, that stiffnesses are estimated at.
@@ -70,7 +75,7 @@ class PairLaw:
     @property
     def linear(self) -> bool:
         """Whether springs are constant, so that an increment knows their energy."""
-        return type(self.law) is LinearFrictional
+        return linear_springs(self.law)
 
     @property
     def remembers(self) -> bool:
@@ -97,14 +102,14 @@ class PairLaw:
 
     @classmethod
     def made(
-        cls, given: MovableLaw, radii: Floats, wall: Integers, at_walls: Floats | None = None
+        cls, given: FrictionalLaw, radii: Floats, wall: Integers, at_walls: Floats | None = None
     ) -> Self:
         """Return the law of pairs of radii (2, P), those with walls last, see `with_walls`.
 
         `wall` is the number of the wall, -1 between grains, whose parameters the law has.
         """
         springs = given if isinstance(given, RollingResistance) else RollingResistance(given, 0.0)
-        law = cast(FrictionalLaw, springs.law)
+        law = springs.law
         count = int(np.count_nonzero(wall < 0))
         numbers = (np.full(count, k) for k in (1.0, 0.0, law.mu, 0.0, springs.k_r, springs.mu_r))
         pairs = cls(law, radii[:, :count], wall[:count], *numbers).with_law(law)
@@ -172,7 +177,7 @@ class PairLaw:
             if isinstance(value, np.ndarray) and value.shape == (len(known) + count,):
                 if value.dtype.kind == "f":
                     values = np.append(value[known], np.full(count, median(value[between])))
-                    object.__setattr__(law, name, values)
+                    vars(law)[name] = values
         # What touches later was never bonded.
         return law.parted(np.arange(len(known) + count) >= len(known))
 
@@ -410,7 +415,7 @@ KERNELS: dict[type, Callable[[PairLaw], tuple[str, list[Floats]]]] = {
 }
 
 
-def law_of(law: object, pairs: PairLaw, rows: Flags) -> MovableLaw:
+def law_of(law: object, pairs: PairLaw, rows: Flags) -> FrictionalLaw:
     """Return the law of the picked pairs between grains, of the same kind as the one given."""
     picked = pairs.law.take(np.flatnonzero(rows))
     if isinstance(law, RollingResistance):
@@ -438,7 +443,7 @@ def as_known(values: Floats, radii: Floats, others: Floats) -> Floats:
 # ---- which laws are taken, and why others are refused
 
 
-def require_movable(law: object, state: ContactState) -> MovableLaw:
+def require_movable(law: object, state: ContactState) -> FrictionalLaw:
     """The law of paths, motions and materials; refuse others, and packings without contacts.
 
     The normal force is one of the overlap; where the grains part it vanishes, or pulls.

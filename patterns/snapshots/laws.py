@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from loops import CohesiveFrictional, HertzMindlin, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, median
 from loops.laws.frictional import ShearIncrement
-from loops.laws.hertz_mindlin import HERTZ, HERTZ_BAND
+from loops.laws.kinds import HERTZ, HERTZ_BAND
 from patterns.snapshots.checked import goes_with_root
 from patterns.snapshots.checks import SLIDING_SHARE
 from patterns.snapshots.findings import rounding

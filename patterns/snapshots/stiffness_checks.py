@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from loops.arrays import Floats, Integers, median
-from loops.laws.hertz_mindlin import HertzMindlin
+from loops.laws.kinds import HertzMindlin
 from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, few, finding, power_of_ten, rounding

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from loops import ContactLaw, GrainGraph
 from loops.arrays import Flags, Floats, Integers, median
 from loops.boundary import UPRIGHT, PlaneContacts, plane_contacts
-from loops.laws.of_pairs import MovableLaw, PairLaw
+from loops.laws.frictional import FrictionalLaw
+from loops.laws.of_pairs import PairLaw
 from loops.shown import Shown
 from patterns.snapshots.checks import SAME_FORCE, SLIDING_SHARE
 from patterns.snapshots.findings import Finding, few, finding
@@ -121,7 +122,7 @@ def wall_plates(
         given = walls.kn, walls.kt, walls.mu, walls.force, sliding
         return PlaneContacts(walls.grain, -walls.branch, *given), notes
     planes = plane_contacts(graph, walls.grain, walls.force, walls.branch)
-    if isinstance(law, MovableLaw) and graph.contact_count:
+    if isinstance(law, FrictionalLaw) and graph.contact_count:
         # Tangents are those of the law under these forces: 3/2 of force over overlap under Hertz's.
         springs, count = planes.springs(graph.radii), graph.contact_count
         on_plates = graph.radii[planes.grain] * np.array([[1.0], [0.0]])

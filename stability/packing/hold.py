@@ -15,7 +15,8 @@ from loops.contacts import Contacts, contacts_at_start, start_state
 from loops.errors import InputError, check_choice, number, whole_number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
-from loops.laws.of_pairs import MovableLaw, law_of
+from loops.laws.frictional import FrictionalLaw
+from loops.laws.of_pairs import law_of
 from loops.scene import Scene, of_scene
 from loops.shown import Shown, counted
 from loops.validation import finite
@@ -96,7 +97,7 @@ class HeldPacking(Shown):
     shown = ("status", "control", "unbalanced_before", "unbalanced", "stress", "strain", "steps")
 
     graph: GrainGraph
-    law: MovableLaw
+    law: FrictionalLaw
     boundary: Boundary
     ids: Integers
     status: HoldStatus

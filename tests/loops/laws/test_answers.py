@@ -12,7 +12,8 @@ from loops import (
     contact_state,
 )
 from loops import RollingResistance as Rolling
-from loops.laws.frictional import linear_springs, of_tables
+from loops.laws.frictional import of_tables
+from loops.laws.kinds import linear_springs
 
 LINEAR, HERTZ = LinearFrictional(2.0, 0.5, 0.4), HertzMindlin(3.0, 0.2, 0.4)
 ATTRACTS = CohesiveFrictional(2.0, 0.5, 0.4, adhesion=0.1)

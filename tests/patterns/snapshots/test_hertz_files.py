@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loops import HertzMindlin, InputError, Regime, Scene, contact_state, match_contacts
-from loops.laws.hertz_mindlin import HERTZ
+from loops.laws.kinds import HERTZ
 from patterns import Snapshot, WallContacts, read_snapshot, snapshot_from_tables, write_snapshot
 from patterns.snapshots.checks import SLIDING_SHARE
 from stability import follow
