@@ -146,14 +146,13 @@ def find_faces(graph: GrainGraph | HasGraph, *, compiled: bool | None = None) ->
         from loops.compiled.network import plane_faces
 
         images = np.zeros((0, 2)) if graph.images is None else graph.images
-        cell = np.zeros((2, 2)) if graph.cell is None else graph.cell
         good, offsets, grains, contacts, forward, area, winds, component = plane_faces(
             given(graph.x, np.float64),
             given(graph.contacts, np.int64),
             given(images, np.int64),
-            given(cell, np.float64),
+            given(graph.branches, np.float64),
         )
-        # Else two directions are equal or too close for double precision.
+        # Else two directions are equal, or too close for double precision.
         if good:
             kind = _kind(area, winds)
             return Faces(offsets, grains, contacts, forward, area, kind, component)

@@ -1,8 +1,8 @@
 """Kernels of contact networks: faces and components.
 
 Grains and contacts are numbered anew along space (local numbers), so that neighbours lie close in
-memory. Arrays: centres `x` (G, 2), `contacts` (C, 2), periodic `images` (C, 2), without rows in the
-plane, `cell` (2, 2).
+memory. Arrays: centres `x` (G, 2), `contacts` (C, 2), their `branches` (C, 2) and periodic `images`
+(C, 2), without rows in the plane.
 """
 
 from __future__ import annotations
@@ -18,16 +18,9 @@ from loops.compiled import inlined, kernel
 Short = NDArray[np.int32]
 BITS = 11  # bins along each axis: 2^11, their codes sorted in two passes of 2^11 counters
 BINS = 2**BITS
-SPLITTER = 2.0**27 + 1.0
-# For factors from this size on, a product and its rounding error are in the range of doubles.
-TINY = 1e-250
-# And up to this one.
-HUGE = 1e150
-UNDECIDED = 2
-COUNTING_SORT_MAX = 16  # grains with more contacts have them sorted by merging
-CLOSE = (
-    1e-13  # directions closer than this are compared exactly; their rounding is a hundredth of it
-)
+COUNTING_SORT_MAX = 16  # a grain with more contacts has them sorted by numpy
+# Directions closer than this are left to exact arithmetic; their rounding is a hundredth of it.
+CLOSE = 1e-13
 
 
 @kernel
@@ -161,68 +154,39 @@ def prune(network: LocalNetwork) -> tuple[LocalNetwork, Short]:
 
 
 @kernel
-def local_branches(network: LocalNetwork, images: Integers, cell: Floats) -> tuple[Floats, Short]:
+def local_branches(
+    network: LocalNetwork, images: Integers, branches: Floats
+) -> tuple[Floats, Short]:
     """Branch vectors (E, 2) and periodic images (E, 2) or (0, 2) of the local contacts."""
-    count, x = len(network.ends), network.x
+    count = len(network.ends)
     d = np.empty((count, 2))
     local = np.empty((count if len(images) else 0, 2), dtype=np.int32)
     for c in range(count):
-        i, j = network.ends[c, 0], network.ends[c, 1]
-        d[c, 0], d[c, 1] = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+        number = network.contact[c]
+        d[c, 0], d[c, 1] = branches[number, 0], branches[number, 1]
         if len(images):
-            p, q = images[network.contact[c], 0], images[network.contact[c], 1]
-            local[c, 0], local[c, 1] = p, q
-            d[c, 0] += cell[0, 0] * p + cell[0, 1] * q
-            d[c, 1] += cell[1, 0] * p + cell[1, 1] * q
+            local[c, 0], local[c, 1] = images[number, 0], images[number, 1]
     return d, local
-
-
-@kernel
-def _product_error(a: float, b: float, product: float) -> float:
-    """Rounding error of a product, `a b - product` (Dekker), within `TINY` and `HUGE`."""
-    high_a = SPLITTER * a - (SPLITTER * a - a)
-    high_b = SPLITTER * b - (SPLITTER * b - b)
-    low_a, low_b = a - high_a, b - high_b
-    return low_a * low_b - (((product - high_a * high_b) - low_a * high_b) - high_a * low_b)
-
-
-@kernel
-def turn(ax: float, ay: float, bx: float, by: float) -> int:
-    """Exact sign of `ax by - ay bx`; `UNDECIDED` outside the range of doubles."""
-    left, right = ax * by, ay * bx
-    if left > right:
-        return 1
-    if left < right:
-        return -1
-    if (ax == 0.0 or by == 0.0) and (ay == 0.0 or bx == 0.0):
-        return 0
-    largest = max(max(abs(ax), abs(ay)), max(abs(bx), abs(by)))
-    if not (abs(left) > TINY and largest < HUGE):
-        return UNDECIDED
-    left_error, right_error = _product_error(ax, by, left), _product_error(ay, bx, right)
-    if left_error == right_error:
-        return 0
-    return 1 if left_error > right_error else -1
 
 
 @kernel
 def following_half_edges(ends: Short, degree: Short, d: Floats) -> tuple[Short, bool]:
     """(2 E,) next half-edge of each: at its end, clockwise from its opposite half-edge.
 
-    Return also whether all directions differ; False too where doubles cannot decide.
+    Return also whether all directions differ by more than their rounding.
     """
     begin, edge, angle = _around_grains(ends, degree, d)
     following = np.empty(2 * len(ends), dtype=np.int32)
-    largest = degree.max() if len(degree) else 0
-    order, spare = np.empty(largest, dtype=np.int32), np.empty(largest, dtype=np.int32)
+    order = np.empty(degree.max() if len(degree) else 0, dtype=np.int32)
     good = True
     for g in range(len(degree)):
         first, n = begin[g], degree[g]
         here = slice(first, first + n)
         if n > COUNTING_SORT_MAX or not _sort_by_angle(edge[here], angle[here], order):
+            ranked = first + np.argsort(angle[here])
             for k in range(n):
-                order[k] = edge[first + k]
-            good &= _sort_exactly(d, n, order, spare)
+                order[k] = edge[ranked[k]]
+                good &= k == 0 or angle[ranked[k]] - angle[ranked[k - 1]] > CLOSE
         for k in range(n):
             following[order[k] ^ 1] = order[k - 1 if k > 0 else n - 1]
     return following, good
@@ -260,45 +224,6 @@ def _sort_by_angle(edge: Short, angle: Floats, order: Short) -> bool:
         order[rank] = edge[k]
     # Angles just above zero and just below a whole turn are adjacent in the cycle either way.
     return apart
-
-
-@kernel
-def _sort_exactly(d: Floats, n: int, order: Short, spare: Short) -> bool:
-    """Merge sort of n half-edges by direction; False if two are equal or cannot be compared."""
-    good, run = True, 1
-    while run < n:
-        for start in range(0, n, 2 * run):
-            middle, end = min(start + run, n), min(start + 2 * run, n)
-            # A copy of slices would compile numba's message on shapes, for two seconds.
-            for k in range(start, end):
-                spare[k] = order[k]
-            a, b = start, middle
-            for k in range(start, end):
-                second = a == middle
-                if a < middle and b < end:
-                    before = _turned_before(d, spare[b], spare[a])
-                    good &= before != UNDECIDED and before != 0
-                    second = before == 1
-                if second:
-                    order[k] = spare[b]
-                    b += 1
-                else:
-                    order[k] = spare[a]
-                    a += 1
-        run *= 2
-    return good
-
-
-@kernel
-def _turned_before(d: Floats, a: int, b: int) -> int:
-    """1 if half-edge a comes before b, counter-clockwise from axis 1; -1 after; 0 the same way."""
-    sign_a, sign_b = 1 - 2 * (a & 1), 1 - 2 * (b & 1)
-    ax, ay = sign_a * d[a >> 1, 0], sign_a * d[a >> 1, 1]
-    bx, by = sign_b * d[b >> 1, 0], sign_b * d[b >> 1, 1]
-    below_a, below_b = ay < 0.0 or (ay == 0.0 and ax < 0.0), by < 0.0 or (by == 0.0 and bx < 0.0)
-    if below_a != below_b:
-        return 1 if below_b else -1
-    return turn(ax, ay, bx, by)
 
 
 @kernel
@@ -403,15 +328,15 @@ def _root_with_offset(parent: Short, offset: Integers, k: int) -> int:
 
 @kernel
 def plane_faces(
-    x: Floats, contacts: Integers, images: Integers, cell: Floats
+    x: Floats, contacts: Integers, images: Integers, branches: Floats
 ) -> tuple[bool, Integers, Integers, Integers, Flags, Floats, Flags, Integers]:
     """Faces of a network: offsets, grains, contacts, forward and area, as in `Faces`.
 
-    First, whether all directions differ; last, whether each face winds around the cell (its images
-    do not add up to zero), and its component.
+    First, whether all directions differ by more than their rounding; last, whether each face winds
+    around the cell (its images do not add up to zero), and its component.
     """
     network, degree = prune(local_network(x, contacts))
-    d, local_images = local_branches(network, images, cell)
+    d, local_images = local_branches(network, images, branches)
     following, good = following_half_edges(network.ends, degree, d)
     begin, member = _walk(following, network, local_images)
     area, winds = _measure(begin, member, d, local_images)
