@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from loops import FaceKind, euler_check, find_faces
+from loops import FaceKind, GrainGraph, euler_check, find_faces
 from patterns import synthetic_network
 from tests.loops.test_crossings import network
 from tests.oracles.faces import half_edge_cycles, reference_faces
@@ -159,3 +159,38 @@ def test_neither_order_nor_direction_of_contacts_numbers_the_faces(periodic, com
         for name in ("offsets", "grains", "area", "kind", "component"):
             np.testing.assert_array_equal(getattr(other, name), getattr(faces, name), name)
         np.testing.assert_array_equal(order[other.contacts], faces.contacts)
+
+
+def replicated(graph, times):
+    """`times` by `times` copies of a periodic network in one cell as many times as large."""
+    copies = np.stack(np.meshgrid(np.arange(times), np.arange(times)), axis=-1).reshape(-1, 2)
+    count = graph.grain_count
+    x = np.concatenate([graph.x + graph.cell @ copy for copy in copies])
+    contacts, images = [], []
+    for number, copy in enumerate(copies):
+        wide, there = np.divmod(copy + graph.images, times)
+        target = there[:, 1] * times + there[:, 0]
+        i, j = graph.contacts.T
+        contacts.append(np.column_stack([number * count + i, target * count + j]))
+        images.append(wide)
+    return GrainGraph(
+        x=x,
+        radii=np.tile(graph.radii, len(copies)),
+        contacts=np.concatenate(contacts),
+        images=np.concatenate(images),
+        cell=times * graph.cell,
+    )
+
+
+@pytest.mark.parametrize("times", [2, 3])
+@pytest.mark.parametrize("coordination", [3.0, 3.7, 5.0])
+def test_copies_of_a_cell_have_as_many_times_the_faces(times, coordination):
+    """Networks that wind both ways: a strip winds around the larger cell once for all copies."""
+    for seed in range(4):
+        graph = synthetic_network(
+            12 + 20 * seed, seed=seed, periodic=True, coordination=coordination
+        )
+        (kinds, areas), (many, sums) = measured(graph), measured(replicated(graph, times))
+        if FaceKind.WINDING not in {kind for kind, _ in kinds}:
+            assert many == sorted(kinds * times**2)
+            np.testing.assert_allclose(np.sort(sums), np.sort(areas * times**2), atol=1e-11)
