@@ -10,23 +10,17 @@ import numpy as np
 import pytest
 
 from loops import LinearFrictional, affine_tangent, traction_tangent
-from patterns import diamond, regular_polygon
-from stability import bromwich_margin, restrict, symmetric_part, symmetric_spectrum
+from patterns import regular_polygon
+from stability import restrict, symmetric_spectrum
 from tests.docs.pages import DOCS, page, says, section, tables, unsaid
 from tests.docs.test_citations import PAGES, SOURCES
 from tests.docs.test_paper_page import equation_numbers
 from tests.oracles.diamond import (
     TABLE_1,
     TABLE_2,
-    determinant_elastic,
-    determinant_sliding,
-    external_forces,
     isotropic_strain_of_stress,
-    isotropic_tangent,
     opposite_contact_strain,
     stress_of_isotropic_strain,
-    work_compress_then_shear,
-    work_shear_then_compress,
 )
 from tests.oracles.drained import drained_path, printed_states_after_turn
 from tests.oracles.stability_fraction import imhof_fraction
@@ -89,56 +83,6 @@ def test_every_equation_of_the_paper_is_one_hop_away():
     assert equation_numbers(said) == held
 
 
-def random_diamond(seed=1, count=200):
-    """Angle, strains and forces of elastic diamonds, all positive overlaps; l0 = kn = 1."""
-    rng = np.random.default_rng(seed)
-    alpha0, alpha = rng.uniform(0.2, 1.3, (2, count))
-    length, T = rng.uniform(0.5, 0.99, count), rng.uniform(-0.2, 0.2, count)
-    E1, E2 = (
-        1 - length * np.cos(alpha) / np.cos(alpha0),
-        1 - length * np.sin(alpha) / np.sin(alpha0),
-    )
-    return alpha0, alpha, length, E1, E2, T
-
-
-def stresses(alpha0, alpha, N, T):
-    F1, F2 = external_forces(N, T, alpha)
-    return F1 / (2 * np.sin(alpha0)), F2 / (2 * np.cos(alpha0))
-
-
-def test_determinants_know_only_the_length():
-    """(5.15) and (5.16): no angle, no strain; the sliding one is never positive."""
-    alpha0, alpha, length, E1, E2, T = random_diamond()
-    N = 1.0 - length
-    s1, s2 = stresses(alpha0, alpha, N, T)
-    found = determinant_elastic(E1, E2, s1, s2, alpha, 0.3)
-    np.testing.assert_allclose(found, 1.3 - 1 / length, atol=1e-14)
-    T = 0.4 * N * np.sign(T)
-    s1, s2 = stresses(alpha0, alpha, N, T)
-    found = determinant_sliding(E1, E2, s1, s2, alpha, 0.4, np.sign(T))
-    np.testing.assert_allclose(found, -1.16 * N / length, rtol=1e-12)
-
-
-def test_isotropic_forms():
-    alpha0, E = np.radians(35.0), 0.24 / 1.24
-    c, s, t = np.cos(alpha0), np.sin(alpha0), np.tan(alpha0)
-    wanted = c * s * np.array([[t**-2, 1.0], [1.0, t**2]])
-    np.testing.assert_allclose(isotropic_tangent(E, alpha0, 0.24), wanted, rtol=1e-14)
-    K = isotropic_tangent(0.2, np.pi / 4, 0.24)
-    assert symmetric_spectrum(K) == pytest.approx([0.24 - 0.25, 1.0], abs=1e-15)
-    K = np.array([[1.0, 0.7], [-0.2, 0.5]])
-    wanted = np.linalg.det(K) - 0.25 * (K[0, 1] - K[1, 0]) ** 2
-    assert np.linalg.det(symmetric_part(K)) == pytest.approx(wanted) and bromwich_margin(K) > 0
-
-
-def test_work_differs_by_the_way():
-    D, turn, kt = 0.3, 0.5, 0.2
-    first, second = (w(1.0, turn, D, 1.0, kt)
-                     for w in (work_shear_then_compress, work_compress_then_shear))  # fmt: skip
-    wanted = 0.5 * kt * turn**2 * D * (2 - D)
-    assert float(first - second) == pytest.approx(wanted, rel=1e-14)
-
-
 @pytest.mark.parametrize("order", [3, 4, 5, 6, 7, 8, 11, 12])
 def test_moduli_of_regular_loops(order):
     """(7.2)-(7.4)."""
@@ -177,14 +121,6 @@ def test_table_of_thresholds(order):
         assert first == 0.0 or least[1] > 1e-3
 
 
-def test_free_spins_need_no_shear_beyond_four():
-    """At the first load the modulus of (7.4) is negative whatever kt."""
-    for order in (5, 6, 9):
-        graph = regular_polygon(order, strain=1e-3)
-        A = restrict(traction_tangent(graph, LinearFrictional(1.0, 5.0), spins="free"), "diagonal")
-        assert symmetric_spectrum(A)[0] < 0
-
-
 def test_points_B():
     (rows,) = tables(section(page("theory/diamond"), "## The drained biaxial path"))
     for row, p in zip(rows, (TABLE_1, TABLE_2), strict=True):
@@ -219,32 +155,6 @@ def test_numbers_of_the_open_points():
     values = [ratio, E, stress_of_isotropic_strain(E, TABLE_2.alpha0)[1], T / N, TABLE_2.mu, *touch,
               0.24 / 1.24, 0.35, 0.3]  # fmt: skip
     assert unsaid_decimals("open-points", [*values, 0.1]) == []
-
-
-def test_the_square_with_sides_along_the_axes_is_lost_in_shear():
-    law = LinearFrictional(kn=1.0, kt=0.2)
-    for E, stable in ((0.16, True), (0.17, False)):
-        square = regular_polygon(4, orientation="edge", strain=E)
-        A = affine_tangent(square, law)
-        assert symmetric_spectrum(restrict(A, "diagonal"))[0] > 0
-        assert (symmetric_spectrum(restrict(A, "symmetric"))[0] > 0) == stable
-        # All four components: the rotation of the loop, at kappa/(1 + kappa) for every order.
-        for order in (3, 4, 5, 8):
-            full = restrict(affine_tangent(regular_polygon(order, strain=E), law), "full")
-            assert (symmetric_spectrum(full)[0] > 0) == stable
-
-
-def test_the_diamond_is_its_four_grain_graph():
-    """(5.26) with T of the paper along growing alpha."""
-    alpha0, alpha, _, E1, E2, T = random_diamond(count=20)
-    graph = diamond(alpha0, E1=E1, E2=E2, T=T)
-    law, box = LinearFrictional(1.0, 0.3), 2 * np.sin(2 * alpha0)
-    N = graph.normal_force[..., 0]
-    s1, s2 = stresses(alpha0, alpha, N, T)
-    wanted = determinant_elastic(E1, E2, s1, s2, alpha, 0.3)
-    for tangent in (affine_tangent, traction_tangent):
-        K = restrict(tangent(graph, law, volume=box), "diagonal")
-        np.testing.assert_allclose(np.linalg.det(K), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import sympy as sp
 
-from tests.oracles import diamond_symbolic as symbolic
 from tests.oracles.diamond import (
     TABLE_1,
     TABLE_2,
@@ -66,15 +64,13 @@ def test_sliding_determinant():
     np.testing.assert_array_less(error, 1e-14)
 
 
-def test_softening_and_sliding_determinant_by_sympy():
-    # N/l whatever T; at yield -(1 + mu^2) N/l.
-    o = symbolic
-    ratio = o.N / (o.kn * o.LENGTH)
-    elastic = o.lagrangian_tangent("elastic").det() / o.kn**2
-    sliding = o.lagrangian_tangent("sliding").det() / o.kn**2
-    at_yield = sliding.subs(o.T, o.sign * o.mu * o.N).subs(o.sign**2, 1)
-    assert sp.simplify(elastic - (o.kappa - ratio)) == 0
-    assert sp.simplify(sp.expand(at_yield).subs(o.sign**2, 1) + (1 + o.mu**2) * ratio) == 0
+def test_determinant_at_yield_knows_only_the_length():
+    """-(1 + mu^2) N/l, whatever angle and strains."""
+    rng, (E1, E2, *_), alpha0, alpha, length, N, _ = random_states(22)
+    mu, s = rng.uniform(0, 1, 1000), rng.choice([-1.0, 1.0], 1000)
+    at_yield = stresses(*external_forces(N, s * mu * N, alpha), *side_lengths(1.0, alpha0))
+    closed = determinant_sliding(E1, E2, *at_yield, alpha, mu, s)
+    np.testing.assert_allclose(closed, -(1 + mu**2) * N / length, rtol=1e-12)
 
 
 def test_softening_is_the_force_over_the_branch():

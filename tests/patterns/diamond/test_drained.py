@@ -22,10 +22,6 @@ from tests.oracles.diamond import (
 from tests.oracles.diamond_mpmath import yield_state
 from tests.oracles.drained import drained_path, drained_states
 
-TWENTY_DIGITS = [
-    (TABLE_1, 0.40973434897033423289, 0.164934999828385506, 0.25400990008305293503),
-    (TABLE_2, 0.41619122318013548716, -0.072382919123994869769, 0.31215593602737202138),
-]
 FALLING = DiamondParameters(alpha0=0.5, kappa=1.5, phi=0.1, confinement=0.65)
 STEEP = DiamondParameters(alpha0=1.2, kappa=0.7, phi=0.3, confinement=0.1)
 FLAT = DiamondParameters(alpha0=0.15, kappa=0.4, phi=0.25, confinement=0.02)
@@ -50,17 +46,6 @@ def moduli(path, state, sliding):
     if sliding:
         return sliding_moduli(state.alpha, p.mu, float(path.direction))
     return elastic_moduli(p.kappa)
-
-
-@pytest.mark.parametrize(("parameters", "E1", "E2", "s1"), TWENTY_DIGITS)
-def test_yield_point_of_the_papers_tables(parameters, E1, E2, s1):
-    path = drained_path(parameters)
-    assert path.status == "yield"
-    assert not path.snaps_back
-    assert abs(path.end.E1 - E1) < 1e-14
-    assert abs(path.end.E2 - E2) < 1e-14
-    assert abs(path.end.s1 - s1) < 1e-14
-    assert abs(path.end.T - parameters.mu * path.end.N) < 1e-15
 
 
 @pytest.mark.parametrize("name", PATHS)
