@@ -42,7 +42,7 @@ from stability import (
 )
 from stability.verdict import loop_stability
 from tests.oracles.diamond import TABLE_1
-from tests.oracles.fifty_digits import DIGITS, affine_tangent_50, as_array, traction_tangent_50
+from tests.oracles.loop_balls import DIGITS, exact_tangent
 
 # Least total time of the repeated runs in seconds; the fastest run counts.
 LONG_ENOUGH, LONG_ENOUGH_QUICK = 0.15, 0.01
@@ -194,9 +194,9 @@ class Rings(NamedTuple):
 
     def exact(self, k: int, closure: Closure) -> Floats:
         """Tangent of one loop with 50 digits, rounded."""
-        g, solve = self.graph, affine_tangent_50 if closure == "affine" else traction_tangent_50
-        state = (g.x[k], g.x0[k], g.normal_force[k], g.shear_force[k])
-        return as_array(solve(*state, KN, KT, MU, self.regime[k]))
+        g = self.graph
+        one = GrainGraph(g.x[k], g.radii[k], g.contacts, g.normal_force[k], g.shear_force[k])
+        return exact_tangent(one, self.law, self.regime[k], closure)
 
     def tangents(self, closure: Closure) -> Floats:
         """(L, 4, 4) tangents of all loops."""

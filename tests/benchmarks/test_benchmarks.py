@@ -11,29 +11,11 @@ from tests.benchmarks.methods import (
     METHOD_GROUPS,
     Rows,
     direction_methods,
-    irregular_rings,
 )
 from tests.benchmarks.run import GROUPS, SECONDS, chosen_groups, run_bench
 from tests.command import run
-from tests.oracles.fifty_digits import (
-    as_array,
-    compliance_tangent_50,
-    tangent_50,
-    traction_tangent_50,
-)
 from tests.oracles.hard_cases import hard_case
-
-
-def test_two_ways_to_fifty_digits_agree():
-    """Force method and primal system, both with 50 digits: 40 of them in common."""
-    import mpmath as mp
-
-    batch = irregular_rings(1, 5, seed=4)
-    g = batch.graph
-    state = (g.x[0], g.x0[0], g.normal_force[0], g.shear_force[0], 1.0, 0.4, 0.5, batch.regime[0])
-    with mp.workdps(50):
-        gap = mp.norm(compliance_tangent_50(*state) - traction_tangent_50(*state))
-        assert gap < mp.mpf(10) ** -35
+from tests.oracles.loop_balls import exact_tangent
 
 
 @pytest.mark.parametrize("order", [3, 4, 5])
@@ -41,7 +23,8 @@ def test_two_ways_to_fifty_digits_agree():
 def test_oracle_of_freely_rolling_rings(order, closure):
     """Against the least-squares solve in double precision, which shares nothing with it."""
     scene = hard_case("gear-mode").build(order)
-    exact = as_array(tangent_50(scene, closure.__name__.removesuffix("_tangent")))
+    name = closure.__name__.removesuffix("_tangent")
+    exact = exact_tangent(scene.graph, scene.law, scene.regime, name, "free")
     found = closure(scene.graph, scene.law, spins="free").matrix
     np.testing.assert_allclose(found, exact, atol=1e-13)
 

@@ -4,17 +4,59 @@ Unknowns are displacements of the centres and spins times radii: nothing is shar
 package's equations. Every number that comes in is taken as exact.
 """
 
+import mpmath as mp
 import numpy as np
 from flint import arb, arb_mat, ctx
 
+from loops import Regime, contact_state
+
 BITS = 260
+# Of what is rounded for mpmath.
+DIGITS = 50
 # A product of ratios of arms that is one within so much is one: rings of equal grains, mirrored
 # rings, arms by the radii.
 ONE = 1e-60
 
 
+def exact_tangent(graph, law, regime=None, closure="traction", spins="blocked"):
+    """Tangent of a ring under a linear frictional law, rounded; its doubles are taken as exact."""
+    return rounded(ring_rows(graph, law, regime, closure, spins))
+
+
+def ring_rows(graph, law, regime, closure, spins):
+    """Tangent of a ring under a linear frictional law as balls, rows of (4, 4)."""
+    ctx.prec = BITS
+    regime = law.regime(contact_state(graph)) if regime is None else regime
+    parameters = (np.broadcast_to(p, graph.contact_count) for p in (law.kn, law.kt, law.mu))
+    blocks = []
+    for kn, kt, mu, T, own in zip(*parameters, graph.shear_force, regime, strict=True):
+        normal, none = arb(float(kn)), arb(0)
+        if own == Regime.SLIDING:
+            blocks.append([[normal, none], [int(np.sign(T)) * arb(float(mu)) * normal, none]])
+        else:
+            blocks.append([[normal, none], [none, arb(float(kt))]])
+    return tangent_rows(graph, blocks, law.shear_increment == "radii", closure, spins)
+
+
+def rounded(rows):
+    """Middles of balls as doubles."""
+    return np.array([[float(value.mid()) for value in row] for row in rows])
+
+
+def to_mpmath(rows):
+    """Middles of balls in 50 digits."""
+    with mp.workdps(DIGITS):
+        return mp.matrix([[mp.mpf(v.mid().str(DIGITS + 5, radius=False)) for v in r] for r in rows])
+
+
 def ball_tangent(graph, blocks, by_radii, closure, spins):
-    """Tangent of one loop (4, 4) as doubles, and the largest radius of its balls.
+    """Tangent of one loop (4, 4) as doubles, and the largest radius of its balls."""
+    rows = tangent_rows(graph, blocks, by_radii, closure, spins)
+    return rounded(rows), max(float(value.rad()) for row in rows for value in row)
+
+
+def tangent_rows(graph, blocks, by_radii, closure, spins):
+    """Tangent of one loop as balls, rows of (4, 4).
 
     `blocks` (n, 2, 2) are the law's stiffnesses; `by_radii` whether spins shear by the radii.
     """
@@ -71,17 +113,15 @@ def ball_tangent(graph, blocks, by_radii, closure, spins):
         rows += moment_balance(contacts, n, first_spin, width)
     found = solution(rows, unknowns)
     if traction:
-        out = [[found[i, k] for k in range(4)] for i in range(4)]
-    else:
-        out = [[arb(0)] * 4 for _ in range(4)]
-        for p in range(4):
-            for k in range(4):
-                for force, _, d0, *_ in contacts:
-                    out[p][k] += force[p // 2][unknowns + k] * d0[p % 2] / area
-                    for h in range(unknowns):
-                        out[p][k] += force[p // 2][h] * found[h, k] * d0[p % 2] / area
-    middle = np.array([[float(value.mid()) for value in row] for row in out])
-    return middle, max(float(value.rad()) for row in out for value in row)
+        return [[found[i, k] for k in range(4)] for i in range(4)]
+    out = [[arb(0)] * 4 for _ in range(4)]
+    for p in range(4):
+        for k in range(4):
+            for force, _, d0, *_ in contacts:
+                out[p][k] += force[p // 2][unknowns + k] * d0[p % 2] / area
+                for h in range(unknowns):
+                    out[p][k] += force[p // 2][h] * found[h, k] * d0[p % 2] / area
+    return out
 
 
 def balance(contacts, B, area, n, unknowns, width):
@@ -160,4 +200,4 @@ def balls(a):
     """Nested lists of an array's numbers as balls."""
     if np.ndim(a):
         return [balls(part) for part in a]
-    return arb(float(a))
+    return a if isinstance(a, arb) else arb(float(a))

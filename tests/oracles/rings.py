@@ -30,6 +30,12 @@ def ring(order: int) -> np.ndarray:
     return np.column_stack([np.arange(order), np.roll(np.arange(order), -1)])
 
 
+def through(corners, normal_force, shear_force) -> GrainGraph:
+    """The ring through corners, under these forces."""
+    n = len(corners)
+    return GrainGraph(corners, np.ones(n), ring(n), normal_force, shear_force)
+
+
 def member(graph: GrainGraph, k: int, **changes) -> GrainGraph:
     """The `k`-th loop of a batch."""
     names = ("x", "x0", "radii", "normal_force", "shear_force")

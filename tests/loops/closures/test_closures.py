@@ -18,8 +18,8 @@ from loops import (
 from loops.closures.spins import affine_spin
 from loops.closures.tangents import solved
 from patterns import regular_polygon
-from tests.oracles.fifty_digits import as_array, traction_tangent_50
 from tests.oracles.finite_motion import external_forces
+from tests.oracles.loop_balls import exact_tangent
 from tests.oracles.rings import member, random_rings, ring, slide
 
 LAW = LinearFrictional(kn=1.3, kt=0.5, mu=0.5)
@@ -67,18 +67,7 @@ def test_traction_against_fifty_digits(overlap, share):
     found = traction_tangent(graph, LAW, regime=regime)
     assert found.trusted.all()
     for b in range(4):
-        exact = as_array(
-            traction_tangent_50(
-                graph.x[b],
-                graph.x0[b],
-                graph.normal_force[b],
-                graph.shear_force[b],
-                1.3,
-                0.5,
-                0.5,
-                regime[b],
-            )
-        )
+        exact = exact_tangent(member(graph, b), LAW, regime[b])
         error = relative(found.matrix[b], exact)
         assert error < np.finfo(float).eps * found.condition[b]
         if not (regime[b] == Regime.SLIDING).all():
@@ -264,8 +253,7 @@ def test_condition_of_the_saddle_system_counts_the_softness_of_the_loop(overlap)
     found = with_open_chord(graph, LAW, regime)
     worst = 0.0
     for b in range(6):
-        state = (graph.x[b], graph.x0[b], graph.normal_force[b], graph.shear_force[b])
-        exact = as_array(traction_tangent_50(*state, 1.3, 0.5, 0.5, regime[b]))
+        exact = exact_tangent(member(graph, b), LAW, regime[b])
         error = relative(found.matrix[b], exact)
         assert error < np.finfo(float).eps * found.condition[b]
         worst = max(worst, error / np.finfo(float).eps)

@@ -8,6 +8,7 @@ import pyarrow.parquet
 import pytest
 
 from loops import (
+    LinearFrictional,
     Regime,
     branch_vectors,
     find_faces,
@@ -19,7 +20,8 @@ from patterns import read_snapshot, sample_cell, sample_path
 from stability import restrict, symmetric_part
 from studies.snapshot.quadrons import quadron_figure
 from tests.command import run, run_snapshot
-from tests.oracles.fifty_digits import as_array, traction_tangent_50
+from tests.oracles.loop_balls import exact_tangent
+from tests.oracles.rings import through
 from tests.oracles.stability_fraction import imhof_in_doubles
 from tests.patterns.snapshots.test_read_snapshot import CONTACTS, GRAINS, at, changed, write
 from tests.unsaved import leave_files_empty
@@ -176,19 +178,11 @@ def test_table_against_fifty_digits(results):
             picked.append(c)
             step = graph.x[j] - graph.x[i]
             x.append(x[-1] + step - sample_cell() @ np.rint(inverse @ step))
-        a = as_array(
-            traction_tangent_50(
-                x[:-1],
-                x[:-1],
-                graph.normal_force[picked],
-                graph.shear_force[picked],
-                snapshot.law.kn[picked],
-                # Spins blocked, Yade's increment over the radii is a factor of kt.
-                (snapshot.law.kt * reach / length)[picked],
-                0.5,
-                snapshot.regime[picked],
-            )
-        )
+        # Spins blocked, Yade's increment over the radii is a factor of kt.
+        kt = (snapshot.law.kt * reach / length)[picked]
+        law = LinearFrictional(snapshot.law.kn[picked], kt, 0.5)
+        loop = through(x[:-1], graph.normal_force[picked], graph.shear_force[picked])
+        a = exact_tangent(loop, law, snapshot.regime[picked])
         k = SYMMETRIC @ a @ SYMMETRIC.T / mean_kn
         spectrum = np.linalg.eigvalsh(0.5 * (k + k.T))
         scale = np.abs(spectrum).max()
