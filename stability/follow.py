@@ -12,8 +12,7 @@ from loops.closures.system import closure_of
 from loops.errors import whole_number
 from loops.scene import Scene, of_scene
 from stability.path import Path
-from stability.paths.loop_path import LoopPathOptions
-from stability.paths.of_graph import follow_loop
+from stability.paths.loop_path import LoopPathOptions, follow_loop
 from stability.programmes import Stage, stages_of
 
 

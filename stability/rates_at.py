@@ -19,8 +19,7 @@ from loops.validation import real
 from stability.complementarity import STARTS
 from stability.packing.response import YIELD_BAND, PackingResponse, rate_problem
 from stability.packing.yielding import MixedControl, component_control
-from stability.paths.of_graph import rates_of_loop
-from stability.paths.regimes import EdgeTrial, Held
+from stability.paths.regimes import EdgeTrial, Held, rates_of_loop
 from stability.paths.supported import SupportedRates, supported_rates
 from stability.programmes import NOTHING, Programme, combination, programme_of
 from stability.regimes import Regimes

@@ -14,9 +14,8 @@ from loops.arrays import Flags, Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.laws.frictional import TOUCHING_RTOL, Regime
 from stability.path import Path
-from stability.paths.loop_path import RELEASE, LoopPathOptions
+from stability.paths.loop_path import RELEASE, LoopPathOptions, follow_loop
 from stability.paths.model import law_scale
-from stability.paths.of_graph import follow_loop
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import operator_norm, restrict, symmetric_spectrum
 

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 
+from loops import Scene
 from loops.arrays import Floats
-from loops.closures import Spins
+from loops.closures import Closure, Spins
 from loops.errors import InputError, check_choice
 from loops.laws.frictional import TOUCHING_RTOL, Regime
+from loops.laws.of_pairs import require_unlimited_rolling
 from loops.symmetry import PointGroup
-from stability.path import CAUSES, FINISHED, Cause, ModelOption, PathStatus, reason
-from stability.paths.model import PathModel, with_contact, without_pairs
-from stability.paths.path_segment import Segment, SegmentEnd, event_functions, follow_segment
+from stability.path import (
+    CAUSES,
+    FINISHED,
+    Cause,
+    ModelOption,
+    Path,
+    PathStatus,
+    follow_stages,
+    reason,
+)
+from stability.paths.model import PathModel, path_model, with_contact, without_pairs
+from stability.paths.path_segment import SegmentEnd, event_functions, follow_segment
 from stability.paths.record import (
     Record,
     Searches,
     expected_regimes,
+    model_choice,
     record_changes,
     record_fired,
     record_jumps,
@@ -27,16 +39,15 @@ from stability.paths.record import (
     touched_pairs,
 )
 from stability.paths.regimes import EdgeTrial, edge_problem, path_symmetry, rate_vector
-from stability.paths.segment import Steps
+from stability.paths.segment import ATOL, Steps
 from stability.paths.state import (
     Mode,
-    contact_overlaps,
-    contacts_at,
-    pack,
-    relative_displacements,
+    centres,
+    first_state,
+    pair_overlaps,
     scales,
     shear_stiffness,
-    unpack,
+    start_mode,
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
@@ -117,11 +128,11 @@ class LoopPathSolver:
     @property
     def parameter(self) -> float:
         """Loading parameter."""
-        return unpack(self.model, self.y).parameter
+        return float(self.y[-5])
 
     def at(self, programme: Programme, gauge: Floats = UNIT_PARAMETER) -> StateRates:
         """The present state."""
-        return StateRates(self.model, unpack(self.model, self.y), self.mode, programme, gauge)
+        return StateRates(self.model, self.y, self.mode, programme, gauge)
 
     # ---- symmetry
 
@@ -131,8 +142,8 @@ class LoopPathSolver:
             self.common = self._symmetry(self.programmes)
             self.model = replace(self.model, symmetry=self.common)
 
-    def _symmetry(self, programmes: Iterable[Programme]) -> PointGroup | None:
-        return path_symmetry(self.model, self.y, self.mode, programmes)
+    def _symmetry(self, programmes: Sequence[Programme]) -> PointGroup | None:
+        return path_symmetry(self.at(programmes[0]), programmes)
 
     # ---- stages
 
@@ -168,7 +179,7 @@ class LoopPathSolver:
             problem = self._rate_problem(stage, expected, before)
             if problem.status in UNANSWERED:
                 # Zero force at the start of loading is not a separation.
-                if self.record.rows and self._carries_nothing():
+                if self.record.rows and self._carries_nothing(self.at(stage.programme)):
                     return self._came_apart()
                 return self._no_continuation(stage, problem, expected)
             here = self._take_regimes(stage, problem, before)
@@ -184,9 +195,9 @@ class LoopPathSolver:
                 left = abs(stage.target - stage.value(here.H, here.P, 0.0))
                 reach = float(left / rate) if rate > 0 else np.inf
             end = self._run_segment(stage, start, sense, reach, here)
-            self.y, self.steps_left = end.y, self.steps_left - end.steps
+            self.y, self.steps_left = end.here.y, self.steps_left - end.steps
             if not end.fired:
-                if self._carries_nothing():
+                if self._carries_nothing(end.here):
                     return self._came_apart()
                 return "lost", f"{name} to {stage.quantity}: {end.message}"
             self.record.row(self.model, end.here)
@@ -200,7 +211,7 @@ class LoopPathSolver:
             self._take_on_contacts(end)
             moved = float(np.abs(end.here.H - here.H).max()) > UNMOVED
             idle = 0 if moved else idle + 1
-            if idle > UNLOADED and self._carries_nothing():
+            if idle > UNLOADED and self._carries_nothing(self.at(stage.programme)):
                 return self._came_apart()
             if idle > CHATTER:
                 return "no_solution", self._limit(stage, expected, "never_consistent")
@@ -232,11 +243,8 @@ class LoopPathSolver:
         expected: dict[int, int],
         direction: Floats | None,
     ) -> Regimes[EdgeTrial]:
-        state = unpack(model, self.y)
-        problem = edge_problem(
-            model, state, self.mode, stage.programme, preferred=expected, direction=direction,
-            in_full=self.in_full,
-        )  # fmt: skip
+        here = replace(self.at(stage.programme), model=model)
+        problem = edge_problem(here, preferred=expected, direction=direction, in_full=self.in_full)
         self.searches.add(problem)
         return problem
 
@@ -248,20 +256,16 @@ class LoopPathSolver:
         Forces are those of the regimes, exactly on the friction limit; what a parting contact drops
         is dissipated.
         """
-        model, trial, old = self.model, problem.taken.rates, self.mode
-        self.mode = trial.mode
-        state = unpack(model, self.y)
-        shear = contacts_at(model, state, self.mode).shear_force
+        model, trial, closed = self.model, problem.taken.rates, self.at(stage.programme)
+        old, self.mode, y = closed.mode, trial.mode, self.y.copy()
+        y[model.shears] = self.at(stage.programme).contacts.shear_force
         parting = (self.mode.regime == Regime.OPEN) & (old.regime != Regime.OPEN)
-        work = state.work
         if parting.any():
-            closed = contacts_at(model, state, old)
-            elastic = state.shear_force**2 / (2 * shear_stiffness(model, closed))
-            stored = model.law.normal_energy(closed)
-            lost = np.where(parting, stored, 0.0).sum()
-            work = work + np.array([0.0, 0.0, lost, lost + np.where(parting, elastic, 0.0).sum()])
+            elastic = self.y[model.shears] ** 2 / (2 * shear_stiffness(model, closed.contacts))
+            lost = np.where(parting, model.law.normal_energy(closed.contacts), 0.0).sum()
+            y[-2:] += lost, lost + np.where(parting, elastic, 0.0).sum()
             self.model = model = replace(model, law=model.law.parted(parting))
-        self.y = pack(state.place, shear, state.parameter, work)
+        self.y = y
         here = self.at(stage.programme, trial.rates.gauge)
         if not self.record.rows:
             self.record.row(model, here)
@@ -284,17 +288,17 @@ class LoopPathSolver:
         """
         strain = float(np.abs(here.H).max())
         size = min(max(reach if np.isfinite(reach) else 1.0, strain), 1.0)
-        about = self.model, self.mode, stage
-        functions = event_functions(*about, start, sense, size, self.options.subspaces)
+        about = self.model, self.mode, stage, start, sense, size
+        functions = event_functions(*about, self.options.subspaces)
         row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
         atol, longest = self.atol * size * scales(self.model), min(LONGEST_STEP, reach / MIN_STEPS)
         rows, events = len(self.record.rows), len(self.record.events)
         for shorter in RETRIES:
             how = Steps(atol, shorter * longest, row_step, size, self.steps_left)
             end = follow_segment(
-                Segment(*about, functions, how),
-                self.y,
-                here.gauge,
+                self.at(stage.programme, here.gauge),
+                functions,
+                how,
                 lambda row: self.record.row(self.model, row),
                 self.record.branching,
             )
@@ -313,19 +317,12 @@ class LoopPathSolver:
         self.model = without_pairs(self.model, pairs)
         if self.options.contact_on_touch != "add":
             return
-        state, old, new = unpack(self.model, self.y), self.mode, len(pairs)
-        self.model = with_contact(self.model, pairs)
-        shear = np.concatenate([state.shear_force, np.zeros(new)])
-        self.y = pack(state.place, shear, state.parameter, state.work)
-        overlap = contact_overlaps(self.model, relative_displacements(self.model, state.place))[
-            -new:
-        ]
+        new, last = np.zeros(len(pairs)), self.model.shears.stop
         # Grains that overlap from the start press on each other at once.
-        pressed = overlap > TOUCHING_RTOL * self.model.touching[-new:]
+        pressed = pair_overlaps(self.model, pairs, centres(self.model, self.y)) > TOUCHING_RTOL
         regime = np.where(pressed, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
-        self.mode = Mode(
-            np.concatenate([old.regime, regime]), np.concatenate([old.side, np.zeros(new)])
-        )
+        self.model, self.y = with_contact(self.model, pairs), np.insert(self.y, last, new)
+        self.mode = Mode(np.append(self.mode.regime, regime), np.append(self.mode.side, new))
         self.find_symmetry()
 
     # ---- how a stage ends
@@ -366,9 +363,9 @@ class LoopPathSolver:
         events = self.record.events
         return bool(self.stop) and any(e.kind in self.stop and e.subspace in own for e in events)
 
-    def _carries_nothing(self) -> bool:
+    def _carries_nothing(self, here: StateRates) -> bool:
         """Whether every contact force is below `RELEASE`."""
-        contacts = contacts_at(self.model, unpack(self.model, self.y), self.mode)
+        contacts = here.contacts
         force = np.maximum(np.abs(contacts.normal_force), np.abs(contacts.shear_force))
         return bool(force.max(initial=0.0) <= RELEASE * self.model.stiffness * self.model.length)
 
@@ -388,11 +385,8 @@ class LoopPathSolver:
         # Do the expected regimes agree with a falling loading parameter?
         turns_back = False
         if expected:
-            state = unpack(self.model, self.y)
-            back = edge_problem(
-                self.model, state, self.mode, stage.programme,
-                preferred=expected, direction=None, gauge=-UNIT_PARAMETER,
-            )  # fmt: skip
+            here = self.at(stage.programme, -UNIT_PARAMETER)
+            back = edge_problem(here, preferred=expected, direction=None)
             turns_back = any(
                 all(one.rates.mode.regime[c] == abs(regime) for c, regime in expected.items())
                 for one in back.solutions
@@ -412,3 +406,39 @@ class LoopPathSolver:
         self.record.event("control_limit", self.parameter, contacts, cause=cause, count=count)
         said = reason(self.record.events[-1])
         return f"{stage.programme.name} at parameter {self.parameter:.15g}: {said}"
+
+
+def follow_loop(
+    scene: Scene,
+    stages: Sequence[Stage],
+    closure: Closure,
+    options: LoopPathOptions,
+    *,
+    rows: int = 0,
+    max_steps: int = 20_000,
+    stop: tuple[str, ...] = (),
+) -> Path:
+    """Follow a loop through its stages, see `stability.follow`; to the first event to `stop` at."""
+    graph, law = scene.graph, scene.law
+    require_unlimited_rolling(law)
+    contacts = scene.contact_state
+    model = path_model(graph, contacts, law, closure, options.spins, scene.given_volume)
+    mode = start_mode(model, contacts)
+    model, y, least = first_state(model, contacts)
+    solver = LoopPathSolver(
+        model=replace(model, search_all=options.model == "full"),
+        y=y,
+        mode=mode,
+        options=options,
+        atol=max(ATOL, least),
+        rows=rows,
+        steps_left=max_steps,
+        programmes=tuple(stage.programme for stage in stages),
+        stop=stop,
+        in_full=1 if stop else ENUMERATION_LIMIT,
+    )
+    solver.find_symmetry()
+    start = solver.model
+    status, message = follow_stages(solver.follow_stage, stages)
+    chosen = model_choice(start, options.model, solver.searches, solver.symmetry_kept)
+    return solver.record.path(solver.model, status, message, options.subspaces[0], chosen)

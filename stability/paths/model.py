@@ -54,12 +54,17 @@ def all_unknowns(moving: int) -> Unknowns:
 class PathModel:
     """Constants of a path.
 
+    It integrates a vector `y` of Y variables: `places` of the grains (displacement gradient `H`
+    under the affine closure, else displacements of the centres, small ones of which keep their
+    digits), shear forces of the contacts, loading parameter and `WORK_TERMS`, both counted from the
+    start.
+
     `law`: Contact law; `closure`, `spins`: Closure and spin rule; `contacts` (C, 2): Grains i and
     j; `x0` (G, 2): Reference centres; `d0` (C, 2): Reference branch vectors; `radii` (G,): Radii;
     `volume`: Reference area V0 that the stress refers to; `b`, `m` (G, 2): Boundary vectors of the
     polygon and the outward normals of its edges' midpoints `R (x0_c + x0_{c+1})/2`, times V0 over
     the polygon's area: with `F_i = -P b_i` the stress `P` is that of `V0`. Empty under the affine
-    closure; `first_place`: Place of the initial graph, see `PathState`; `watches_pairs`: Whether
+    closure; `first_place`: Places of the initial graph; `watches_pairs`: Whether
     grains without a contact are watched for touching: not in a periodic cell, where images could
     touch too; `met` (Q,): Pairs, see `pair_keys`, that are in contact or have touched; `length`,
     `stiffness`: Scales: square root of V0, mean kn of the law, see `law_scale`; `symmetry`:
@@ -97,8 +102,13 @@ class PathModel:
 
     @cached_property
     def places(self) -> int:
-        """Number of integrated variables that tell the place of the grains, see `PathState`."""
+        """Number of integrated variables that tell the place of the grains."""
         return 4 if self.closure == "affine" else 2 * self.grain_count
+
+    @cached_property
+    def shears(self) -> slice:
+        """Integrated variables that are shear forces."""
+        return slice(self.places, self.places + self.contact_count)
 
     @cached_property
     def size(self) -> int:
@@ -197,7 +207,7 @@ def path_model(
         centred = from_centroid(graph.x0)
         midpoints = 0.5 * (centred + np.roll(centred, -1, axis=0))
         b, m = ratio * boundary_vectors(graph.x0), ratio * outward(graph.x0, midpoints)
-        place = graph.x - graph.x0
+        place = (graph.x - graph.x0).ravel()
     else:
         gradient = np.linalg.lstsq(d0, d - d0)[0]
         place = np.asarray(-gradient.T.ravel(), dtype=float)

@@ -6,7 +6,7 @@ Events are where smooth functions of the state change sign; the integrator stops
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from stability.paths.segment import (
     Steps,
     System,
 )
-from stability.paths.state import NO_PAIRS, Mode, pair_overlaps, pairs_in_reach, unpack
+from stability.paths.state import NO_PAIRS, Mode, pair_overlaps, pairs_in_reach
 from stability.paths.state_rates import Answers, StateRates
 from stability.programmes import NOTHING, Stage
 from stability.spectra import subspace_basis
@@ -110,32 +110,15 @@ def eigenvalue_kind(A: Floats, subspace: str, item: int) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
-    """Integration of one segment: model, regimes, programme, event functions, steps."""
-
-    model: PathModel
-    mode: Mode
-    stage: Stage
-    functions: EventFunctions
-    how: Steps
-
-    def at(self, y: Floats, gauge: Floats) -> StateRates:
-        """State of the integrated variables `y`."""
-        state = unpack(self.model, y)
-        return StateRates(self.model, state, self.mode, self.stage.programme, gauge)
-
-
-@dataclass(frozen=True, eq=False)
 class SegmentEnd:
     """End of a segment.
 
-    `y` (Y,): Integrated variables; `here`: The state in the regimes of the segment; `fired`: Kinds
+    `here`: The state in the regimes of the segment; `fired`: Kinds
     and items of the events, empty if the integrator gave up; `steps`: Accepted steps; `message`:
     Why the integrator gave up; `pairs` (Q, 2): Pairs of grains that touch, which the items of
     'opposite_contact' count.
     """
 
-    y: Floats
     here: StateRates
     fired: list[tuple[str, int]]
     steps: int
@@ -144,38 +127,37 @@ class SegmentEnd:
 
 
 def follow_segment(
-    segment: Segment,
-    y: Floats,
-    gauge: Floats,
+    start: StateRates,
+    functions: EventFunctions,
+    how: Steps,
     record_row: Callable[[StateRates], None],
     record_branching: Callable[[StateRates], None],
 ) -> SegmentEnd:
-    """Integrate from `y` to the first event."""
+    """Integrate from a state to the first event."""
     from stability.paths.calls import Callback
 
-    functions, programme = segment.functions, segment.stage.programme
-    answers = Answers(segment.model, segment.mode, programme, functions)
+    answers, size = Answers(start.model, start.mode, start.programme, functions), len(start.y)
     plain = Callback(answers.reply, answers.p.shared[2])
     call = answer() if answers.compiled else plain
     system = System(call, plain, answers.numbers, answers.whole, functions.tolerance)
-    begin = np.array(y), np.array(gauge)
-    code, steps, end, last, fired, record = follow()(system, *begin, segment.how)
+    begin = np.array(start.y), np.array(start.gauge)
+    code, steps, end, last, fired, record = follow()(system, *begin, how)
     if plain.raised is not None:
         raise plain.raised
     for row in record:
         kept = record_row if row[0] == ROW else record_branching
-        kept(segment.at(row[1 : len(y) + 1], row[len(y) + 1 :]))
-    here = segment.at(end, last)
+        kept(replace(start, y=row[1 : size + 1], gauge=row[size + 1 :]))
+    here = replace(start, y=end, gauge=last)
     if code != EVENT:
         singular = [("singular", -1)] if code == SINGULAR else []
-        return SegmentEnd(end, here, singular, steps, MESSAGES[code])
+        return SegmentEnd(here, singular, steps, MESSAGES[code])
     events = [(KINDS[kind], item) for kind, item in functions.watch[fired].tolist()]
     pairs = NO_PAIRS
     if ("opposite_contact", -1) in events:
         events.remove(("opposite_contact", -1))
-        pairs = pairs_in_reach(segment.model, here.x)
-        overlaps = pair_overlaps(segment.model, pairs, here.x)
+        pairs = pairs_in_reach(here.model, here.x)
+        overlaps = pair_overlaps(here.model, pairs, here.x)
         least = min(-SIMULTANEOUS, float(overlaps.max(initial=-np.inf)))
         pairs = pairs[overlaps >= least]
         events += [("opposite_contact", k) for k in range(len(pairs))]
-    return SegmentEnd(end, here, events, steps, pairs=pairs)
+    return SegmentEnd(here, events, steps, pairs=pairs)

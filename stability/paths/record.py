@@ -45,7 +45,7 @@ class Record:
         stored = np.where(closed, model.law.normal_energy(contacts), 0.0)
         self.rows.append(
             {
-                "parameter": here.state.parameter,
+                "parameter": here.parameter,
                 "stage": self.stage,
                 "H": here.H,
                 "P": here.P,
@@ -57,7 +57,7 @@ class Record:
                 "H_rate": here.rates.H,
                 "P_rate": here.rates.P,
                 "parameter_rate": here.rates.parameter,
-                "work": here.state.work,
+                "work": here.y[-4:],
                 "normal_energy": float(stored.sum()),
                 "tangential_energy": float((shear**2 / (2 * kt)).sum()),
                 "imbalance": here.imbalance,
@@ -80,7 +80,7 @@ class Record:
     def branching(self, here: StateRates) -> None:
         """Append an event between two rows where other paths branch off; it may have no rates."""
         H, P, index = tuple(here.H.tolist()), tuple(here.P.tolist()), len(self.rows) - 1
-        self.events.append(Event("branching", here.state.parameter, self.stage, index, H=H, P=P))
+        self.events.append(Event("branching", here.parameter, self.stage, index, H=H, P=P))
 
     def path(
         self,
@@ -164,7 +164,7 @@ def model_choice(
 
 def record_fired(record: Record, end: SegmentEnd, subspaces: tuple[str, ...]) -> None:
     """Record the events of a segment's end; regimes change later, see `record_changes`."""
-    parameter = end.here.state.parameter
+    parameter = end.here.parameter
     for k, subspace in enumerate(subspaces):
         for kind in SPECTRAL:
             items = [item % 4 for fired, item in end.fired if fired == kind and item // 4 == k]

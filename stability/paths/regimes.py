@@ -8,13 +8,15 @@ from typing import Literal
 
 import numpy as np
 
+from loops import Scene
 from loops.arrays import ROUNDING, Flags, Floats, Integers, Regimes
+from loops.closures import Closure, Spins
 from loops.graph import ContactState
 from loops.laws.frictional import Regime, edge_of, edge_rates
 from loops.stress_strain import cauchy_rate
 from loops.symmetry import PointGroup, identity, point_group
-from stability.paths.model import PathModel, compressed_state
-from stability.paths.state import Mode, PathState, Rates, centres, contacts_at, unpack
+from stability.paths.model import PathModel, compressed_state, path_model
+from stability.paths.state import Mode, Rates, initial_state, start_mode, with_forces
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import NOTHING, Programme
 from stability.regimes import (
@@ -75,13 +77,12 @@ class EdgeTrial:
         return cauchy_rate(H, P, self.strain_rate, self.stress_rate)
 
 
-def edge_choices(model: PathModel, state: PathState, mode: Mode, fired: Mapping[int, int]) -> Flags:
+def edge_choices(here: StateRates, fired: Mapping[int, int]) -> Flags:
     """Regimes that each contact may take, (C, 4) as `stability.regimes.CHOICES`; none without.
 
     Contacts whose event has `fired` are at the edge, however few digits their forces have left.
     """
-    contacts = contacts_at(model, state, mode)
-    closed = mode.regime != Regime.OPEN
+    model, contacts, closed = here.model, here.contacts, here.mode.regime != Regime.OPEN
     normal = np.where(closed, contacts.normal_force, model.law.closed_force(contacts))
     edge = edge_of(model.law, replace(contacts, normal_force=normal), closed)
     touching, at_yield = edge.touching.copy(), edge.at_yield.copy()
@@ -99,32 +100,28 @@ def edge_choices(model: PathModel, state: PathState, mode: Mode, fired: Mapping[
 
 
 def edge_problem(
-    model: PathModel,
-    state: PathState,
-    mode: Mode,
-    programme: Programme,
+    here: StateRates,
     *,
     preferred: Mapping[int, int],
     direction: Floats | None,
-    gauge: Floats = UNIT_PARAMETER,
     held: Held | None = None,
     in_full: int = ENUMERATION_LIMIT,
 ) -> Found[EdgeTrial]:
-    """Rate problem of one state under a unit rate of the loading parameter.
+    """Rate problem of one state: under a unit rate of the loading parameter, by its first gauge.
 
     Contacts that the model's symmetry maps on each other take the same regime, so that only motions
     that keep the symmetry are found. With regimes that are `held` nothing is searched: contacts at
     the edge all stick, or all slide that may.
     """
-    options = edge_choices(model, state, mode, preferred)
+    model, mode, options = here.model, here.mode, edge_choices(here, preferred)
     orbits = edge_orbits(model, options)
     closed = Mode(np.full(model.contact_count, Regime.ELASTIC, dtype=np.int8), mode.side)
-    contacts = contacts_at(model, state, closed)
+    contacts = with_forces(model.law, here.contacts, closed)
     inside = (orbits.options == INSIDE).all(axis=1)
 
     def rates_for(regimes: Regimes) -> EdgeTrial:
         chosen = orbits.mode(mode, regimes)
-        at = StateRates(model, state, chosen, programme, gauge)
+        at = replace(here, mode=chosen)
         rates = at.raw_rates
         _, shear, strength = edge_rates(model.law, contacts, chosen.side, rates.un, rates.ut)
         # A contact that never slides has no strength to compare with.
@@ -152,6 +149,17 @@ def edge_problem(
     return replace(found, combinations=count, contacts=orbits.representatives)
 
 
+def rates_of_loop(
+    scene: Scene, programme: Programme, closure: Closure, spins: Spins, held: Held | None
+) -> Found[EdgeTrial]:
+    """Find the rates of a loop under a programme, see `stability.rates_at`."""
+    contacts = scene.contact_state
+    model = path_model(scene.graph, contacts, scene.law, closure, spins, scene.given_volume)
+    about = initial_state(model, contacts), start_mode(model, contacts), programme
+    here = StateRates(model, *about, UNIT_PARAMETER)
+    return edge_problem(here, preferred={}, direction=None, held=held)
+
+
 def rate_vector(model: PathModel, rates: Rates) -> Floats:
     """(8 + 2 C,) `H'`, `P'`, `N'` and `T'` in comparable units, by which solutions are compared."""
     force = model.stiffness * model.length
@@ -159,22 +167,19 @@ def rate_vector(model: PathModel, rates: Rates) -> Floats:
     return np.concatenate([rates.H, rates.P / model.stiffness, forces])
 
 
-def path_symmetry(
-    model: PathModel, y: Floats, mode: Mode, programmes: Iterable[Programme]
-) -> PointGroup | None:
+def path_symmetry(here: StateRates, programmes: Iterable[Programme]) -> PointGroup | None:
     """Point group of a state and of the programmes that follow.
 
     Its rates, if they are the only ones, are as symmetric: the group stays that of the path. Normal
     forces follow from the geometry and are not compared.
     """
+    model, mode, contacts = here.model, here.mode, here.contacts
     if not model.watches_pairs:
         return None
-    state = unpack(model, y)
-    contacts = contacts_at(model, state, mode)
     shear = contacts.shear_force
     slides = (mode.regime == Regime.SLIDING) & (model.mu > 0)
     group = point_group(
-        [model.x0, centres(model, state.place)],
+        [model.x0, here.x],
         model.contacts,
         model.radii,
         even=[mode.regime, model.mu, *law_marks(model, contacts)],

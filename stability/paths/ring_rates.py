@@ -115,9 +115,9 @@ MOST_GRAINS = 60
 
 
 # What is asked for: rates of the variables; the sense of the present rates and the condition; event
-# functions; all that is known of a state. Contacts and control alone. From `SOLVED` on the same by
-# a solution that is given.
-RATES, FACTS, VALUES, LOOK, PLACE, SOLVED = range(6)
+# functions; all that is known of a state. Contacts and control alone; lengths, normals and overlaps
+# of the contacts alone. From `SOLVED` on the same by a solution that is given.
+RATES, FACTS, VALUES, LOOK, PLACE, GEOMETRY, SOLVED = range(7)
 
 
 class Problem(NamedTuple):
@@ -196,8 +196,8 @@ def answer_of(p: Problem, what: int) -> None:
     y, gauge, out = p.shared
     solution, known = p.small[SOLUTION], True
     if what < SOLVED:
-        place_contacts(p, y)
-    if what == PLACE:
+        place_contacts(p, y, what == GEOMETRY)
+    if what == PLACE or what == GEOMETRY:
         write_control(p, p.small[NUMBERS, STIFF])
         out[len(out) - 1] = 1.0
         return
@@ -225,13 +225,17 @@ def answer_of(p: Problem, what: int) -> None:
         describe(p, out)
 
 
-def place_contacts(p: Problem, y: Floats) -> None:
-    """Compute contacts, H and P of a state, and the stiffness in whose units the equations are."""
+def place_contacts(p: Problem, y: Floats, alone: bool) -> None:
+    """Compute contacts, H and P of a state, and the stiffness in whose units the equations are.
+
+    `alone`: Lengths, normals and overlaps of the contacts, without their forces.
+    """
     table, tensors, n, given = p.table, p.small, len(p.table), p.codes[LAW] == GIVEN
     affine, by_radii, grains = p.codes[CLOSURE] == AFFINE, p.codes[BY_RADII] > 0, p.codes[GRAINS]
     volume = p.small[NUMBERS, VOLUME]
     for j in range(4):
-        tensors[H, j], tensors[P, j] = y[j] if affine else 0.0, 0.0
+        tensors[H, j] = y[j] if affine else 0.0
+        tensors[P, j] = tensors[P, j] if alone else 0.0
     for g in range(0 if affine else grains):
         for i in range(2):
             for j in range(2):
@@ -250,6 +254,8 @@ def place_contacts(p: Problem, y: Floats) -> None:
         shortening = -((dx + row[D0X]) * ux + (dy + row[D0Y]) * uy) / (length + row[L0])
         row[OVERLAP] = row[OVERLAP0] + shortening
         row[NX], row[NY], row[LENGTH] = dx / length, dy / length, length
+        if alone:
+            continue
         if not given:
             arm_i = 0.5 * (length + row[RADIUS_I] - row[RADIUS_J])
             row[G] = row[TOUCHING] / length if by_radii else 1.0
@@ -263,6 +269,8 @@ def place_contacts(p: Problem, y: Floats) -> None:
         tensors[P, 2] += fy * row[D0X] / volume
         tensors[P, 3] += fy * row[D0Y] / volume
         unit += (abs(row[DNN]) + abs(row[DTT])) / n
+    if alone:
+        return
     if not unit > 0.0:
         unit = p.small[NUMBERS, STIFF]
     p.small[SOLUTION, UNIT] = unit

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from loops import InputError
+from loops import ContactLaw, InputError
 from loops.arrays import Floats, Integers, Regimes
 from loops.graph import ContactState
-from loops.laws.compiled import PressedContacts
 from loops.laws.frictional import Regime
 from stability.path import WORK_TERMS
 from stability.paths.model import (
@@ -44,25 +43,10 @@ class Mode:
     side: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class PathState:
-    """Integrated variables, read from the vector `y`.
-
-    `place` (4,): Displacement gradient `H` under the affine closure, displacements of the centres
-    under the traction closure: small ones keep their digits; `shear_force` (C,): `T`; `parameter`:
-    Loading parameter, counted from the start of the path; `work` (4,): `WORK_TERMS`, counted from
-    the start of the path.
-    """
-
-    place: Floats
-    shear_force: Floats
-    parameter: float
-    work: Floats
-
-
 def initial_state(model: PathModel, contacts: ContactState) -> Floats:
     """Vector `y` of the initial graph, from the state of its contacts."""
-    return pack(model.first_place, contacts.shear_force, 0.0, np.zeros(len(WORK_TERMS)))
+    rest = np.zeros(1 + len(WORK_TERMS))
+    return np.concatenate([model.first_place, contacts.shear_force, rest])
 
 
 def first_state(model: PathModel, contacts: ContactState) -> tuple[PathModel, Floats, float]:
@@ -84,16 +68,14 @@ def first_state(model: PathModel, contacts: ContactState) -> tuple[PathModel, Fl
     if not model.contact_count or ((stiffness > 0.0).any() and not gears):
         return model, y, 0.0
     first = FIRST_STRAIN_OF_GEARS if gears else FIRST_STRAIN
-    state = unpack(model, y)
     if model.closure == "affine":
-        place = state.place + first * (np.eye(2).ravel() - state.place)
+        y[:4] += first * (np.eye(2).ravel() - y[:4])
     else:
-        place = state.place - first * (model.x0 + state.place)
+        y[: model.places] -= first * centres(model, y).ravel()
     pressed = compressed_state(contacts, model.law, 1.0 - first)
     kn = float(model.law.local_stiffness(pressed, elastic)[:, 0, 0].mean())
     # Between the first stiffness, for what is singular, and the later ones, for tolerances.
     model = replace(model, stiffness=float(np.sqrt(kn * model.stiffness)))
-    y = pack(place, state.shear_force, state.parameter, state.work)
     return model, y, FIRST_ATOL * first
 
 
@@ -116,19 +98,6 @@ def start_mode(model: PathModel, contacts: ContactState) -> Mode:
     )
 
 
-def pack(place: Floats, shear_force: Floats, parameter: float, work: Floats) -> Floats:
-    """Vector `y` of the integrated variables."""
-    return np.concatenate([place.ravel(), shear_force, [parameter], work])
-
-
-def unpack(model: PathModel, y: Floats) -> PathState:
-    """Integrated variables in the vector `y`."""
-    places = model.places
-    place = y[:places] if model.closure == "affine" else y[:places].reshape(-1, 2)
-    shear = y[places : places + model.contact_count]
-    return PathState(place, shear, float(y[-5]), y[-4:])
-
-
 def scales(model: PathModel) -> Floats:
     """(Y,) natural size of every integrated variable, for absolute tolerances."""
     force = model.stiffness * model.length
@@ -142,60 +111,25 @@ def scales(model: PathModel) -> Floats:
     )
 
 
-def centres(model: PathModel, place: Floats) -> Floats:
-    """(G, 2) centres; `x = (I - H) x0` under the affine closure."""
-    if model.closure == "affine":
-        return model.x0 - model.x0 @ place.reshape(2, 2).T
-    return model.x0 + place
+def centres(model: PathModel, y: Floats) -> Floats:
+    """(G, 2) centres in a state; `x = (I - H) x0` under the affine closure."""
+    place = y[: model.places].reshape(-1, 2)
+    return model.x0 + (-model.x0 @ place.T if model.closure == "affine" else place)
 
 
-def relative_displacements(model: PathModel, place: Floats) -> Floats:
-    """(C, 2) `d - d0`."""
-    if model.closure == "affine":
-        return -model.d0 @ place.reshape(2, 2).T
-    i, j = model.contacts.T
-    return np.asarray(place[j] - place[i])
-
-
-def contact_overlaps(model: PathModel, moved: Floats) -> Floats:
-    """(..., C) `r_i + r_j - l` from the relative displacements, negative for a gap.
-
-    Stiff grains overlap by a fraction 1e-8 and keep their digits: `l0^2 - l^2 = -(2 d0 + u).u`.
-    """
-    d = model.d0 + moved
-    length = np.hypot(d[..., 0], d[..., 1])
-    shortening = -((d + model.d0) * moved).sum(axis=-1) / (length + model.length0)
-    return np.asarray(model.overlap0 + shortening)
-
-
-def contacts_at(model: PathModel, state: PathState, mode: Mode) -> ContactState:
-    """(C,) contacts of a state with their forces.
+def with_forces(law: ContactLaw, contacts: ContactState, mode: Mode) -> ContactState:
+    """Contacts with the forces that they have in these regimes.
 
     `N` is that of the geometry, `T` at its strength on its side where they slide. `N` of a closed
     contact may be negative, so that it stays smooth beyond an opening that is yet to be located.
     """
-    moved, regime = relative_displacements(model, state.place), mode.regime
-    d = model.d0 + moved
-    length = np.hypot(d[..., 0], d[..., 1])
-    n = d / length[..., None]
-    radii_i, radii_j = model.radii[model.contacts].T
-    is_open = regime == Regime.OPEN
-    contacts = PressedContacts(
-        length=length,
-        n=n,
-        t=np.stack([-n[..., 1], n[..., 0]], axis=-1),
-        normal_force=np.zeros_like(length),
-        shear_force=np.where(is_open, 0.0, state.shear_force),
-        radii_i=radii_i,
-        radii_j=radii_j,
-        depth=contact_overlaps(model, moved),
-    )
-    normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
+    is_open, sliding = mode.regime == Regime.OPEN, mode.regime == Regime.SLIDING
+    contacts = replace(contacts, shear_force=np.where(is_open, 0.0, contacts.shear_force))
+    normal = np.where(is_open, 0.0, law.closed_force(contacts))
     contacts = replace(contacts, normal_force=normal)
-    sliding = regime == Regime.SLIDING
-    if not (sliding.any() and model.law.keeps_strength):
+    if not (sliding.any() and law.keeps_strength):
         return contacts
-    T = mode.side * np.where(sliding, model.law.strength(contacts), 0.0)
+    T = mode.side * np.where(sliding, law.strength(contacts), 0.0)
     return replace(contacts, shear_force=np.where(sliding, T, contacts.shear_force))
 
 

@@ -16,24 +16,16 @@ from loops.closures.null_space import (
     LeastSquares,
     solve_through_null_space,
 )
-from loops.closures.ring import BI, BJ, DNN, DTT, NX, NY, G
+from loops.closures.ring import BI, BJ, DNN, DTT, LENGTH, NX, NY, G
 from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
 from loops.graph import ContactState
+from loops.laws.compiled import PressedContacts
 from loops.laws.frictional import Regime, with_sides
 from stability.paths import ring_rates as ring
 from stability.paths.kernels import NO_FUNCTIONS, EventFunctions, answer, arrays_of, law_is_given
 from stability.paths.model import PathModel, Unknowns, all_unknowns
-from stability.paths.state import (
-    Mode,
-    PathState,
-    Rates,
-    centres,
-    closest_pair,
-    contacts_at,
-    pack,
-    unpack,
-)
+from stability.paths.state import Mode, Rates, centres, closest_pair, with_forces
 from stability.programmes import Programme
 
 # Stresses of strains that mirrors in the axes keep apart, in 11, 12, 21, 22.
@@ -70,8 +62,13 @@ class Answers:
     @cached_property
     def contacts(self) -> ContactState:
         """Contacts of the state with their forces."""
-        y = self.p.shared[0, : self.model.size]
-        return contacts_at(self.model, unpack(self.model, y), self.mode)
+        self._call(ring.GEOMETRY)
+        model, table = self.model, self.p.table
+        n, length, depth = table[:, NX : NY + 1].copy(), table[:, LENGTH], table[:, ring.OVERLAP]
+        t, none = np.stack([-n[:, 1], n[:, 0]], axis=-1), np.zeros(len(n))
+        T, (r_i, r_j) = self.p.shared[0, model.shears].copy(), model.radii[model.contacts].T
+        bare = PressedContacts(length.copy(), n, t, none, T, r_i, r_j, depth=depth.copy())
+        return with_forces(model.law, bare, self.mode)
 
     @cached_property
     def _by_ring(self) -> bool:
@@ -100,21 +97,22 @@ class Answers:
                 p.small[ring.RATE, :4] = rate
             if self._by_ring and self._ask(what):
                 return
-            self._ask(ring.PLACE)
             if self._solve(what) or what != ring.RATES:
                 self._ask(ring.SOLVED + what)
             if what == ring.VALUES and not self.model.is_ring:
                 # The last event function, see `event_functions`.
-                place = unpack(self.model, y).place
-                last = len(p.watch) - 1
-                p.shared[2, last] = closest_pair(self.model, centres(self.model, place))
+                x = centres(self.model, y)
+                p.shared[2, len(p.watch) - 1] = closest_pair(self.model, x)
 
     def _ask(self, what: int) -> bool:
         """Call the kernels, which know all but the forces of other laws; whether they answer."""
         if self.given and what < ring.SOLVED:
             self._give_law()
-        answer().call(what, self.numbers.ctypes.data, self.whole.ctypes.data)
+        self._call(what)
         return bool(self.p.shared[2, -1])
+
+    def _call(self, what: int) -> None:
+        answer().call(what, self.numbers.ctypes.data, self.whole.ctypes.data)
 
     def _give_law(self) -> None:
         """Write what the law makes of the contacts."""
@@ -140,6 +138,7 @@ class Answers:
     def _solve(self, what: int) -> bool:
         """Solve the closure system for rates and tangent; whether the rates have one answer."""
         model, p, contacts = self.model, self.p, self.contacts
+        self._ask(ring.PLACE)
         unit, solution, sided = model.stiffness, p.small[ring.SOLUTION], self._sided(contacts)
         matrix, A = closure_equations(model, p.small[ring.H, :4], sided, self.mode)
         if what >= ring.VALUES:
@@ -203,11 +202,12 @@ class Answers:
 class StateRates:
     """State and regimes under a programme; derived quantities are computed on first use.
 
-    The gauge fixes the unit of time of the rates: its product with `(H', parameter')` is one.
+    `y` (Y,): Integrated variables, see `PathModel`. The gauge fixes the unit of time of the rates:
+    its product with `(H', parameter')` is one.
     """
 
     model: PathModel
-    state: PathState
+    y: Floats
     mode: Mode
     programme: Programme
     gauge: Floats
@@ -222,24 +222,34 @@ class StateRates:
         """(4,) nominal stress."""
         return self.solved.small[ring.P, :4]
 
+    @property
+    def parameter(self) -> float:
+        """Loading parameter."""
+        return float(self.y[-5])
+
     @cached_property
     def x(self) -> Floats:
         """(G, 2) centres."""
-        return centres(self.model, self.state.place)
+        return centres(self.model, self.y)
+
+    @cached_property
+    def answers(self) -> Answers:
+        """What kernels and numpy are asked of this state."""
+        answers = Answers(self.model, self.mode, self.programme)
+        shared = answers.p.shared
+        shared[0, : len(self.y)], shared[1, :5] = self.y, self.gauge
+        return answers
 
     @cached_property
     def contacts(self) -> ContactState:
         """Contacts with their forces."""
-        return contacts_at(self.model, self.state, self.mode)
+        return self.answers.contacts
 
     @cached_property
     def solved(self) -> ring.Problem:
         """Contacts, rates and tangent of the state, as the kernels and numpy solve for them."""
-        state, answers = self.state, Answers(self.model, self.mode, self.programme)
-        p, y = answers.p, pack(state.place, state.shear_force, state.parameter, state.work)
-        p.shared[0, : len(y)], p.shared[1, :5] = y, self.gauge
-        answers.reply(ring.LOOK)
-        return p
+        self.answers.reply(ring.LOOK)
+        return self.answers.p
 
     @cached_property
     def raw_rates(self) -> Rates:

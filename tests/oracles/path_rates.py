@@ -12,12 +12,12 @@ from loops.assembly import contact_kinematics, motions
 from loops.closures.null_space import solve_through_null_space
 from loops.closures.spins import LoopSpin, gear_projector, spin_of_gradient
 from loops.closures.system import closure_matrix, contact_springs, drive
+from loops.laws.compiled import PressedContacts
 from loops.laws.frictional import Regime, edge_rates, with_sides
 from stability.paths import ring_rates
 from stability.paths.model import all_unknowns
 from stability.paths.state import (
     Rates,
-    pack,
     pair_overlaps,
     pairs_in_reach,
     shear_stiffness,
@@ -36,7 +36,11 @@ class PlainRates(StateRates):
 
     @cached_property
     def H(self):
-        return displacement_gradient(self.model, self.state.place)
+        return displacement_gradient(self.model, self.y)
+
+    @cached_property
+    def contacts(self):
+        return contacts_at(self.model, self.y, self.mode)
 
     @cached_property
     def P(self):
@@ -74,7 +78,7 @@ class PlainRates(StateRates):
         model, rates = self.model, self.rates
         place = rates.H if model.closure == "affine" else velocities(model, rates)
         work = power(model, self.mode, self.contacts, rates)
-        y = pack(place, rates.shear_force, rates.parameter, work)
+        y = np.concatenate([place.ravel(), rates.shear_force, [rates.parameter], work])
         return y if rates.trusted else np.full_like(y, np.nan)
 
     @cached_property
@@ -118,7 +122,7 @@ class PlainRates(StateRates):
         strain = np.abs(programme.strain[driven]).max()
         weight = max(np.abs(programme.stress[driven]).max() * model.stiffness, strain)
         beyond = np.abs(self.contacts.shear_force) - law.strength(self.contacts)
-        value = stage.value(self.H, self.P, self.state.parameter - start)
+        value = stage.value(self.H, self.P, self.parameter - start)
         pairs = pairs_in_reach(model, self.x)
         touch = pair_overlaps(model, pairs, self.x).max(initial=-ring_rates.WATCHED_GAP)
         return np.concatenate([
@@ -300,10 +304,34 @@ def velocities(model, rates):
     return velocity - velocity.mean(axis=0)
 
 
-def displacement_gradient(model, place):
+def contacts_at(model, y, mode):
+    """Contacts of a state with their forces, by numpy: `l0^2 - l^2 = -(2 d0 + u).u`."""
+    place = y[: model.places].reshape(-1, 2)
+    i, j = model.contacts.T
+    moved = -model.d0 @ place.T if model.closure == "affine" else place[j] - place[i]
+    d, regime = model.d0 + moved, mode.regime
+    length = np.hypot(*d.T)
+    shortening = -((d + model.d0) * moved).sum(axis=1) / (length + model.length0)
+    n, is_open = d / length[:, None], regime == Regime.OPEN
+    contacts = PressedContacts(
+        length=length, n=n, t=np.stack([-n[:, 1], n[:, 0]], axis=1), normal_force=0.0 * length,
+        shear_force=np.where(is_open, 0.0, y[model.shears]), radii_i=model.radii[i],
+        radii_j=model.radii[j], depth=model.overlap0 + shortening,
+    )  # fmt: skip
+    normal = np.where(is_open, 0.0, model.law.closed_force(contacts))
+    contacts = replace(contacts, normal_force=normal)
+    if not model.law.keeps_strength:
+        return contacts
+    sliding = regime == Regime.SLIDING
+    T = mode.side * np.where(sliding, model.law.strength(contacts), 0.0)
+    return replace(contacts, shear_force=np.where(sliding, T, contacts.shear_force))
+
+
+def displacement_gradient(model, y):
     """(4,) `H`: as integrated, or of the polygon, `-(1/V0) sum u_i (x) b_i`."""
     if model.closure == "affine":
-        return place
+        return y[:4]
+    place = y[: model.places].reshape(-1, 2)
     return -(place.T @ model.b).ravel() / model.volume
 
 

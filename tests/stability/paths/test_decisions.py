@@ -10,7 +10,7 @@ from patterns import diamond, regular_polygon
 from stability import Event, Stage, programmes
 from stability.paths import loop_path
 from stability.paths.loop_path import CHATTER, REACHED, RETRIES, UNMOVED
-from stability.paths.state import Mode, contacts_at, pack, scales, unpack
+from stability.paths.state import Mode, scales
 from stability.paths.state_rates import UNIT_PARAMETER
 from stability.regimes import LEFT, OPEN, STICKS
 from tests.stability.paths.test_loop_path import STAGE, UNITS, solver_of, square
@@ -30,8 +30,9 @@ def with_segments(monkeypatch, solver, moves, fired=("yield", 0), here=None):
 
     def segment(stage, start, sense, reach, here):
         given.append((start, sense, reach))
-        end = SimpleNamespace(H=here.H + next(left) * np.array([0.0, 0.0, -1.0, 0.0]))
-        return SimpleNamespace(y=solver.y, here=end, steps=1, fired=[fired], message="", pairs=())
+        moved = here.H + next(left) * np.array([0.0, 0.0, -1.0, 0.0])
+        end = SimpleNamespace(H=moved, y=solver.y)
+        return SimpleNamespace(here=end, steps=1, fired=[fired], message="", pairs=())
 
     solver.record.row = lambda *row: None
     monkeypatch.setattr(solver, "_rate_problem", lambda *problem: UNIQUE)
@@ -100,8 +101,8 @@ def segments_of(monkeypatch, solver, stage, reach, fired):
     """Segments that are tried from a state of `H` up to 0.02, each of which ends by `fired`."""
     tried = []
 
-    def follow(segment, y, gauge, row, branching):
-        tried.append(segment)
+    def follow(start, functions, how, row, branching):
+        tried.append(how)
         solver.record.rows.append({})
         solver.record.events.append(len(tried))
         return SimpleNamespace(fired=fired, steps=1)
@@ -128,11 +129,11 @@ def test_steps_and_tolerances_of_a_segment(
     """Of the size of the strains of the stage; an eighth and, by the rows, a fourth of it."""
     solver = solver_of(*square(length, kn, 0.02))
     solver.rows = 4
-    (segment,) = segments_of(monkeypatch, solver, STAGE, reach, [("yield", 0)])
-    assert segment.how.size == size
-    assert segment.how.max_step == pytest.approx(max_step)
-    assert segment.how.row_step == pytest.approx(row_step)
-    np.testing.assert_allclose(segment.how.atol, 1e-14 * size * scales(solver.model), rtol=1e-14)
+    (how,) = segments_of(monkeypatch, solver, STAGE, reach, [("yield", 0)])
+    assert how.size == size
+    assert how.max_step == pytest.approx(max_step)
+    assert how.row_step == pytest.approx(row_step)
+    np.testing.assert_allclose(how.atol, 1e-14 * size * scales(solver.model), rtol=1e-14)
     force = kn * solver.model.length
     wanted = [length] * 8 + [force] * 4 + [1.0] + [force * length] * 4
     natural = scales(solver.model) / np.array(wanted)
@@ -156,7 +157,7 @@ def test_steps_of_other_lengths_pass_a_singular_state(monkeypatch, programme, fi
     solver.record.rows[:], solver.record.events[:] = [{}, {}], [-1]
     stage = Stage(programme, "parameter", 1.0)
     segments = segments_of(monkeypatch, solver, stage, 0.16, fired)
-    steps = [segment.how.max_step for segment in segments]
+    steps = [how.max_step for how in segments]
     assert steps == pytest.approx([0.02 * shorter for shorter in RETRIES[:tries]])
     assert len(solver.record.rows) == 3 and solver.record.events == [-1, tries]
 
@@ -168,13 +169,12 @@ def test_what_a_parting_contact_stores_is_dissipated(length, kn):
     solver = solver_of(graph, law, "affine")
     shear = 1e-3 * kn * length * np.array([1.0, 2.0, -3.0, 4.0])
     before = kn * length**2 * np.array([5.0, 6.0, 7.0, 8.0])
-    state = unpack(solver.model, solver.y)
-    solver.y = pack(state.place, shear, 0.25, before)
-    old = solver.mode = Mode(
+    solver.y = np.concatenate([solver.y[:4], shear, [0.25], before])
+    solver.mode = Mode(
         np.array([Regime.ELASTIC, Regime.ELASTIC, Regime.ELASTIC, Regime.OPEN], dtype=np.int8),
         np.zeros(4),
     )
-    N = contacts_at(solver.model, unpack(solver.model, solver.y), old).normal_force
+    N = solver.at(STAGE.programme).contacts.normal_force
     new = Mode(
         np.array([Regime.ELASTIC, Regime.OPEN, Regime.OPEN, Regime.OPEN], dtype=np.int8),
         np.zeros(4),
@@ -182,15 +182,14 @@ def test_what_a_parting_contact_stores_is_dissipated(length, kn):
     trial = SimpleNamespace(mode=new, rates=SimpleNamespace(gauge=UNIT_PARAMETER))
     problem = SimpleNamespace(taken=SimpleNamespace(rates=trial), status="unique")
     solver._take_regimes(STAGE, problem, None)
-    state = unpack(solver.model, solver.y)
     stored = (N[1:3] ** 2).sum() / (2 * kn)
     sheared = (shear[1:3] ** 2).sum() / (2 * 0.3 * kn)
     wanted = [0.0, 0.0, stored, stored + sheared]
-    np.testing.assert_allclose((state.work - before) / (kn * length**2),
+    np.testing.assert_allclose((solver.y[-4:] - before) / (kn * length**2),
                                np.array(wanted) / (kn * length**2), rtol=0, atol=1e-14)  # fmt: skip
     assert stored > 1e-4 * kn * length**2 and sheared > 1e-6 * kn * length**2
-    np.testing.assert_array_equal(state.shear_force, [shear[0], 0.0, 0.0, 0.0])
-    assert state.parameter == 0.25 and len(solver.record.rows) == 1
+    np.testing.assert_array_equal(solver.y[4:8], [shear[0], 0.0, 0.0, 0.0])
+    assert solver.parameter == 0.25 and len(solver.record.rows) == 1
     # Regimes that stay give no second row.
     here = solver.at(STAGE.programme)
     solver._take_regimes(STAGE, problem, here)
@@ -208,8 +207,8 @@ def test_a_control_that_turns_back_has_an_extremum(monkeypatch, agrees):
     regime = np.array([Regime.OPEN, Regime.ELASTIC, Regime.SLIDING, Regime.ELASTIC], dtype=np.int8)
     one = SimpleNamespace(rates=SimpleNamespace(mode=Mode(regime, np.zeros(4))))
 
-    def backwards(*problem, gauge, **kwargs):
-        gauges.append(gauge)
+    def backwards(here, **kwargs):
+        gauges.append(here.gauge)
         return SimpleNamespace(solutions=[one])
 
     monkeypatch.setattr(loop_path, "edge_problem", backwards)
@@ -322,4 +321,4 @@ def test_grains_that_touch_are_watched_no_more():
         solver._take_on_contacts(SimpleNamespace(fired=[("opposite_contact", 0)], pairs=none.pairs))
         assert len(solver.model.met) == met + 1
         assert solver.model.contact_count == 4 + (how == "add")
-        assert len(unpack(solver.model, solver.y).shear_force) == 4 + (how == "add")
+        assert len(solver.y) == solver.model.size == len(y) + (how == "add")

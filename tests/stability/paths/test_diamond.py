@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from loops import LinearFrictional, Regime, Scene, boundary_of
 from patterns import diamond
 from stability import Stage, follow, programmes
-from stability.paths import loop_path, of_graph
+from stability.paths import loop_path
 from tests.oracles.diamond import (
     DIAMOND_SHEAR_SIGNS,
     TABLE_1,
@@ -202,7 +202,7 @@ FLAT = DiamondParameters(np.radians(4.0), 0.2, np.radians(10.0), 0.1)
 
 def error_at_yield(monkeypatch, step, atol):
     monkeypatch.setattr(loop_path, "LONGEST_STEP", step)
-    monkeypatch.setattr(of_graph, "ATOL", atol)
+    monkeypatch.setattr(loop_path, "ATOL", atol)
     path = drained_biaxial.__wrapped__(FLAT, "affine", 0.3)
     exact = exact_drained_path(FLAT).end
     (event,) = path.of_kind("control_limit")

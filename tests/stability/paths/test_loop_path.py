@@ -11,7 +11,7 @@ from patterns import regular_polygon
 from stability import Stage, programmes
 from stability.paths.loop_path import RELEASE, LoopPathOptions, LoopPathSolver
 from stability.paths.model import path_model
-from stability.paths.state import Mode, initial_state, unpack
+from stability.paths.state import Mode, initial_state
 
 UNITS = [(1.0, 1.0), (2.0**-9, 2.0**30), (2.0**9, 2.0**-30)]
 STAGE = Stage(programmes.isotropic_strain(), "H11", 0.1)
@@ -41,7 +41,7 @@ def test_forces_that_count_as_none_are_a_share_of_stiffness_and_length(length, k
     """Normal forces `kn` times the overlap of grains of diameter 1, sides of 1."""
     for share in (0.5, 2.0):
         solver = solver_of(*square(length, kn, share * RELEASE))
-        assert solver._carries_nothing() == (share < 1.0)
+        assert solver._carries_nothing(solver.at(STAGE.programme)) == (share < 1.0)
         force = np.array([0.0, share * RELEASE * kn * length, 0.0, 0.0])
         for normal, shear in ((force, 0.0 * force), (0.0 * force, -force)):
             contacts = SimpleNamespace(normal_force=normal, shear_force=shear)
@@ -69,7 +69,6 @@ def test_grains_that_overlap_by_more_than_rounding_press_at_once(length, kn):
         place = np.zeros((4, 2))
         place[0] = way * d / np.hypot(*d)
         solver.y[: place.size] = place.ravel()
-        assert unpack(solver.model, solver.y).place.tolist() == place.tolist()
         end = SimpleNamespace(fired=[("opposite_contact", 0)], pairs=np.array([[0, 2]]))
         solver._take_on_contacts(end)
         assert solver.mode.regime.tolist() == [Regime.ELASTIC] * 4 + [regime]

@@ -17,8 +17,8 @@ from stability.paths.regimes import (
     path_symmetry,
     rate_vector,
 )
-from stability.paths.state import Mode, initial_state, pack, unpack
-from stability.paths.state_rates import StateRates
+from stability.paths.state import Mode, initial_state
+from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.regimes import CHOICES, LEFT, OPEN, RIGHT, STICKS
 
 STICK, SLIDE, APART = (int(r) for r in (Regime.ELASTIC, Regime.SLIDING, Regime.OPEN))
@@ -34,9 +34,8 @@ def loaded(length=1.0, kn=1.0, mu=(0.3, 0.3, 0.3, 0.0), closure="affine"):
     graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
     model = path_model(graph, contact_state(graph), law, closure, "blocked", None)
     y = initial_state(model, contact_state(graph))
-    state = unpack(model, y)
-    T = SHARES * law.mu * graph.normal_force
-    return model, unpack(model, pack(state.place, T, 0.0, np.zeros(4)))
+    y[model.shears] = SHARES * law.mu * graph.normal_force
+    return model, y
 
 
 def mode_of(*regimes, side=1.0):
@@ -45,24 +44,25 @@ def mode_of(*regimes, side=1.0):
 
 @pytest.mark.parametrize(("length", "kn"), UNITS)
 def test_options_of_contacts_at_the_edge(length, kn):
-    model, state = loaded(length, kn)
+    model, y = loaded(length, kn)
     mode = mode_of(STICK, STICK, STICK, SLIDE)
     at_edge = {1: {STICKS, LEFT}, 2: {STICKS, RIGHT}}
 
-    def chosen(*of):
-        return named(edge_choices(*of))
+    def chosen(model, mode, fired):
+        here = StateRates(model, y, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
+        return named(edge_choices(here, fired))
 
-    assert chosen(model, state, mode, {}) == at_edge
+    assert chosen(model, mode, {}) == at_edge
     # Contacts whose event fired are at the edge, whatever their forces.
-    assert chosen(model, state, mode, {0: LEFT}) == {0: {STICKS, LEFT}, **at_edge}
-    assert chosen(model, state, mode, {0: OPEN}) == {0: {STICKS, OPEN}, **at_edge}
-    assert chosen(model, state, mode, {0: STICKS}) == at_edge
+    assert chosen(model, mode, {0: LEFT}) == {0: {STICKS, LEFT}, **at_edge}
+    assert chosen(model, mode, {0: OPEN}) == {0: {STICKS, OPEN}, **at_edge}
+    assert chosen(model, mode, {0: STICKS}) == at_edge
     searched = replace(model, search_all=True)
-    assert chosen(searched, state, mode, {}) == {0: {STICKS, LEFT, RIGHT}, **at_edge}
+    assert chosen(searched, mode, {}) == {0: {STICKS, LEFT, RIGHT}, **at_edge}
     gone = mode_of(APART, STICK, STICK, SLIDE)
-    assert chosen(model, state, gone, {}) == at_edge
-    assert chosen(searched, state, gone, {}) == at_edge
-    assert chosen(model, state, gone, {0: STICKS}) == {0: {STICKS, OPEN}, **at_edge}
+    assert chosen(model, gone, {}) == at_edge
+    assert chosen(searched, gone, {}) == at_edge
+    assert chosen(model, gone, {0: STICKS}) == {0: {STICKS, OPEN}, **at_edge}
 
 
 def named(options):
@@ -82,7 +82,8 @@ def symmetric(mu):
     model = path_model(graph, contact_state(graph), law, "affine", "blocked", None)
     y = initial_state(model, contact_state(graph))
     mode = mode_of(STICK, STICK, STICK, STICK, side=0.0)
-    group = path_symmetry(model, y, mode, [programmes.isotropic_strain()])
+    programme = programmes.isotropic_strain()
+    group = path_symmetry(StateRates(model, y, mode, programme, UNIT_PARAMETER), [programme])
     return replace(model, symmetry=group)
 
 
@@ -135,12 +136,11 @@ def test_nothing_slides_on_a_mirror():
 def test_rates_that_decide_are_the_same_in_other_units(length, kn):
     """Two contacts at yield under shear: the solution of each combination, tried one by one."""
     shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0.3, 1, 0.4, -0.2], "shear")
-    model, state = loaded(length, kn)
-    plain, other = loaded()
     mode = mode_of(STICK, STICK, STICK, SLIDE)
+    model, y = loaded(length, kn)
     found, wanted = (
-        edge_problem(one, at, mode, shear, preferred={}, direction=None)
-        for one, at in ((model, state), (plain, other))
+        edge_problem(StateRates(*one, mode, shear, UNIT_PARAMETER), preferred={}, direction=None)
+        for one in ((model, y), loaded())
     )
     assert (found.status, found.tried, found.combinations) == (
         wanted.status, wanted.tried, 4.0
@@ -151,7 +151,7 @@ def test_rates_that_decide_are_the_same_in_other_units(length, kn):
         found.taken.rates.vector, wanted.taken.rates.vector, rtol=0, atol=1e-14
     )
     # Consistent with its own rates: what slides does so on its side, what sticks stays inside.
-    rates = StateRates(model, state, taken, shear, found.taken.rates.rates.gauge).raw_rates
+    rates = StateRates(model, y, taken, shear, found.taken.rates.rates.gauge).raw_rates
     np.testing.assert_allclose(
         rate_vector(model, rates), found.taken.rates.vector, rtol=0, atol=1e-14
     )
@@ -168,12 +168,11 @@ def test_rates_that_decide_are_the_same_in_other_units(length, kn):
 def test_a_present_regime_is_tried_first():
     """Of two contacts at yield, one slides already: that combination is the first one tried."""
     shear = programmes.combination(np.zeros((4, 4)), np.eye(4), [0.3, 1, 0.4, -0.2], "shear")
-    model, state = loaded()
-    first = edge_problem(
-        model, state, mode_of(STICK, STICK, STICK, SLIDE), shear, preferred={}, direction=None
-    )
+    mode = mode_of(STICK, STICK, STICK, SLIDE)
+    here = StateRates(*loaded(), mode, shear, UNIT_PARAMETER)
+    first = edge_problem(here, preferred={}, direction=None)
     again = edge_problem(
-        model, state, first.taken.rates.mode, shear,
+        replace(here, mode=first.taken.rates.mode),
         preferred=dict(zip((1, 2), first.taken.regimes, strict=True)), direction=None,
     )  # fmt: skip
     np.testing.assert_array_equal(again.taken.rates.vector, first.taken.rates.vector)

@@ -20,7 +20,7 @@ from stability.paths import ring_rates
 from stability.paths.model import path_model
 from stability.paths.path_segment import event_functions
 from stability.paths.regimes import path_symmetry
-from stability.paths.state import Mode, initial_state, pack, unpack
+from stability.paths.state import Mode, initial_state
 from stability.paths.state_rates import UNIT_PARAMETER, Answers, StateRates
 from tests.oracles.path_rates import PlainRates
 from tests.stability.paths.whole_paths import irregular
@@ -72,8 +72,9 @@ def states(graph, law, closure, spins, changed, programme, symmetric=False):
     for c, regime, side in changed:
         mode.regime[c], mode.side[c] = regime, side
     if symmetric:
-        model = replace(model, symmetry=path_symmetry(model, y, mode, [programme]))
-    about = model, unpack(model, y), mode, programme, UNIT_PARAMETER
+        here = StateRates(model, y, mode, programme, UNIT_PARAMETER)
+        model = replace(model, symmetry=path_symmetry(here, [programme]))
+    about = model, y, mode, programme, UNIT_PARAMETER
     return StateRates(*about), PlainRates(*about)
 
 
@@ -120,9 +121,9 @@ def compare(found, wanted, atol):
 
 def answered(here, what, functions):
     """What a segment is answered in a state."""
-    answers, state = Answers(here.model, here.mode, here.programme, functions), here.state
-    p, y = answers.p, pack(state.place, state.shear_force, state.parameter, state.work)
-    p.shared[0, : len(y)], p.shared[1, :5] = y, here.gauge
+    answers = Answers(here.model, here.mode, here.programme, functions)
+    p = answers.p
+    p.shared[0, : len(here.y)], p.shared[1, :5] = here.y, here.gauge
     answers.reply(what)
     return p.shared[2]
 

@@ -33,15 +33,10 @@ from stability.paths.state import (
     Mode,
     Rates,
     centres,
-    contact_overlaps,
-    contacts_at,
     first_state,
     initial_state,
-    pack,
-    relative_displacements,
     shear_stiffness,
     start_mode,
-    unpack,
 )
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.regimes import LEFT, OPEN, RIGHT, STICKS
@@ -70,6 +65,12 @@ def mode_of(*regimes, side=1.0):
     return Mode(np.array(regimes, dtype=np.int8), np.full(len(regimes), side))
 
 
+def state_of(model, mode, place, T, parameter=0.0, work=(0.0,) * 4):
+    """A state with these places, shear forces, parameter and work."""
+    y = np.concatenate([np.ravel(place), T, [parameter], work])
+    return StateRates(model, y, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
+
+
 STICK, SLIDE, APART = (int(r) for r in (Regime.ELASTIC, Regime.SLIDING, Regime.OPEN))
 
 
@@ -80,18 +81,20 @@ def test_places_and_overlaps_of_large_motions(length, kn, closure):
     H = np.array([[0.2, 0.1], [-0.05, 0.1]])
     place = H.ravel() if closure == "affine" else -graph.x0 @ H.T
     x = graph.x0 @ (np.eye(2) - H).T
-    np.testing.assert_allclose(centres(model, place), x, rtol=1e-14)
-    np.testing.assert_allclose(displacement_gradient(model, place), H.ravel(), atol=1e-14)
+    here = state_of(model, mode_of(*[STICK] * 5), place, np.arange(5.0), 0.7, np.arange(4.0))
+    np.testing.assert_allclose(here.x, x, rtol=1e-14)
+    np.testing.assert_allclose(displacement_gradient(model, here.y), H.ravel(), atol=1e-14)
     i, j = graph.contacts.T
-    moved = relative_displacements(model, place)
     d = x[j] - x[i]
-    np.testing.assert_allclose(moved, d - (graph.x0[j] - graph.x0[i]), atol=1e-13 * length)
     wanted = graph.radii[i] + graph.radii[j] - np.hypot(*d.T)
-    np.testing.assert_allclose(contact_overlaps(model, moved), wanted, atol=1e-13 * length)
-    state = unpack(model, pack(place, np.arange(5.0), 0.7, np.arange(4.0)))
-    np.testing.assert_array_equal(state.place.ravel(), np.ravel(place))
-    assert state.shear_force.tolist() == [0, 1, 2, 3, 4] and state.parameter == 0.7
-    assert state.work.tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(here.contacts.overlap, wanted, atol=1e-13 * length)
+    np.testing.assert_allclose(here.contacts.length, np.hypot(*d.T), rtol=1e-14)
+    np.testing.assert_allclose(here.contacts.length[:, None] * here.contacts.n, d, rtol=1e-13)
+    assert here.contacts.shear_force.tolist() == [0, 1, 2, 3, 4] and here.parameter == 0.7
+    # Rates leave the contacts as they are.
+    overlap = here.contacts.overlap.copy()
+    assert here.A.shape == (4, 4)
+    np.testing.assert_array_equal(here.answers.contacts.overlap, overlap)
 
 
 @pytest.mark.parametrize(("length", "kn"), UNITS)
@@ -99,9 +102,8 @@ def test_forces_of_contacts_by_their_regime(length, kn):
     """`kn` times the overlap; `T` as integrated, at its strength where it slides, none apart."""
     graph, law, model = scene(length, kn)
     T = 0.01 * kn * length * np.arange(1.0, 6.0)
-    state = unpack(model, pack(np.zeros((5, 2)), T, 0.0, np.zeros(4)))
     mode = mode_of(STICK, SLIDE, APART, SLIDE, STICK, side=-1.0)
-    found = contacts_at(model, state, mode)
+    found = state_of(model, mode, np.zeros((5, 2)), T).contacts
     overlap = graph.radii[graph.contacts].sum(axis=1) - model.length0
     N = np.where(np.arange(5) == 2, 0.0, law.kn * overlap)
     np.testing.assert_allclose(found.normal_force, N, rtol=1e-12, atol=1e-14 * kn * length)
@@ -129,10 +131,9 @@ def test_powers_contact_by_contact(length, kn):
     graph, law, model = scene(length, kn)
     rates = random_rates(model, np.random.default_rng(1), length, kn)
     T = 0.01 * kn * length * np.arange(1.0, 6.0)
-    state = unpack(model, pack(np.zeros((5, 2)), T, 0.0, np.zeros(4)))
     for regimes in ((STICK, SLIDE, APART, SLIDE, STICK), (STICK,) * 5):
         mode = mode_of(*regimes)
-        contacts = contacts_at(model, state, mode)
+        contacts = state_of(model, mode, np.zeros((5, 2)), T).contacts
         turned = sheared = slipped = 0.0
         for c, (i, j) in enumerate(graph.contacts):
             force = contacts.shear_force[c]
@@ -242,7 +243,7 @@ def test_branch_vectors_are_held_to_an_affine_image_in_any_units(length):
         else:
             model = path_model(moved, contact_state(moved), law, "affine", "blocked", None)
             d = x[graph.contacts[:, 1]] - x[graph.contacts[:, 0]]
-            found = model.d0 + relative_displacements(model, model.first_place)
+            found = model.d0 - model.d0 @ model.first_place.reshape(2, 2).T
             np.testing.assert_allclose(found, d, atol=1e-9 * length)
 
 
@@ -258,12 +259,14 @@ def test_grains_without_stiffness_are_lifted_to_a_first_overlap(length, young, c
     contacts = contact_state(graph)
     model = path_model(graph, contacts, law, closure, "blocked", None)
     lifted, y, atol = first_state(model, contacts)
-    x = centres(lifted, unpack(lifted, y).place)
+    x = centres(lifted, y)
     wanted = (1.0 - FIRST_STRAIN) * graph.x
     if closure == "affine":
         wanted = wanted - wanted.mean(axis=0) + x.mean(axis=0)
     np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-14 * length)
-    overlap = contact_overlaps(lifted, relative_displacements(lifted, unpack(lifted, y).place))
+    programme = programmes.isotropic_strain()
+    here = StateRates(lifted, y, mode_of(*[STICK] * 4), programme, UNIT_PARAMETER)
+    overlap = here.contacts.overlap
     np.testing.assert_allclose(overlap / (length * FIRST_STRAIN), 1.0, rtol=1e-6)
     # kn grows as the root of the overlap; between that of a tenth of overlap and of the first.
     ratio = (lifted.stiffness / model.stiffness) ** 2
@@ -325,9 +328,7 @@ class EventList(Record):
 
 def end_of(*fired, pairs=(), shear=(), A=None):
     contacts = SimpleNamespace(shear_force=np.array(shear, dtype=float))
-    here = SimpleNamespace(
-        state=SimpleNamespace(parameter=0.5), contacts=contacts, A=np.eye(4) if A is None else A
-    )
+    here = SimpleNamespace(parameter=0.5, contacts=contacts, A=np.eye(4) if A is None else A)
     return SimpleNamespace(fired=list(fired), here=here, pairs=np.array(pairs).reshape(-1, 2))
 
 
@@ -406,9 +407,8 @@ def test_rows_and_events_of_a_record():
     _, law, model = scene(1.0, 1.0, "affine", "blocked")
     T = 0.01 * np.array([1.0, -2.0, 3.0, -1.0, 2.0])
     place = np.array([0.02, 0.0, 0.0, 0.03])
-    state = unpack(model, pack(place, T, 0.3, np.arange(4.0)))
     mode = mode_of(STICK, STICK, APART, STICK, STICK)
-    here = StateRates(model, state, mode, programmes.isotropic_strain(), UNIT_PARAMETER)
+    here = state_of(model, mode, place, T, 0.3, np.arange(4.0))
     record = Record(stage=2)
     record.row(model, here)
     (row,) = record.rows
