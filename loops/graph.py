@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from loops.arrays import Floats, Integers, Regimes, as_complex
+from loops.arrays import Flags, Floats, Integers, Regimes, as_complex
 from loops.errors import InputError, plain, short
 from loops.shown import Shown
 from loops.validation import (
@@ -260,13 +260,17 @@ def graph_without(graph: GrainGraph, grains: ArrayLike, contacts: ArrayLike) -> 
     stays = np.ones(count, dtype=bool)
     stays[gone] = False
     cut_off = np.isin(joined @ [count, 1], cut @ [count, 1])
-    rows = np.flatnonzero(~cut_off & stays[graph.contacts].all(axis=1))
-    number, images = np.cumsum(stays) - 1, graph.images
+    return graph_of_kept(graph, stays, ~cut_off & stays[graph.contacts].all(axis=1))
+
+
+def graph_of_kept(graph: GrainGraph, stays: Flags, kept: Flags) -> Kept:
+    """Return a graph of some of the grains and of the contacts, which are between these."""
+    rows, number, images = np.flatnonzero(kept), np.cumsum(stays) - 1, graph.images
     of_cell: dict[str, Any] = {} if images is None else {"images": images[rows]}
     fields = graph.at_contacts(rows) | of_cell | {"cell": graph.cell, "cell0": graph.cell0}
     x, x0, radii = graph.x[stays], graph.x0[stays], graph.radii[stays]
-    kept = GrainGraph(x, radii, number[graph.contacts[rows]], x0=x0, **fields)
-    return Kept(kept, np.flatnonzero(stays), rows)
+    own = GrainGraph(x, radii, number[graph.contacts[rows]], x0=x0, **fields)
+    return Kept(own, np.flatnonzero(stays), rows)
 
 
 def require_one_state(graph: GrainGraph) -> None:

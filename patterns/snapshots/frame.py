@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 import pyarrow
@@ -18,8 +18,8 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.errors import check_choice, path_of
-from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment
+from loops.errors import path_of
+from loops.laws.frictional import ShearHistory, ShearIncrement
 from loops.scene import Subject
 from loops.shown import counted
 from patterns.snapshots.columns import (
@@ -35,7 +35,7 @@ from patterns.snapshots.files import Text, beside, head_of, unpacked_name
 from patterns.snapshots.findings import Finding, few
 from patterns.snapshots.geometry import as_periodic
 from patterns.snapshots.snapshot import Snapshot, snapshot_of
-from patterns.snapshots.source import LawName, Source
+from patterns.snapshots.source import CHOICES, LawName, Source, check_words
 from patterns.snapshots.tables import (
     ARRAY_FILES,
     SPREADSHEETS,
@@ -338,18 +338,14 @@ def _cell_beside(path: Path) -> dict[str, Any]:
         return {}
     try:
         given = json.loads(file.read_text())
-        found: dict[str, Any] = {}
-        found["cell"] = None if given["cell"] is None else np.array(given["cell"], dtype=float)
-        fields: dict[str, Callable[[Any], Any]] = {"iteration": float, "time": float}
-        fields |= {"periodic": as_periodic, "shear_increment": checked_increment}
-        for name, of in fields.items():
-            if given.get(name) is not None:
-                found["step" if name == "iteration" else name] = of(given[name])
-        for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
-            if given.get(name) is not None:
-                check_choice(f"{name} of {file}", given[name], known)
-                found[name] = given[name]
-        return found
+        check_words(given, f" of {file}")
+        matrix, periodic = given["cell"], as_periodic(given.get("periodic"))
+        told: Told = {name: given[name] for name in CHOICES if given.get(name) is not None}
+        told |= {"periodic": periodic} if periodic else {}
+        for name, own in (("step", "iteration"), ("time", "time")):
+            if given.get(own) is not None:
+                told[name] = float(given[own])
+        return told | {"cell": None if matrix is None else np.array(matrix, dtype=float)}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OSError) as error:
         raise InputError(
             str(file),
@@ -393,34 +389,26 @@ def write_snapshot(path: str | Path, snapshot: Snapshot | Subject) -> None:
             str(path), "this name", "grains... ending in .parquet or .csv", "Rename it."
         )
     tables = snapshot.tables()
-    _write(path, tables["grains"])
-    _write(path.with_name(path.name.replace("grains", "contacts")), tables["contacts"])
-    walls = path.with_name(path.name.replace("grains", "walls"))
-    if tables["walls"] is None:
-        # Those of an earlier snapshot of this name would be taken for this one's.
-        walls.unlink(missing_ok=True)
-    else:
-        _write(walls, tables["walls"])
-    cell = path.with_name(path.name.replace("grains", "cell").removesuffix(path.suffix) + ".json")
-    matrix, increment = tables["cell"], tables["shear_increment"]
-    given: dict[str, object] = {"cell": None if matrix is None else matrix.tolist()}
-    if increment not in (None, "branch"):
-        given["shear_increment"] = increment
-    given |= {"periodic": tables["periodic"]} if "periodic" in tables else {}
-    given |= {name: tables[name] for name in ("law", "shear_history") if name in tables}
-    if given == {"cell": None}:
-        cell.unlink(missing_ok=True)
-    else:
-        partial = cell.with_name(f".{cell.name}.partial")
-        partial.write_text(json.dumps(given) + "\n")
-        os.replace(partial, cell)
-
-
-def _write(path: Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
-    table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
-    partial = path.with_name(f".{path.name}.partial")
     write = pyarrow.parquet.write_table if path.suffix == ".parquet" else pyarrow.csv.write_csv
+    for kind in KINDS:
+        columns = tables[kind] and {n: np.ascontiguousarray(v) for n, v in tables[kind].items()}
+        file = path.with_name(path.name.replace("grains", kind))
+        _replace(file, columns and pyarrow.table(columns), write)
+    matrix, words = tables["cell"], ("shear_increment", "periodic", "law", "shear_history")
+    given = {"cell": None if matrix is None else matrix.tolist()}
+    given |= {name: tables[name] for name in words if tables.get(name) not in (None, "branch")}
+    name = path.name.replace("grains", "cell").removesuffix(path.suffix)
+    text = None if given == {"cell": None} else f"{json.dumps(given)}\n"
+    _replace(path.with_name(f"{name}.json"), text, lambda text, file: file.write(text.encode()))
+
+
+def _replace(path: Path, content: Any, write: Callable[[Any, BinaryIO], object]) -> None:
+    """Write a file whole or not at all; without content remove that of an earlier snapshot."""
+    if content is None:
+        path.unlink(missing_ok=True)
+        return
+    partial = path.with_name(f".{path.name}.partial")
     # Opened here, since pyarrow takes no file names that are not UTF-8.
     with open(partial, "wb") as file:
-        write(table, file)
+        write(content, file)
     os.replace(partial, path)

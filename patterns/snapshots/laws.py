@@ -81,17 +81,25 @@ def law_of(
     A contact is sliding where the table flags it, else from the forces.
     """
     table = contacts.table
-    mu: Floats | None = None
-    if table.has("mu") or source.mu is not None:
-        mu = _parameter(table, "mu", source.mu, "--mu", notes)
+
+    def parameter(column: str, name: str) -> Floats:
+        value = getattr(source, name)
+        if table.has(column):
+            if value is not None:
+                notes.append(f"--{name} {value} not used: the table has the column {column!r}")
+            return table.column(column)
+        assert value is not None  # a law is made where nothing lacks
+        notes.append(f"{column} = {value} for every contact, from --{name}")
+        return np.full(len(table), float(value))
+
+    mu = parameter("mu", "mu") if table.has("mu") or source.mu is not None else None
     adhesion = cohesion = np.zeros(len(normal))
     cohesive = source.law in COHESIVE
     if cohesive:
-        adhesion = _parameter(table, "adhesion", source.adhesion, "--adhesion", notes)
+        adhesion = parameter("adhesion", "adhesion")
         cohesion = np.where(np.isfinite(mu), mu, 0.0) * adhesion if mu is not None else cohesion
         if table.has("cohesion") or source.cohesion is not None:
-            given = source.cohesion
-            cohesion = _parameter(table, "cohesion", given, "--cohesion", notes)
+            cohesion = parameter("cohesion", "cohesion")
         else:
             notes.append("cohesion = mu times the adhesion: friction knows N + adhesion")
     slides_at = "cohesion + mu N" if cohesive else "mu N"
@@ -133,8 +141,8 @@ def law_of(
         law = HertzMindlin(young, poisson, mu, increment, history, ratio)
         ratio = np.where(free, 0.0, law.stiffness_ratio) if free.any() else ratio
         return replace(law, ratio=ratio), regime
-    kn = _parameter(table, "kn", source.kn, "--kn", notes)
-    kt = 0.0 if free.all() else _parameter(table, "ks", source.kt, "--kt", notes)
+    kn = parameter("kn", "kn")
+    kt = 0.0 if free.all() else parameter("ks", "kt")
     if free.any():
         kt = np.where(free, 0.0, kt)
         notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
@@ -175,15 +183,3 @@ def _moduli(
         "from the columns 'kn' and 'ks' as tangents"
     )
     return modulus, 0.0, ratio
-
-
-def _parameter(
-    table: Table, column: str, value: float | None, option: str, notes: list[str]
-) -> Floats:
-    if table.has(column):
-        if value is not None:
-            notes.append(f"{option} {value} not used: the table has the column {column!r}")
-        return table.column(column)
-    assert value is not None  # a law is made where nothing lacks
-    notes.append(f"{column} = {value} for every contact, from {option}")
-    return np.full(len(table), float(value))

@@ -61,34 +61,26 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
     while line < len(ends):
         start = 0 if line == 0 else int(ends[line - 1]) + 1
         first = text[start : int(ends[line])]
+        if not first.strip():
+            line += 1
+            continue
         head = data_head(first)
         if head is None:
-            if not first.strip():
-                line += 1
-                continue
             expected = "a header N time xmin ymin [zmin] xmax ymax [zmax]"
             remedy = "The frame before has other rows than it says: write the file again."
             raise InputError(f"{path}, line {line + 1}", repr(first[:60]), expected, remedy)
-        where = f"{path}, time {head.time:g}"
+        where, names = f"{path}, time {head.time:g}", DATA_COLUMNS[head.width]
         if head.grains < 0 or line + head.grains >= len(ends):
-            raise InputError(
-                where,
-                f"{len(ends) - line - 1} rows to the end of the file",
-                f"{head.grains} as the header says",
-                "The file is cut short at this time: write it again.",
-            )
+            received = f"{len(ends) - line - 1} rows to the end of the file"
+            remedy = "The file is cut short at this time: write it again."
+            raise InputError(where, received, f"{head.grains} as the header says", remedy)
         span = (int(ends[line]) + 1, int(ends[line + head.grains]) + 1)
-        if head.grains == 0:
-            # Grains are inserted later.
-            yield Listing(where, head.time, (), text, span)
-            line += 1
-            continue
-        width = len(line_at(text, span[0])[0].split())
-        if width != len(DATA_COLUMNS[head.width]):
+        # Without rows, grains are inserted later.
+        if head.grains and len(names) != (width := len(line_at(text, span[0])[0].split())):
             received = f"{head.width} numbers in the header and {width} a row"
             remedy = "Write the file with the layout of 8 or of 14 columns."
             raise InputError(where, received, "6 and 8 in two dimensions, or 8 and 14", remedy)
-        yield Listing(where, head.time, DATA_COLUMNS[head.width], text, span)
+        yield Listing(where, head.time, names, text, span)
         line += head.grains + 1
     rest = text[int(ends[-1]) + 1 if len(ends) else 0 :]
     if rest.strip():

@@ -24,13 +24,13 @@ from loops import (
     find_faces,
     outline_area,
 )
-from loops.arrays import Integers, Regimes, in_threads
+from loops.arrays import Integers, Regimes
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
 from loops.errors import check_type, path_of, short, whole_number
-from loops.graph import graph_without, state_of
+from loops.graph import Kept, graph_of_kept, graph_without
 from loops.laws.frictional import of_tables, require_law
-from loops.loop_batches import CONTACTS_AT_ONCE, loop_batches
+from loops.loop_batches import loop_batches
 from loops.pruning import prune_dangling
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown, counted
@@ -180,7 +180,7 @@ class Snapshot(Shown):
         >>> read_snapshot(sample_path()).without(grains=[96], contacts=[[97, 120]])
         Snapshot(grains: 599, contacts: 814, contacts with walls: 61, forces: known, notes: 2)
         """
-        scene, walls = self.scene, self.walls
+        scene = self.scene
         ids = [integers(name, one) for name, one in (("grains", grains), ("contacts", contacts))]
         number = {one: k for k, one in enumerate(self.ids.tolist())}
         unknown = [str(one) for part in ids for one in part.ravel().tolist() if one not in number]
@@ -189,25 +189,26 @@ class Snapshot(Shown):
             raise InputError("without", f"ids {few(unknown)}", expected, remedy)
         gone, pairs = (np.vectorize(number.get, otypes=[int])(one) for one in ids)
         kept = graph_without(scene.graph, gone, pairs)
-        boundary = scene.boundary.of_kept(kept.grains, len(self.ids))
-        if walls is not None:
-            walls = walls.of_kept(kept.grains)
-        names = ("rotation", "mass", "velocity", "spin", "ids")
-        known = {name: value for name in names if (value := getattr(self, name)) is not None}
-        own: Any = {name: value[kept.grains] for name, value in known.items()}
         lost = self.graph.contact_count - len(kept.contacts)
-        own["notes"] = (
-            *self.notes,
-            f"{counted(len(self.ids) - len(kept.grains), 'grain')} and "
-            f"{counted(lost, 'contact')} left out",
-        )
-        own |= {"law": scene.law.take(kept.contacts), "regime": kept.graph.regime, "walls": walls}
-        own["wall_contacts"] = self.wall_contacts if walls is None else len(walls.grain)
-        less = replace(self, graph=kept.graph, **own)
+        left_out = counted(len(self.ids) - len(kept.grains), "grain"), counted(lost, "contact")
+        less = self.of_kept(kept, f"{' and '.join(left_out)} left out")
         # The area of the sample stays.
         vars(less)["area"] = self.area
+        boundary = scene.boundary.of_kept(kept.grains, len(self.ids))
         vars(less)["boundary_and_notes"] = boundary, self.boundary_and_notes[1]
         return less
+
+    def of_kept(self, kept: Kept, note: str) -> Snapshot:
+        """The snapshot with these grains and contacts alone, as they stand, and a note more."""
+        names, walls = ("rotation", "mass", "velocity", "spin", "ids"), self.walls
+        known = {name: value for name in names if (value := getattr(self, name)) is not None}
+        own: Any = {name: value[kept.grains] for name, value in known.items()}
+        if walls is not None:
+            walls = walls.of_kept(kept.grains)
+            own |= {"walls": walls, "wall_contacts": len(walls.grain)}
+        own["law"] = None if self.law is None else self.law.take(kept.contacts)
+        own |= {"regime": kept.graph.regime, "notes": (*self.notes, note)}
+        return replace(self, graph=kept.graph, **own)
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
@@ -237,18 +238,12 @@ class Snapshot(Shown):
     def mean_kn(self) -> float:
         """Mean normal stiffness of the contacts, all taken as elastic (force per length)."""
         (law, _), graph = self.mechanics(), self.graph
-        if of_tables(law) and law.constant_springs is not None:
-            return float(np.mean(np.full(graph.contact_count, law.constant_springs[0])))
-        kn = np.empty(graph.contact_count)
-
-        def fill(start: int) -> None:
-            part = slice(start, min(start + CONTACTS_AT_ONCE, len(kn)))
-            state = state_of(graph, part)
-            elastic = np.full(len(state.length), Regime.ELASTIC, dtype=np.int8)
-            kn[part] = law.take(part).local_stiffness(state, elastic)[..., 0, 0]
-
-        in_threads(fill, range(0, len(kn), CONTACTS_AT_ONCE))
-        return float(np.mean(kn))
+        if of_tables(law):
+            kn = (law.constant_springs or law.stiffnesses(contact_state(graph)))[0]
+        else:
+            elastic = np.full(graph.contact_count, Regime.ELASTIC, dtype=np.int8)
+            kn = law.local_stiffness(contact_state(graph), elastic)[..., 0, 0]
+        return float(np.mean(np.broadcast_to(kn, graph.contact_count)))
 
     def mechanics(self) -> tuple[ContactLaw, NDArray[np.int8]]:
         """Law and regime of the contacts; `InputError` that names all that is missing."""
@@ -500,7 +495,7 @@ def planar(
     pairs = find_crossings(snapshot.graph, MOST_CROSSINGS)
     if len(pairs) == 0:
         return snapshot
-    graph, law, regime = snapshot.graph, snapshot.law, snapshot.regime
+    graph = snapshot.graph
     if not drop:
         named = snapshot.ids[graph.contacts[pairs]]
         shown = few(named, lambda ab: "{0[0]}-{0[1]} and {1[0]}-{1[1]}".format(*ab), mark="; ")
@@ -513,23 +508,15 @@ def planar(
             "one.",
         )
     dropped = crossing_contacts_to_drop(graph, pairs)
-    kept = np.delete(np.arange(graph.contact_count), dropped)
+    kept = ~np.isin(np.arange(graph.contact_count), dropped)
     ten = few(snapshot.ids[graph.contacts[dropped]], lambda pair: "{}-{}".format(*pair), 10)
     note = (
         f"{counted(len(pairs), 'pair')} of crossing branches: "
         f"{counted(len(dropped), 'contact')} left out, of grains "
         f"{ten}; their forces are missing in every stress"
     )
-    images = None if graph.images is None else graph.images[kept]
-    regime = None if regime is None else regime[kept]
-    of_contacts = graph.at_contacts(kept) | {"images": images, "regime": regime}
-    return replace(
-        snapshot,
-        graph=graph.replace(contacts=graph.contacts[kept], **of_contacts),
-        law=None if law is None else law.take(kept),
-        regime=regime,
-        notes=(*snapshot.notes, note),
-    )
+    every = np.ones(graph.grain_count, dtype=bool)
+    return snapshot.of_kept(graph_of_kept(graph, every, kept), note)
 
 
 SAMPLE = Path(__file__).parent / "sample"

@@ -11,10 +11,16 @@ from typing import Any, Literal, get_args
 from loops import HertzMindlin, InputError
 from loops.arrays import Floats
 from loops.errors import check_choice, check_type, number, path_of
-from loops.laws.frictional import ShearHistory, ShearIncrement, checked_increment, friction_of
+from loops.laws.frictional import ShearHistory, ShearIncrement, friction_of
 from patterns.snapshots.geometry import as_cell, as_periodic
 
 LawName = Literal["linear", "hertz", "cohesive", "bonded"]
+# Options that are one of these words, which `cell_....json` may have too.
+CHOICES = {
+    "law": get_args(LawName),
+    "shear_history": get_args(ShearHistory),
+    "shear_increment": get_args(ShearIncrement),
+}
 # Those of `CohesiveFrictional`: attraction, and bonds.
 COHESIVE = ("cohesive", "bonded")
 # Laws, and the options that they alone have.
@@ -51,6 +57,13 @@ class Source:
     cohesion: float | None = None
 
 
+def check_words(given: Mapping[str, Any], of: str = "") -> None:
+    """Raise `InputError` for one of the `CHOICES` that is another word."""
+    for name, known in CHOICES.items():
+        if given.get(name) is not None:
+            check_choice(f"{name}{of}", given[name], known)
+
+
 def source_of(
     path: str | Path,
     contacts: str | Path | None = None,
@@ -63,9 +76,7 @@ def source_of(
     """Check a path and options of `read_snapshot`."""
     asked = {name: value for name, value in options.items() if value is not None}
     law, friction = asked.get("law"), friction_of(mu, phi)
-    for name, known in (("law", get_args(LawName)), ("shear_history", get_args(ShearHistory))):
-        if name in asked:
-            check_choice(name, asked[name], known)
+    check_words(asked)
     for laws, names in OPTIONS_OF_LAWS.items():
         others = [name for name in names if name in asked]
         if others and law not in laws:
@@ -85,8 +96,6 @@ def source_of(
         raise InputError("law", f"{alone} alone", "young and poisson", "Give both.")
     if "young" in asked:
         HertzMindlin(asked["young"], asked["poisson"])  # raises for numbers out of range
-    if "shear_increment" in asked:
-        checked_increment(asked["shear_increment"])
     given = {} if columns is None else columns
     check_type("columns", given, Mapping, "Give {'radius': 'R'}, plain name to column.")
     remedy = "Give the name of a column, or its number."

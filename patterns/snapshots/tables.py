@@ -10,6 +10,8 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +24,6 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads
 from loops.compiled import load_ahead
-from loops.errors import library
 from patterns.snapshots.files import (
     Text,
     line_at,
@@ -138,6 +139,7 @@ def layout_of(path: Path, text: Text, known: Wanted | None = None) -> Layout:
     """
     lines = list(_first_lines(text))
     splits = {mark: [split(line.text, mark) for line in lines] for mark in (";", "\t", ",", " ")}
+    words = [re.split(r"[;,\s]+", line.text) for line in lines]
     # Numbers on top have no header but a comment; below lines of words only if no names do.
     for stop, numbers in ((1, True), (len(lines), False), (len(lines), True)):
         for mark, fields in splits.items():
@@ -147,7 +149,7 @@ def layout_of(path: Path, text: Text, known: Wanted | None = None) -> Layout:
                     continue
                 if not numbers:
                     names = _header(fields, k)
-                elif k == 0 or (known is not None and not _has_names(lines[:k], known)):
+                elif k == 0 or (known and not any(map(known, chain(*words[:k])))):
                     names = _numbered(row, lines[k], known)
                 else:
                     break
@@ -174,10 +176,6 @@ def _header(fields: Sequence[list[str]], first: int) -> list[str] | None:
                 names = [f"{n} ({unit.strip('[]() ')})" if unit else n for n, unit in named]
             return names
     return None
-
-
-def _has_names(lines: Sequence[Line], known: Wanted) -> bool:
-    return any(known(word) for line in lines for word in re.split(r"[;,\s]+", line.text))
 
 
 def _numbered(row: list[str], line: Line, known: Wanted | None) -> list[str] | None:
@@ -515,62 +513,57 @@ def read_arrays(path: Path, wanted: Wanted | None = None) -> tuple[list[str], Ar
     Those of groups are called `group/name`.
     """
     require_file(path)
-    read = _read_npz if path.suffix.lower() == ".npz" else _read_hdf5
+    entries = _npz_entries if path.suffix.lower() == ".npz" else _hdf5_entries
+    names, arrays, size = list[str](), Arrays(), 0
     with whole_file(path):
-        return read(path, wanted)
-    raise AssertionError
+        for name, own, read in entries(path):
+            names.append(name)
+            if wanted is None or wanted(name) or wanted(name.rpartition("/")[2]):
+                # Chunks of HDF5 that were never written take no space in the file.
+                require_room(path, size := size + own, path.stat().st_size)
+                arrays[name] = read()
+        require_once(str(path), names)
+    return names, arrays
 
 
-def _is_wanted(name: str, wanted: Wanted | None) -> bool:
-    return wanted is None or wanted(name) or wanted(name.rpartition("/")[2])
+# Name of an array in a file, its size in bytes, and what reads it.
+Entries = Iterator[tuple[str, int, Callable[[], NDArray[Any]]]]
 
 
-def _read_npz(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
-    arrays: Arrays = {}
+def _npz_entries(path: Path) -> Entries:
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            if member.filename.endswith(".npy"):
+                name = member.filename.removesuffix(".npy")
+                yield name, member.file_size, partial(_npy_array, archive, member)
+
+
+def _npy_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     form = np.lib.format
     header = {(1, 0): form.read_array_header_1_0, (2, 0): form.read_array_header_2_0}
-    with zipfile.ZipFile(path) as archive:
-        members = [one for one in archive.infolist() if one.filename.endswith(".npy")]
-        names = [one.filename.removesuffix(".npy") for one in members]
-        require_once(str(path), names)
-        size = 0
-        for name, member in zip(names, members, strict=True):
-            if not _is_wanted(name, wanted):
-                continue
-            size += member.file_size
-            require_room(path, size, path.stat().st_size)
-            try:
-                with archive.open(member) as file:
-                    shape, _, dtype = header[form.read_magic(file)](file)
-                if math.prod(shape) * dtype.itemsize > member.file_size:
-                    raise ValueError("an array that is cut short")
-                with archive.open(member) as file:
-                    arrays[name] = np.asarray(form.read_array(file, allow_pickle=False))
-            except (SyntaxError, tokenize.TokenError) as error:  # headers are parsed as Python
-                raise ValueError(f"a damaged header, {error}") from None
-    return names, arrays
+    try:
+        with archive.open(member) as file:
+            shape, _, dtype = header[form.read_magic(file)](file)
+        if math.prod(shape) * dtype.itemsize > member.file_size:
+            raise ValueError("an array that is cut short")
+        with archive.open(member) as file:
+            return np.asarray(form.read_array(file, allow_pickle=False))
+    except (SyntaxError, tokenize.TokenError) as error:  # headers are parsed as Python
+        raise ValueError(f"a damaged header, {error}") from None
 
 
-def _read_hdf5(path: Path, wanted: Wanted | None) -> tuple[list[str], Arrays]:
-    with library(str(path), "h5py"):
+def _hdf5_entries(path: Path) -> Entries:
+    try:
         import h5py
-    names: list[str] = []
-    arrays: Arrays = {}
-    sizes: list[int] = []
-
-    def collect(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "iufb":
-            return
-        names.append(name)
-        if _is_wanted(name, wanted):
-            sizes.append(int(item.size) * max(8, item.dtype.itemsize))
-            # Chunks that were never written take no space in the file.
-            require_room(path, sum(sizes), path.stat().st_size)
-            arrays[name] = item[()]
-
+    except ImportError:
+        remedy = "Install it: pip install h5py."
+        raise InputError(str(path), "an HDF5 file", "h5py", remedy) from None
+    found: list[tuple[str, Any]] = []
     with open(path, "rb") as raw, h5py.File(raw, "r") as file:
-        file.visititems(collect)
-    return names, arrays
+        file.visititems(lambda name, item: found.append((name, item)))
+        for name, item in found:
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb":
+                yield name, item.size * max(8, item.dtype.itemsize), partial(item.__getitem__, ())
 
 
 def _read_parquet(path: Path, wanted: Wanted | None) -> Table:
