@@ -1,4 +1,4 @@
-"""The error that bad input raises, and checks of the numbers that a caller gives."""
+"""The error that bad input raises, checks of the numbers that a caller gives, words of messages."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Number, Real
 from pathlib import Path
+from string import Formatter
 from typing import Any
 
 # What the system and libraries say where memory for a thread or a library is used up.
@@ -149,3 +150,26 @@ def short(value: object) -> str:
     if x is None or isinstance(x, str | bytes | Number | list | tuple | Mapping):
         return SHORT.repr(x)
     return f"{type(value).__name__} of shape {shape}" if shape else type(value).__name__
+
+
+class Counting(Formatter):
+    """Format strings with counts.
+
+    >>> Counting().format("{n:#pair}, {n:#grain moves/grains move}", n=1)
+    '1 pair, 1 grain moves'
+    """
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        """A count and what is counted after `#`, else as Python formats it."""
+        if format_spec.startswith("#"):
+            return counted(int(value), *format_spec[1:].split("/"))
+        return super().format_field(value, format_spec)
+
+
+def counted(count: object, one: str, many: str = "") -> str:
+    """Return a count and what is counted.
+
+    >>> counted(1, "pair"), counted(2, "pair"), counted(1, "grain moves", "grains move")
+    ('1 pair', '2 pairs', '1 grain moves')
+    """
+    return f"{count} {one if count == 1 else many or f'{one}s'}"

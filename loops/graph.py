@@ -576,15 +576,8 @@ def to_networkx(graph: GrainGraph | HasGraph) -> networkx.MultiGraph:
         out.add_node(grain, x=tuple(x), x0=tuple(x0), radius=radius)
     images = np.zeros((graph.contact_count, 2), int) if graph.images is None else graph.images
     for c, (i, j) in enumerate(graph.contacts.tolist()):
-        out.add_edge(
-            i,
-            j,
-            contact=c,
-            i=i,
-            j=j,
-            image=tuple(images[c].tolist()),
-            **{n: v.item() for n, v in graph.at_contacts(c).items() if v is not None},
-        )
+        known = {name: v.item() for name, v in graph.at_contacts(c).items() if v is not None}
+        out.add_edge(i, j, contact=c, i=i, j=j, image=tuple(images[c].tolist()), **known)
     return out
 
 
@@ -625,42 +618,36 @@ def from_networkx(network: networkx.Graph) -> GrainGraph:
         received, remedy = type(network).__name__, "Give networkx.Graph() with x and radius."
         raise InputError("network", received, "a graph of networkx", remedy)
     number = {node: k for k, node in enumerate(network.nodes)}
-    faults = []
+    faults, nodes = list[str](), list[dict[str, Any]]()
     for node, data in network.nodes(data=True):
         names = ("x", "radius") if np.ndim(data.get("x", ())) else ("x", "y", "radius")
         if lacks := [name for name in names if name not in data]:
             faults.append(f"node {node!r} without {', '.join(map(repr, lacks))}")
         elif not (isinstance(plain(data["radius"]), Real) and data["radius"] > 0.0):
             faults.append(f"node {node!r} with radius {short(data['radius'])}")
+        else:
+            nodes.append(data | {"x": (data["x"], data["y"]) if "y" in names else data["x"]})
     if faults:
         expected = "x (a pair, or x and y) and a positive radius on every node"
         raise InputError("networkx graph", "; ".join(faults[:MOST_NAMED]), expected, "Set them.")
-    nodes = [
-        data if np.ndim(data["x"]) else data | {"x": (data["x"], data["y"])}
-        for _, data in network.nodes(data=True)
-    ]
-    edges = list(network.edges(data=True))
-    edges.sort(key=lambda edge: edge[2].get("contact", 0))
-    fields = [name for name in CONTACT_FIELDS if any(name in data for *_, data in edges)]
+    edges = sorted(network.edges(data=True), key=lambda edge: edge[2].get("contact", 0))
+    attributes = [data for *_, data in edges]
+    fields = [name for name in CONTACT_FIELDS if any(name in data for data in attributes)]
     for name in (one for one in fields if one != "shear_force"):
         if lacks := [f"{a!r}-{b!r}" for a, b, data in edges if name not in data]:
             received = f"none on {', '.join(lacks[:MOST_NAMED])}"
             raise InputError(f"{name} of edges", received, "it on all edges or on none", "Set it.")
-    cell = network.graph.get("cell")
+    rows: dict[str, Any] = {name: [data.get(name, 0.0) for data in attributes] for name in fields}
+    if (cell := network.graph.get("cell")) is not None:
+        rows["images"] = [data.get("image", (0, 0)) for data in attributes]
     return GrainGraph(
         x=[data["x"] for data in nodes] or np.empty((0, 2)),
         x0=[data.get("x0", data["x"]) for data in nodes] or np.empty((0, 2)),
         radii=[data["radius"] for data in nodes],
-        contacts=np.array(
-            [[number[data.get("i", a)], number[data.get("j", b)]] for a, b, data in edges],
-            dtype=np.int64,
-        ),
-        **{name: [data.get(name, 0.0) for *_, data in edges] for name in fields},
-        images=None
-        if cell is None
-        else np.array([data.get("image", (0, 0)) for *_, data in edges], dtype=np.int64),
+        contacts=[(number[data.get("i", a)], number[data.get("j", b)]) for a, b, data in edges],
         cell=cell,
         cell0=network.graph.get("cell0"),
+        **rows,
     )
 
 

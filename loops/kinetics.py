@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError, listed
+from loops.errors import InputError, counted, listed
 from loops.faces import Faces
 from loops.shown import Shown
 from loops.tracking import Fate, LoopFates
@@ -385,7 +385,7 @@ def order_kinetics(
     given = listed("intervals", intervals, (LoopFates, OrderEvents), "See loops.loop_fates.")
     events = [one if isinstance(one, OrderEvents) else order_events(one) for one in given]
     if not any(len(one.pairs) for one in events):
-        received = f"{len(events)} intervals without an elementary event"
+        received = f"{counted(len(events), 'interval')} without an elementary event"
         raise InputError("intervals", received, "loops that merge or split", "Give more of them.")
     length = positive("time", np.ones(len(events)) if time is None else time, len(events))
     pairs = np.unique(np.concatenate([one.pairs for one in events]), axis=0)

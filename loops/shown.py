@@ -109,12 +109,3 @@ def brief(value: object) -> object:
         return f"{value.flat[0]} {shape}"
     low, high = known.min(), known.max()
     return (f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}") + f" {shape}"
-
-
-def counted(count: int, one: str, many: str = "") -> str:
-    """Return a count and what is counted.
-
-    >>> counted(1, "pair"), counted(2, "pair"), counted(1, "grain moves", "grains move")
-    ('1 pair', '2 pairs', '1 grain moves')
-    """
-    return f"{count} {one if count == 1 else many or f'{one}s'}"

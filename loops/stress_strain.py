@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats
-from loops.errors import InputError
+from loops.errors import InputError, counted
 from loops.geometry import (
     boundary_vectors,
     checked_volume,
@@ -198,7 +198,7 @@ def best_fit_strain(x0: ArrayLike, x: ArrayLike) -> Floats:
     start = real("centres", x0, ..., None, 2)
     end = real("centres", x, *start.shape)
     if start.shape[-2] < 3:
-        raise InputError("centres", f"{start.shape[-2]} grains", "at least 3", "Add grains.")
+        raise InputError("centres", counted(start.shape[-2], "grain"), "at least 3", "Add grains.")
     r = start - start.mean(axis=-2, keepdims=True)
     u = end - start
     u = u - u.mean(axis=-2, keepdims=True)

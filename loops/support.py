@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.errors import InputError, short
+from loops.errors import InputError, counted, short
 from loops.graph import GrainGraph
 from loops.shown import Shown
 from loops.validation import finite, real, require_shape
@@ -72,7 +72,8 @@ class Support(Shown):
     def require(self, graph: GrainGraph) -> None:
         """Refuse a graph of another size, or a periodic one."""
         if len(self.held) != graph.grain_count:
-            received, expected = f"{len(self.held)} grains", f"{graph.grain_count}, as the graph"
+            received = counted(len(self.held), "grain")
+            expected = f"{graph.grain_count}, as the graph"
             raise InputError("support", received, expected, "Give a row per grain.")
         if graph.cell is not None:
             remedy = "Give a programme for the cell's strain."

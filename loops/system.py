@@ -22,12 +22,12 @@ from scipy import sparse
 from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.assembly import assembled_sparse, contact_regime
 from loops.boundary import Rows
-from loops.errors import InputError
+from loops.errors import InputError, counted
 from loops.graph import GrainGraph
 from loops.laws.frictional import ContactLaw, Regime
 from loops.pruning import component_labels, prune_dangling, winding_ranks
 from loops.scene import Scene
-from loops.shown import Shown, counted
+from loops.shown import Shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)

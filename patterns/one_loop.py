@@ -12,12 +12,11 @@ from scipy.spatial import cKDTree
 from loops import ContactLaw, GrainGraph, InputError, Regime, contact_state, from_networkx
 from loops.arrays import Flags
 from loops.assembly import contact_regime
+from loops.errors import counted, short
 from loops.errors import number as checked_number
-from loops.errors import short
 from loops.graph import HasGraph
 from loops.pruning import component_labels
 from loops.scene import Scene, Subject, scene_of
-from loops.shown import counted
 from loops.validation import real
 from patterns.snapshots.findings import few
 from patterns.snapshots.snapshot import (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.errors import InputError
+from loops.errors import InputError, counted
 from loops.shown import Shown, brief
 from stability.programmes import Stage
 from stability.regimes import SEARCH_LIMIT
@@ -219,7 +219,7 @@ def reason(event: Event) -> str:
     said = CAUSES[event.cause]
     if math.isfinite(event.taking_part):
         sign = "changes sign" if event.sign_changes else "keeps its sign"
-        return f"{said}: {event.taking_part:.0f} grains take part, det K {sign}"
+        return f"{said}: {counted(round(event.taking_part), 'grain')} taking part, det K {sign}"
     if event.cause == "never_consistent":
         return f"contacts {list(event.contacts)} {said}"
     if event.kind == "control_limit" and event.count:

@@ -61,10 +61,11 @@ def clock(name: str, *, line: bool = True) -> Iterator[Callable[..., None]]:
     function that adds a text to the line; without a terminal the first one of `long` work is
     printed. While kernels are compiled, a line of its own says so, without a terminal too.
     """
-    done, text, start = threading.Event(), [""], time.monotonic()
-    estimated = False
-    quiet = os.environ.get("TTY_COMPATIBLE") == "0"
-    shown = line and sys.stderr.isatty() and not quiet
+    if os.environ.get("TTY_COMPATIBLE") == "0":
+        yield lambda *_: None
+        return
+    done, text, start, estimated = threading.Event(), "", time.monotonic(), False
+    shown = line and sys.stderr.isatty()
 
     def show() -> None:
         wait, said = CLOCK_PATIENCE, False
@@ -76,24 +77,22 @@ def clock(name: str, *, line: bool = True) -> Iterator[Callable[..., None]]:
                 said = True
                 print(f"{name}: {COMPILING}", file=sys.stderr, flush=True)
             if shown:
-                past = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text[0]}"
+                past = f"{CLEAR}{name}: {time.monotonic() - start:.0f} s{text}"
                 print(past, end="", file=sys.stderr, flush=True)
         if shown and wait == TICK:
             print(CLEAR, end="", file=sys.stderr, flush=True)
 
     def tell(more: str, long: bool = False) -> None:
-        nonlocal estimated
-        if long and not (shown or quiet or estimated):
+        nonlocal estimated, text
+        if long and not (shown or estimated):
             estimated = True
             print(f"{name}: {more}", file=sys.stderr, flush=True)
-        text[0] = f", {more}"
+        text = f", {more}"
 
     thread = threading.Thread(target=show, daemon=True)
-    if not quiet:
-        thread.start()
+    thread.start()
     try:
         yield tell
     finally:
         done.set()
-        if not quiet:
-            thread.join()
+        thread.join()

@@ -369,7 +369,6 @@ def draw_loop_domain(found: LoopDomain, ax: Axes, plane: str = "strain") -> Axes
     ax.set(xlabel=f"{change}${symbol}_{{11}}${unit}", ylabel=f"{change}${symbol}_{{22}}${unit}")
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
-    ax.ticklabel_format(scilimits=(-2, 3))
     outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
     return ax
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from loops import Faces, InputError
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import contacts_at_start
-from loops.errors import check_choice, number, whole_number
+from loops.errors import check_choice, counted, number, whole_number
 from loops.lazy import named
 from loops.scene import Scene, Subject
-from loops.shown import Shown, counted
+from loops.shown import Shown
 from patterns import Snapshot, planar
 from stability import COMPONENTS, Stage, follow
 from stability import Path as FollowedPath

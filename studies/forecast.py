@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers
 from loops.contacts import contacts_at_start
-from loops.errors import number, whole_number
+from loops.errors import counted, number, whole_number
 from loops.scene import Scene, Subject
 from loops.shown import Shown
 from loops.tracking import Fate, loop_fates, match_contacts
@@ -257,7 +257,7 @@ class Forecast(Shown):
         told |= {name: way.status for name, way in self.evolution.ways.items()}
         for kind in KINDS:
             likely = int((self.loops[f"{kind}_probability"] > 0.5).sum())
-            told[kind] = f"{likely} of {len(self.loops)} loops at p > 0.5"
+            told[kind] = f"{likely} of {counted(len(self.loops), 'loop')} at p > 0.5"
         for what in NEXT:
             one = spread_of(self.next, what)
             none = f"none in {one['ways'] - one['found']} of {one['ways']} ways"

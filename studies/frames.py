@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from loops import InputError, force_chains
 from loops.arrays import Floats, Integers, one_blas_thread
-from loops.errors import check_type, library
+from loops.errors import check_type, counted, library
 from loops.scene import Subject
 from loops.shown import Shown
 from patterns import Snapshot, planar
@@ -141,7 +141,7 @@ def _of_loops(snapshot: Snapshot, table: pd.DataFrame | None) -> pd.DataFrame:
     own, loops = loop_table(snapshot) if table is None else table, len(snapshot.faces.loops)
     check_type("table", own, pd.DataFrame, "Give gl.loop_table(snapshot), or leave it out.")
     if len(own) != loops:
-        received, expected = f"{len(own)} rows", f"one a loop, {loops}"
+        received, expected = counted(len(own), "row"), f"one a loop, {loops}"
         raise InputError("table", received, expected, "Give the table of this snapshot.")
     return own
 

@@ -238,7 +238,7 @@ def draw_material(table: pd.DataFrame) -> Figure:
     figure, panels = new_panels(2, 2, 4.6) if len(cones) else new_panels(1, 3, 2.6)
     axes = panels.ravel()
     quantities = (
-        ("stress_ratio", 1.0, "stress ratio (–)"),
+        ("stress_ratio", 1.0, "stress ratio\nalong / across (–)"),
         ("volume_change", 100.0, "change of the area (%)"),
         ("w2", 1.0, "second-order work $w_2$ (–)"),
     )

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 
 from loops import InputError
 from loops.closures import Closure
-from loops.errors import check_type, path_of
+from loops.errors import check_type, counted, path_of
 from loops.errors import number as checked_number
 from loops.scene import Scene, Subject
-from loops.shown import Shown, counted
+from loops.shown import Shown
 from patterns import Snapshot, loop_of_snapshot
 from patterns.snapshots.snapshot import snapshot_of
 from stability import Path as LoopPath

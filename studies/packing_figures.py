@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from loops.arrays import Flags, Floats
+from loops.errors import counted
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from stability.packing import Probe, Sustained
@@ -115,7 +116,7 @@ def response_envelope(found: Probe, kn: float, ax: Axes) -> None:
     draw_envelope(ax, elastic[closed], answer[closed], unstable, labels, shear)
     if unknown := int(np.count_nonzero(~found.determined)):
         legend: Any = ax.get_legend()
-        legend.set_title(f"no answer in {unknown} of {len(found.theta)} directions")
+        legend.set_title(f"no answer in {unknown} of {counted(len(found.theta), 'direction')}")
 
 
 def draw_envelope(
@@ -149,7 +150,6 @@ def draw_envelope(
     ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.set_aspect("equal", adjustable="datalim")
     ax.locator_params(nbins=4)
-    ax.ticklabel_format(scilimits=(-2, 3))
     outer_legend(ax, "lower left", (0.0, 1.0), 1.8)
 
 
@@ -305,7 +305,7 @@ def draw_cycle(ax: Axes, driven: Any, values: Any, style: str = "-", **look: Any
 def over_driven(ax: Axes, driven: str, label: str, since: str = "") -> None:
     """Label axes over the driven component, with a key if there are several curves."""
     ax.set(xlabel=driven_change(driven) + since, ylabel=label)
-    ax.ticklabel_format(scilimits=(-3, 3))
+    ax.locator_params(axis="x", nbins=5)
     if len(ax.get_legend_handles_labels()[0]) > 1:
         ax.legend()
 
@@ -324,11 +324,13 @@ def animate_path(
     figure, ((left, right),) = new_panels(1, 2, 3.4)
     draw, colours = loop_drawer(snapshot), (mpl.colormaps[DIVERGING], Normalize(-1.0, 1.0))
     loops: Any = draw(left, works[0], *colours)
-    label = "normalised $W_2$ since the start"
+    label = "normalised $W_2$ since the start (–)"
     figure.colorbar(ScalarMappable(*colours[::-1]), ax=left, shrink=0.75, label=label)
     _draw_stresses(right, path, summary["driven"])
     looks = _stress_looks(summary["driven"])
-    rings = [right.plot([0.0], [0.0], "o", color=colour)[0] for colour, _ in looks.values()]
+    ring: dict[str, Any] = {"markeredgecolor": BLACK, "markersize": 7, "zorder": 3}
+    rings = [right.plot([0.0], [0.0], "o", color=look[0], **ring)[0] for look in looks.values()]
+    rings[0].set_label("state of the map")
     right.legend()
 
     def show(row: int) -> None:
@@ -366,7 +368,7 @@ def loops_that_come_back(snapshot: Snapshot, found: Any, tables: dict[str, pd.Da
     number = np.select([loops["back"], loops["open_from"].notna()], [1, 2], 0)
     colours = ListedColormap([LIGHT_GREY, GREEN, VERMILION])
     bar = draw_scaled(loop_drawer(snapshot), left, number, colours, Normalize(-0.5, 2.5))
-    kinds = ("closed\nthroughout", "open,\nback", "open\nat the end")
+    kinds = ("closed\nthroughout", "opened,\nclosed again", "open\nat the end")
     counts = np.bincount(number, minlength=3)
     bar.set_ticks(range(3), labels=[f"{k}: {n}" for k, n in zip(kinds, counts, strict=True)])
     draw_cycle(right, tables["path"]["driven"], share, color=BLUE)
@@ -506,7 +508,7 @@ def reliability(known: Calibration, ax: Axes) -> None:
     look["arrowprops"] = {"arrowstyle": "-", "color": GREY, "linewidth": 0.5}
     ax.annotate(f"{worst[0]:.2f}: {worst[1]:.2f}\ncame true", worst, (0.02, 0.98), **look)
     intervals = sum(known.provenance["series"].values())
-    ax.set_title(f"{intervals} intervals of samples of Yade")
+    ax.set_title(f"{counted(intervals, 'interval')} of samples of Yade")
     ax.set(xlim=(0, 1), ylim=(0, 1), xlabel="forecast probability (–)", ylabel="observed share (–)")
     ax.legend(loc="lower right", handletextpad=0.2, borderaxespad=0.1)
 

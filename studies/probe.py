@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.errors import check_choice, number, whole_number
+from loops.errors import check_choice, counted, number, whole_number
 from loops.scene import Scene, Subject
 from stability import Path as FollowedPath
 from stability import Stage, follow
@@ -105,8 +105,8 @@ def run_probe(
         step = search_step(found.candidates, len(found.directions))
         if step > 1 and asked.subspace == "diagonal":
             notes.append(
-                f"{found.candidates} contacts at yield: solutions were searched in one of {step} "
-                "directions, the others were read from the branches of those"
+                f"{counted(found.candidates, 'contact')} at yield: solutions were searched in one "
+                f"of {step} directions, the others were read from the branches of those"
             )
         softest, theta_deg = found.softest, np.degrees(found.theta)
         orders = order_work_table(theta_deg, found.loop_work, found.order, found.area, found.work)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from loops.arrays import Floats, Integers
-from loops.errors import check_choice
+from loops.errors import Counting, check_choice
 from loops.lazy import named
 from studies.output import (
     Summary,
@@ -149,7 +149,7 @@ class Results:
             for file in animation
         ]
         said = ((*told[one.name], one) for one in pictures)
-        figures = [(name, text.format(**summary), one) for name, text, one in said]
+        figures = [(name, Counting().format(text, **summary), one) for name, text, one in said]
         write_report(self.folder, title, summary, figures, maps, self.source, largest)
 
     def write_packing(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import wraps
@@ -214,8 +215,10 @@ def shade_sectors(ax: PolarAxes, ranges: Any, reach: float, alpha: float) -> Non
 
 
 def tick_labels(ticks: Any) -> list[str]:
-    """Numbers with a minus sign, not a hyphen."""
-    return [f"{tick:.4g}".replace("-", "\N{MINUS SIGN}") for tick in ticks]
+    """Numbers with a minus sign, not a hyphen; powers of ten that are large or small as such."""
+    power = re.compile(r"(?<![\d.])1e\+?(-?)0*(\d+)")
+    written = (power.sub(r"$10^{\1\2}$", f"{tick:.4g}") for tick in ticks)
+    return [text.replace("-", "\N{MINUS SIGN}") for text in written]
 
 
 def key_columns(figure: Figure, wide: int) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.errors import InputError, check_choice, short
+from loops.errors import InputError, check_choice, counted, short
 from loops.graph import ContactState
 from loops.shown import Shown
 from loops.validation import fits, real
@@ -90,8 +90,8 @@ def _require_fit(name: str, shape: tuple[int, ...], contacts: tuple[int, ...]) -
     """Raise `InputError` unless parameters are one for each state, or one for each contact."""
     # A number for all contacts of each state has an axis of one contact.
     if not fits(shape, contacts, 1) or (shape == (1,) and contacts[-1] != 1):
-        received = f"{shape[-1]} values" if len(shape) == 1 else f"shape {shape}"
-        expected = f"a number, or one for each of the {contacts[-1]} contacts of the graph"
+        received = counted(shape[-1], "value") if len(shape) == 1 else f"shape {shape}"
+        expected = f"a number, or one for each contact of the graph, {contacts[-1]}"
         remedy = "Give law.take(kept), with the contacts that the graph has kept."
         raise InputError(name, received, expected, remedy)
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 
 from loops.arrays import Floats, Integers, in_threads, median, quantiles
-from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, finding, power_of_ten, rounding, sentences
 from patterns.snapshots.missing import cell, lost_contacts, walls
@@ -280,8 +279,7 @@ def one_ratio(state: Checked) -> Finding | None:
     shared = float(alike[below][np.argmax(sharing[below])])
     there = (ratio >= shared) & (ratio <= (1 + ONE_RATIO) * shared)
     needed = shared * median(mu[rows[there]])
-    contacts = counted(count, "contact")
-    return finding("one_ratio", shared, "shared", contacts=contacts, needed=needed)
+    return finding("one_ratio", shared, "shared", count=count, needed=needed)
 
 
 def sliding(state: Checked) -> Finding | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from loops import InputError
 from loops.arrays import Floats, Integers
-from loops.shown import counted
+from loops.errors import counted
 from patterns.snapshots.columns import NONE, components, names_beside
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (

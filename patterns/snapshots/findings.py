@@ -12,7 +12,7 @@ import numpy as np
 
 from loops import GrainGraph, find_crossings
 from loops.arrays import Floats
-from loops.shown import counted
+from loops.errors import Counting
 
 Severity = Literal["ok", "doubt", "error"]
 SEVERITIES: tuple[Severity, ...] = get_args(Severity)
@@ -48,15 +48,14 @@ def finding(check: str, number: float, case: str = "ok", **values: object) -> Fi
     severity: Severity = "error" if "error" in own else "doubt" if "doubt" in own else "ok"
     says = own.get("says", common.get("says")) + own.get(severity, "")
     values["number"] = number
-    says, remedy = (words.format(**values) for words in (says, own.get("remedy", "")))
+    says, remedy = (Counting().format(words, **values) for words in (says, own.get("remedy", "")))
     return Finding(check, number, says, severity, remedy)
 
 
 def crossings(graph: GrainGraph) -> Finding:
     """Finding on branches that cross: loops need a plane network."""
     count = len(find_crossings(graph, MOST_CROSSINGS))
-    pairs = counted(count, "pair of branches crosses", "pairs of branches cross")
-    return finding("crossings", float(count), "some" if count else "ok", pairs=pairs)
+    return finding("crossings", float(count), "some" if count else "ok")
 
 
 def worst_severity(findings: Sequence[Finding]) -> Severity:

@@ -8,7 +8,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, median
-from loops.shown import counted
+from loops.errors import counted
 from loops.validation import repeated_contacts
 from patterns.snapshots.checked import ROUNDINGS
 from patterns.snapshots.checks import ALONG, repeated, same_force
@@ -146,7 +146,8 @@ def contacts_among(
     if not forces.zero:
         apart &= (forces.normal == 0) & (forces.shear == 0)
         return ~apart if apart.any() else None, (
-            f"{np.count_nonzero(apart)} pairs without overlap and force are no contacts"
+            counted(np.count_nonzero(apart), "pair", "pairs")
+            + " without overlap and force left out"
         )
     gap = contacts.reach - 1.0
     apart = gap > ROUNDINGS * rounding(contacts.bodies.x) / contacts.length
@@ -159,7 +160,7 @@ def contacts_among(
     if apart.mean() > MEASURED and median(gap[apart]) < AS_LARGE * median(-gap[~apart]):
         return None, ""
     return ~apart, (
-        f"{np.count_nonzero(apart)} pairs across a gap are no contacts: without forces, by the "
+        f"{counted(np.count_nonzero(apart), 'pair')} across a gap left out: without forces, by the "
         "distance of the centres"
     )
 
@@ -178,7 +179,7 @@ def once(contacts: Contacts, forces: Forces) -> tuple[Integers, str, Finding] | 
     count = len(pairs) - len(again)
     words = f"{counted(len(again), 'contact')} in two rows, taken once"
     if len(again) == count:
-        words = f"each contact in two rows: {len(pairs)} rows, {count} contacts"
+        words = f"each contact in two rows: {len(pairs)} rows, {counted(count, 'contact')}"
     twins = int(np.count_nonzero(same))
     worst = int(np.argmax(off))
     one, two = ids[pairs[again[worst]]].tolist()

@@ -18,10 +18,9 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from loops import InputError
-from loops.errors import path_of
+from loops.errors import counted, path_of
 from loops.laws.frictional import ShearHistory, ShearIncrement
 from loops.scene import Subject
-from loops.shown import counted
 from patterns.snapshots.columns import (
     KINDS,
     LAYOUTS,
@@ -140,7 +139,7 @@ class Listing:
         if table is None or self.count not in (None, rows):
             expected = f"{self.count} as the header says" if self.count else "at least one row"
             remedy = "The frame is cut short or mixed with another one: dump or copy it again."
-            raise InputError(self.where, f"{rows} rows", expected, remedy)
+            raise InputError(self.where, counted(rows, "row"), expected, remedy)
         return table
 
 

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads, median
 from loops.compiled import given
-from loops.errors import check_choice
+from loops.errors import check_choice, counted
 from loops.graph import reduced_cell
-from loops.shown import counted
 from loops.validation import real
 from patterns.snapshots.columns import AXIAL, VECTORS
 from patterns.snapshots.findings import Finding, finding

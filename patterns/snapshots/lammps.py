@@ -9,6 +9,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats, Integers
+from loops.errors import counted
 from patterns.snapshots.columns import NONE, TABLE, check_names, components
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
@@ -196,7 +197,7 @@ def guess_columns(
     if len(table.names) > MOST_COLUMNS and not {"id1", "id2", "fx", "fy"} <= set(columns):
         raise InputError(
             table.path,
-            f"{len(table.names)} columns",
+            counted(len(table.names), "column"),
             f"at most {MOST_COLUMNS} to recognise columns in",
             "Name them: --columns id1=COLUMN,id2=COLUMN,fx=COLUMN,fy=COLUMN,p1=COLUMN,p2=COLUMN.",
         )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from loops import CohesiveFrictional, HertzMindlin, InputError, LinearFrictional, Regime
 from loops.arrays import Floats, median
+from loops.errors import counted
 from loops.laws.frictional import ShearIncrement
 from loops.laws.kinds import HERTZ, HERTZ_BAND
 from patterns.snapshots.checked import goes_with_root
@@ -145,7 +146,7 @@ def law_of(
     kt = 0.0 if free.all() else parameter("ks", "kt")
     if free.any():
         kt = np.where(free, 0.0, kt)
-        notes.append(f"mu = 0 of {np.count_nonzero(free)} contacts: no shear stiffness, no sliding")
+        notes.append(f"mu = 0 of {counted(free.sum(), 'contact')}: no shear stiffness, no sliding")
     if cohesive:
         bonded = source.law == "bonded"
         notes.append(f"law {source.law!r}: see CohesiveFrictional")

@@ -9,6 +9,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Flags, Floats
+from loops.errors import counted
 from patterns.snapshots.columns import NONE, check_names, components, names_beside
 from patterns.snapshots.dump_files import (
     ATOM_NAMES,
@@ -118,8 +119,8 @@ def finer_cell(
         atoms,
         atoms.contacts(contacts.table.path, contacts.pairs, contacts.d),
         (
-            f"cell {edges.tolist()} from the overlaps of {len(across)} contacts across its border, "
-            f"which it fits to {misfit:.1g}: the header has six digits"
+            f"cell {edges.tolist()} from the overlaps of {counted(len(across), 'contact')} across "
+            f"its border, which it fits to {misfit:.1g}: the header has six digits"
         ),
     )
 

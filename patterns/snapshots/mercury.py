@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loops import InputError
+from loops.errors import counted
 from patterns.snapshots.columns import TABLE, components
 from patterns.snapshots.files import Text, line_at, open_text
 from patterns.snapshots.frame import (
@@ -71,7 +72,7 @@ def _data_listings(path: Path, text: Text) -> Iterator[Listing]:
             raise InputError(f"{path}, line {line + 1}", repr(first[:60]), expected, remedy)
         where, names = f"{path}, time {head.time:g}", DATA_COLUMNS[head.width]
         if head.grains < 0 or line + head.grains >= len(ends):
-            received = f"{len(ends) - line - 1} rows to the end of the file"
+            received = f"{counted(len(ends) - line - 1, 'row')} to the end of the file"
             remedy = "The file is cut short at this time: write it again."
             raise InputError(where, received, f"{head.grains} as the header says", remedy)
         span = (int(ends[line]) + 1, int(ends[line + head.grains]) + 1)
@@ -183,6 +184,8 @@ def _mercury_frame(data: Listing, fstat: Listing, notes: Notes, source: Source) 
         notes = (*notes, "taken as not periodic: the files don't tell; --cell makes it so")
     if not between.all():
         counts = np.bincount(-1 - j[~between]).tolist()
-        each = ", ".join(f"{-1 - k} ({count} contacts)" for k, count in enumerate(counts))
+        each = ", ".join(
+            f"{-1 - k} ({counted(count, 'contact')})" for k, count in enumerate(counts)
+        )
         notes = (*notes, f"walls: {each}")
     return frame_of_tables(source, tables, step=data.step, time=data.step, notes=notes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from loops.arrays import Flags, Floats, Integers, median, quantiles
 from loops.compiled import given, use_compiled
-from loops.shown import counted
+from loops.errors import counted
 from patterns.snapshots.checked import ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, finding, rounding
 from patterns.snapshots.geometry import high_cell
@@ -53,11 +53,9 @@ def lost_contacts(state: Checked) -> Finding | None:
         one, two = state.ids[pairs[k]].tolist()
         return f"{one} and {two} (by {overlap[k] / typical:.3g} typical overlaps)"
 
-    says = counted(len(lost), "pair of grains overlaps", "pairs of grains overlap")
-    says += " and has no contact" if len(lost) == 1 else " and have no contact"
     strip = state.walls is not None and state.graph.cell is not None and all(state.periodic)
     case = "ok" if not len(lost) else "between_walls" if strip else "some"
-    return finding("lost", len(lost), case, pairs=says, each=few(lost, by))
+    return finding("lost", len(lost), case, each=few(lost, by))
 
 
 def repeated_cell(state: Checked) -> Floats | None:
@@ -215,7 +213,8 @@ def walls(state: Checked) -> Finding | None:
     if len(grains) == 0:
         return finding("walls", 0, "hold" if known else "none", count=known)
     case = "few" if len(grains) < max(FEWEST_BARE, BARE_SHARE * count) else "missing"
-    words = f"{known} contacts with walls are known" if known else "no walls known"
+    words = counted(known, "contact with walls is known", "contacts with walls are known")
+    words = words if known else "no walls known"
     most, each = size[grains[0]] / mean, few(state.ids[grains])
     values = {"known": words, "pushed": count, "most": most, "each": each}
     return finding("walls", len(grains), case, **values)

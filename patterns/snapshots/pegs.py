@@ -10,7 +10,7 @@ import numpy as np
 
 from loops import InputError
 from loops.arrays import Floats
-from loops.shown import counted
+from loops.errors import counted
 from patterns.snapshots.files import beside, require_file, whole_file
 from patterns.snapshots.frame import Frame, Frames, Moment, contacts_path
 from patterns.snapshots.geometry import WALL
@@ -46,7 +46,7 @@ def pegs_frames(source: Source) -> Frames:
     contacts, grains = _rows(lists, ADJACENCY), _rows(source.path, POSITIONS[1:], POSITIONS)
     if grains.shape[1] < len(POSITIONS):
         if len(numbers := np.unique(contacts[:, 0])) > 1:
-            received = f"no column of frames, and {len(numbers)} frames in {lists}"
+            received = f"no column of frames, and {counted(len(numbers), 'frame')} in {lists}"
             remedy = "Take a list of one frame, or positions with their frame in front."
             raise InputError(str(source.path), received, "one frame", remedy)
         grains = np.insert(grains, 0, numbers[0], axis=1)
@@ -79,8 +79,8 @@ def pegs_frames(source: Source) -> Frames:
         notes = [
             "PeGS2: lengths in pixels, y turned upwards; N and T as of its force balance",
             "the force of a contact is the mean of those solved on its two grains, which differ by "
-            f"{spread:.2g} mean forces from it (root mean square); {single} contacts were solved "
-            "on one grain alone",
+            f"{spread:.2g} mean forces from it (root mean square); "
+            f"{counted(single, 'contact was', 'contacts were')} solved on one grain alone",
         ]
         if walls:
             notes.append(f"{counted(int(walls), 'contact')} with walls left out: no direction")
@@ -102,7 +102,7 @@ def _rows(path: Path, *layouts: tuple[str, ...]) -> Floats:
     with whole_file(path):
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     if rows.shape[1] not in map(len, layouts):
-        received = f"{rows.shape[1]} columns"
+        received = counted(rows.shape[1], "column")
         expected = " or ".join(f"{len(names)}: {', '.join(names)}" for names in layouts)
         raise InputError(str(path), received, expected, "Write it by PeGS2 again.")
     return rows

@@ -27,15 +27,15 @@ from loops import (
 from loops.arrays import Integers, Regimes
 from loops.assembly import contact_regime
 from loops.boundary import Boundary, boundary_of, outline_grains
-from loops.errors import check_type, path_of, short, whole_number
+from loops.errors import check_type, counted, path_of, short, whole_number
 from loops.graph import Kept, graph_of_kept, graph_without
 from loops.laws.frictional import of_tables, require_law
 from loops.loop_batches import loop_batches
 from loops.pruning import prune_dangling
 from loops.scene import Scene, Subject, scene_of
-from loops.shown import Shown, counted
+from loops.shown import Shown
 from loops.validation import checked_regimes, integers
-from patterns.snapshots.columns import components
+from patterns.snapshots.columns import WHEN, components
 from patterns.snapshots.findings import MOST_CROSSINGS, Finding, few
 from patterns.snapshots.walls import WallContacts, box_area, wall_plates
 
@@ -265,10 +265,11 @@ class Snapshot(Shown):
         """Its tables as dicts of arrays: `snapshot_from_tables(**snapshot.tables())` is the same.
 
         `grains` and `contacts` have the columns that `read_snapshot` reads, without forces or a
-        law those of the geometry; `walls` a row a contact with a wall: `id` of the grain, `fx, fy`
-        on it, `branch_x, branch_y` from the foot to the centre, `kn, ks, mu`; None if there is
-        none. Besides `cell` (2, 2) and `shear_increment`, or None; under Hertz's law, whose
-        tangents are `kn` and `ks`, also `law` and `shear_history`, under a cohesive one `law`.
+        law those of the geometry; the step and the time, if known, stand in each row of `grains`;
+        `walls` has a row a contact with a wall: `id` of the grain, `fx, fy` on it, `branch_x,
+        branch_y` from the foot to the centre, `kn, ks, mu`; None if there is none. Besides `cell`
+        (2, 2) and `shear_increment`, or None; under Hertz's law, whose tangents are `kn` and `ks`,
+        also `law` and `shear_history`, under a cohesive one `law`.
 
         Examples
         --------
@@ -285,6 +286,8 @@ class Snapshot(Shown):
             grains["mass"] = self.mass
         if self.velocity is not None and self.spin is not None:
             grains |= components("v@", self.velocity) | {"omega_z": self.spin}
+        when = {name: value for name in WHEN if (value := getattr(self, name)) is not None}
+        grains |= {name: np.full(len(ids), value) for name, value in when.items()}
         one, two = graph.contacts.T
         contacts = {"id1": ids[one], "id2": ids[two]} | components("branch_@", graph.branches)
         if graph.images is not None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from loops.arrays import Floats, Integers, median
 from loops.laws.kinds import HertzMindlin
-from loops.shown import counted
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import NEAR_ROUND, Finding, few, finding, power_of_ten, rounding
 
@@ -127,8 +126,8 @@ def one_radius(state: Checked) -> Finding | None:
         rows, lambda g: f"that of grain {ids[g]} is {old[g] / new[g]:.6g} times what they need"
     )
     right = few(rows, lambda g: f"grain {ids[g]} the radius {new[g]:.8g}")
-    case, named = "some" if len(grains) else "ok", counted(len(grains), "grain")
-    return finding("radius", len(grains), case, grains=named, each=each, right=right)
+    case = "some" if len(grains) else "ok"
+    return finding("radius", len(grains), case, each=each, right=right)
 
 
 def one_contact(state: Checked) -> Finding | None:
@@ -148,8 +147,8 @@ def one_contact(state: Checked) -> Finding | None:
         return f"grains {state.names(np.array([c]))} ({what})"
 
     right = few(rows, lambda c: f"kn = {kn[c] * ratio[c]:.4g}" if touches[c] else "N = 0")
-    case, named = "some" if len(rows) else "ok", counted(len(rows), "contact")
-    return finding("kn", len(rows), case, contacts=named, each=few(rows, each), right=right)
+    case = "some" if len(rows) else "ok"
+    return finding("kn", len(rows), case, each=few(rows, each), right=right)
 
 
 # Share of the radii by which all of them are off: clean 1e-4 (kn not known), else 1e-7.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Flags, Floats
-from loops.errors import InputError, check_choice, whole_number
+from loops.errors import InputError, check_choice, counted, whole_number
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
 from loops.shown import Shown
@@ -225,8 +225,8 @@ def _gradients(F: ArrayLike, state: MaterialState, loops: int) -> Floats:
     """Return deformation gradients (Q, 2, 2), or raise `InputError`."""
     points, own = state.failed.shape
     if own != loops:
-        received, remedy = f"one of {own} loops", "Take material.start(points)."
-        raise InputError("state of the material", received, f"one of {loops} loops", remedy)
+        received, remedy = counted(own, "loop"), "Take material.start(points)."
+        raise InputError("state of the material", received, counted(loops, "loop"), remedy)
     gradients = finite("F", F, points, 2, 2)
     det = gradients[:, 0, 0] * gradients[:, 1, 1] - gradients[:, 0, 1] * gradients[:, 1, 0]
     if (det <= 0.0).any():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from loops.arrays import Floats, Integers
-from loops.errors import InputError, listed, whole_number
+from loops.errors import InputError, counted, listed, whole_number
 from loops.geometry import polygon_area, require_loop
 from loops.graph import GrainGraph
 from loops.laws import ContactLaw
@@ -182,7 +182,7 @@ def oriented(loop: GrainGraph, count: int) -> LoopSet:
     whole_number("count of orientations", count, 1)
     single = loop_set(loop)
     if len(single.weights) != 1:
-        received = f"{len(single.weights)} loops"
+        received = counted(len(single.weights), "loop")
         raise InputError("loop to be turned", received, "one", "Turn the loops one by one.")
     angle = np.pi * np.arange(count) / count
     turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=-1)

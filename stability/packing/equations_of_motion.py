@@ -14,7 +14,7 @@ from scipy.sparse.linalg import eigsh
 
 from loops.arrays import Floats
 from loops.contacts import Contacts, contacts_at_start
-from loops.errors import InputError, number, short, whole_number
+from loops.errors import InputError, counted, number, short, whole_number
 from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
 from loops.laws.of_pairs import SMALL_OVERLAP
@@ -551,14 +551,14 @@ def replay(
             motion.gradient[:] = gradients.get(done, motion.gradient)
             part = min([last, *(turn for turn in gradients if turn > done)]) - done
             if not moving.run(part, dt, damping, viscous):
-                found = f"grains that move {moving.gap:.2g} in one of {steps} steps"
+                found = f"grains that move {moving.gap:.2g} in one of {counted(steps, 'step')}"
                 raise InputError("replay", found, "a stable motion", "Take shorter steps.")
             done += part
         states.append(moving.state())
     whole = _span(strain) if isinstance(strain, Stage) else 1.0
     return Path(
         status="finished",
-        message=f"replayed in {steps} steps",
+        message=f"replayed in {counted(steps, 'step')}",
         events=(),
         parameter=np.linspace(0.0, whole, len(states)),
         stage=np.zeros(len(states), dtype=np.int64),

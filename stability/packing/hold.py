@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 from loops.arrays import Floats, Integers
 from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.contacts import Contacts, contacts_at_start, start_state
-from loops.errors import InputError, check_choice, number, whole_number
+from loops.errors import InputError, check_choice, counted, number, whole_number
 from loops.graph import GrainGraph, contact_state
 from loops.laws import Regime
 from loops.laws.frictional import FrictionalLaw
 from loops.laws.of_pairs import law_of
 from loops.scene import Scene, of_scene
-from loops.shown import Shown, counted
+from loops.shown import Shown
 from loops.validation import finite
 from stability.packing.equations_of_motion import (
     Moving,

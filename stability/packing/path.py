@@ -12,9 +12,8 @@ import numpy as np
 
 from loops.arrays import Floats
 from loops.contacts import Contacts, contacts_at_start
-from loops.errors import InputError, check_choice, check_type, number, whole_number
+from loops.errors import InputError, check_choice, check_type, counted, number, whole_number
 from loops.scene import Scene
-from loops.shown import counted
 from stability.complementarity import positive_definite
 from stability.p_matrix import has_definite_scaling, is_p_matrix
 from stability.packing.equations_of_motion import require_upright, snap_through
@@ -157,7 +156,8 @@ class PackingPathSolver:
         """Go on at intervals of a size to the target of the stage, or until the path ends."""
         while self.point.targets:
             self.history.append(self.point)
-            stop: Stop | None = "lost", f"{max_steps} intervals were not enough"
+            enough = counted(max_steps, "interval was", "intervals were")
+            stop: Stop | None = "lost", f"{enough} not enough"
             if self.point.intervals < max_steps:
                 stop = self.step(size)
             if stop is not None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from loops import Faces, find_faces
 from loops.arrays import Flags, Floats, Integers, one_blas_thread
 from loops.contacts import contacts_at_start
-from loops.errors import InputError, check_choice, number, short, whole_number
+from loops.errors import InputError, check_choice, counted, number, short, whole_number
 from loops.scene import Scene, Subject, scene_of
 from loops.shown import Shown
 from loops.system import System
@@ -206,8 +206,8 @@ class Probe(Shown):
         unknown = int(np.count_nonzero(~self.determined))
         least = "unknown" if self.softest is None else f"{self.normalised[self.softest]:.3g}"
         return (
-            f"probe: {len(self.directions)} directions, {unknown} undetermined, smallest w2 "
-            f"{least}, W2 < 0 in {100 * self.unstable_fraction:.3g} % of directions"
+            f"probe: {counted(len(self.directions), 'direction')}, {unknown} undetermined, "
+            f"smallest w2 {least}, W2 < 0 in {100 * self.unstable_fraction:.3g} % of directions"
         )
 
 

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats, Integers, Regimes, one_blas_thread
 from loops.assembly import contact_kinematics, contact_tangent
 from loops.contacts import AT_YIELD
-from loops.errors import number
+from loops.errors import counted, number
 from loops.graph import ContactState
 from loops.laws.frictional import ContactLaw, Regime, edge_of, edge_rates
 from loops.scene import Scene, of_scene
@@ -196,7 +196,7 @@ class PackingResponse(Shown):
     def __str__(self) -> str:
         return (
             f"packing response: {self.status}, residual {self.residual:.1e}, {self.sliding} of "
-            f"{self.candidates} contacts at yield slide"
+            f"{counted(self.candidates, 'contact')} at yield slide"
         )
 
 

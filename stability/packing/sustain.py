@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from loops.arrays import Floats, one_blas_thread
 from loops.contacts import Contacts, contacts_at_start
-from loops.errors import check_choice, number, whole_number
+from loops.errors import check_choice, counted, number, whole_number
 from loops.faces import Faces
 from loops.graph import GrainGraph
 from loops.scene import Scene, of_scene
@@ -131,7 +131,7 @@ class Sustained(Shown):
 
     def facts(self) -> dict[str, object]:
         """Facts that the prompt and a notebook show."""
-        loads = f"up to {self.largest:.4g} (force/length) along {len(self.paths)} directions"
+        loads = f"{counted(len(self.paths), 'direction')} up to {self.largest:.4g} (force/length)"
         told: dict[str, object] = {"load": loads, **Counter(self.status.tolist())}
         for name in ("first_large_load", "limit"):
             known = getattr(self, name)[~np.isnan(getattr(self, name))]
@@ -348,7 +348,7 @@ def _loaded(scene: Scene, direction: Floats, loading: Loading, faces: Faces | No
         lost, cause = _load_of_loss(solver), stop[1]
         if len(motions) == loading.most_motions:
             status = "unfinished"
-            message = f"more than {loading.most_motions} motions before the largest load"
+            message = f"more than {counted(loading.most_motions, 'motion')} before the largest load"
             break
         here = solver.point
         rise = max(push * here.parameter, LEAST_PUSH * here.first_stress)

@@ -9,12 +9,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from string import Formatter
 from typing import Annotated, Any, get_args
 
 from cyclopts import Parameter
 
-from loops.errors import InputError, check_choice
+from loops.errors import Counting, InputError, check_choice
 from loops.lazy import named
 from studies.clock import clock
 from studies.questions import EVERYDAY, FURTHER, Cells, Whole
@@ -349,7 +348,7 @@ def _words(part: str) -> dict[str, Any]:
     return found
 
 
-class Filling(Formatter):
+class Filling(Counting):
     """Format strings over a summary, with formats of their own (see `lines.toml`)."""
 
     def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
@@ -369,8 +368,6 @@ class Filling(Formatter):
         known = _words("words").get(table, {})
         if kind == "word":
             return str(known.get(value, value))
-        if kind.startswith("#"):
-            return str(named("loops.shown.counted")(value, kind[1:], table))
         if counting := COUNTS.match(kind):
             template, between = COUNTS_AS[counting[0]]
             counts = ((known.get(name, name), count) for name, count in value.items())
@@ -390,7 +387,7 @@ class Filling(Formatter):
         if digits := DIGITS.fullmatch(kind):
             number = "-" if value is None else f"{value:.{digits[1]}f}"
             return format(number, digits[2] or "")
-        return str(format(value, spec))
+        return str(super().format_field(value, spec))
 
     def filled(self, template: str, row: Mapping[str, Any]) -> str | None:
         """Text of a template; None where its first part is left out."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from loops.errors import InputError
+from loops.errors import InputError, counted
 from studies.clock import clock, of_parts
 from studies.commands import (
     Answer,
@@ -220,8 +220,6 @@ def event_lines(events: Sequence[dict[str, Any]]) -> list[str]:
 
     The loss of stability names its subspace; contacts, or pairs of grains that touch, are counted.
     """
-    from loops.shown import counted
-
     groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for event in events:
         place = (f"{event[key]:.8f}" for key in EVENT_VALUES)

@@ -25,13 +25,11 @@ def chain_bends(before: Snapshot, after: Snapshot) -> tuple[Floats, Floats]:
 
     Degrees; nan for a segment of which a grain is lost, and for a loop that is beside no segment.
     """
-    graph, faces = before.graph, before.faces
+    graph, faces, bend = before.graph, before.faces, np.empty(0)
     of_contact = np.full(graph.contact_count, np.nan)
-    bend = np.empty(0)
     if before.mechanical:
-        links, bend = force_chains(graph).bending(
-            graph, moved_branches(before, after, np.zeros((2, 2)))
-        )
+        moved = moved_branches(before, after, np.zeros((2, 2)))
+        links, bend = force_chains(graph).bending(graph, moved)
         bend = np.degrees(bend)
         np.fmax.at(of_contact, links, bend[:, None])
     if not len(faces.contacts):
@@ -46,10 +44,10 @@ def chain_row(bend: Floats, beside: Floats, fates: LoopFates, table: Mapping[str
     negative = np.zeros(len(beside), dtype=bool)
     if "W2" in table:
         negative[table["loop_before"]] = np.asarray(table["W2"]) < 0
-    place = np.where(np.isnan(beside), 2, np.where(beside > BUCKLES, 0, 1))
-    for k, name in enumerate(PLACES):
+    there = (beside > BUCKLES, beside <= BUCKLES, np.isnan(beside))
+    for name, here in zip(PLACES, there, strict=True):
         counts = {"loops": 1, "grains": fates.order_before, "lost": lost, "negative_W2": negative}
-        row |= {f"{name}_{what}": int(np.sum((place == k) * each)) for what, each in counts.items()}
+        row |= {f"{name}_{what}": int(np.sum(here * each)) for what, each in counts.items()}
     return row
 
 

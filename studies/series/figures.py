@@ -21,6 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from loops.arrays import Floats
+from loops.errors import counted
 from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from patterns import Snapshot
 from stability import COMPONENTS
@@ -424,7 +425,7 @@ def regions_over_intervals(table: pd.DataFrame) -> Figure:
             share = 1.0 - rows[name] if name == "survived" else rows[name]
             at = rows["snapshot_after"] + 0.12 * (k - 0.5)
             colour, marker = PLACE_COLOURS[k % len(PLACE_COLOURS)], "osD^v"[k % 5]
-            label = f"{place}: {rows['loops'].sum()} loops"
+            label = f"{place}: {counted(rows['loops'].sum(), 'loop')}"
             ax.errorbar(at, 100.0 * share, 100.0 * rows[f"{name}_error"],
                         fmt=marker, color=colour, markersize=4, label=label)  # fmt: skip
             ax.set(xlabel="interval, by its later snapshot", ylabel=shares[name])

@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 
 from loops import InputError, order_kinetics
-from loops.errors import check_choice, number, whole_number
+from loops.errors import check_choice, counted, number, whole_number
 from loops.kinetics import FATES, OrderEvents
 from loops.stress_strain import rotation_and_stretch
 from loops.tracking import ExchangeCounts, Fate
@@ -169,7 +169,7 @@ def _draw(
         drawn = drawing.series_figures(tables, interval)
         maps = drawing.maps_of(series, evolution["loops"].tolist(), mapped or 0)
         largest = int(evolution["loops"].max())
-        title = f"Loops of {summary['snapshots']} snapshots"
+        title = f"Loops of {counted(summary['snapshots'], 'snapshot')}"
         results.write_report(title, summary, drawn, maps, largest, pictures)
 
 

@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from loops import InputError
-from loops.errors import check_type, listed, path_of
+from loops.errors import check_type, counted, listed, path_of
 from patterns import Snapshot, planar
 from stability import COMPONENTS
 from studies.frames import loop_table
@@ -142,7 +142,7 @@ def skill(
     for place, pair in enumerate(pairs):
         both = listed(f"pairs[{place}]", pair, Snapshot, remedy)
         if len(both) != 2:
-            raise InputError(f"pairs[{place}]", f"{len(both)} snapshots", "two", remedy)
+            raise InputError(f"pairs[{place}]", counted(len(both), "snapshot"), "two", remedy)
         before, after = map(planar, both)
         before.mechanics()
         after.mechanics()

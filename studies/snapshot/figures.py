@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from loops import ForceChains
 from loops.arrays import Flags, Floats, Integers
+from loops.errors import counted
 from loops.fabric import direction_tensors, mean_tensor, principal
-from loops.shown import counted
 from patterns import Snapshot
 from studies.output import Columns, Summary
 from studies.snapshot.sample import axis_errors, strong_contacts
@@ -372,11 +372,11 @@ def both_signs(ax: Axes, axis: str, values: Floats) -> float:
     return float(low)
 
 
-def order_key(figure: Figure, order: Integers) -> None:
+def order_key(figure: Figure, order: Integers, **look: Any) -> None:
     """Key of the groups of orders that there are, with the number of their loops."""
     counts = np.bincount(np.minimum(order, LAST_ORDER), minlength=LAST_ORDER + 1)[3:].tolist()
     handles = [
-        Line2D([], [], color=GROUP_COLOURS[name], label=f"order {name} ({count})")
+        Line2D([], [], color=GROUP_COLOURS[name], label=f"order {name} ({count})", **look)
         for name, count in zip(GROUPS, counts, strict=True)
         if count
     ]
@@ -407,11 +407,11 @@ def places_figure(
         draw(left, number, ListedColormap(colours), Normalize(-0.5, len(names) - 0.5))
     else:
         near, many = table["chain_contacts"] > 0, len(links) > VECTOR_LIMIT
-        places = {"beside": near, "elsewhere": ~near}
+        places = {"beside chains": near, "elsewhere": ~near}
         draw(left, np.zeros(len(near)), ListedColormap([LIGHT_GREY]), Normalize(0.0, 1.0))
         width = 1.2 * float(np.clip(60.0 / max(len(near), 1) ** 0.5, 0.3, 2.0))
-        look: Any = {"capstyle": "round", "rasterized": many, "linewidths": width}
-        lines = LineCollection(_joined(links) if many else list(links), colors=BLUE, **look)
+        look: Any = {"capstyle": "round", "rasterized": many, "colors": PLACE_COLOURS[0]}
+        lines = LineCollection(_joined(links) if many else list(links), linewidths=width, **look)
         left.add_collection(lines, autolim=False)
     left.set_title("regions" if links is None else "force chains")
     compare_places(right, table, groups, unstable, places)
@@ -552,8 +552,8 @@ def in_packing(table: Columns, groups: Groups, share: Floats, at_rest: Summary) 
         line(0.0, color=GREY, linewidth=0.6)
     left.set(xlabel="cut out, spins free", ylabel=where)
     left.set_title(r"smallest eigenvalue of $K_s$ / mean $k_n$")
-    order_key(figure, table["order"])
-    order = table["order"]
+    order, drawn = table["order"], np.isfinite(alone) & np.isfinite(inside)
+    order_key(figure, order[drawn], marker="o", markersize=3, linestyle="none")
     orders = [n for n in np.unique(order) if np.isfinite(share[order == n]).any()]
     right.boxplot(
         [share[(order == n) & np.isfinite(share)] for n in orders],

@@ -56,3 +56,16 @@ def test_the_notation_says_which_words_these_are():
     for word in ("snapshot", "opposite contact", "regime", "at yield", "residual", "predict"):
         assert f"| {word} |" in words
     assert "foretell, foresee" in words and "at its cone" in words
+
+
+@pytest.mark.parametrize("name", [
+    "patterns/snapshots/findings.toml", "studies/lines.toml", "studies/captions.toml"
+])  # fmt: skip
+def test_counts_of_templates_have_a_singular(name):
+    """`{n:#force}` is written "1 force", "2 forces"; `{n} forces` would be "1 forces"."""
+    nouns = (
+        "forces|contacts|grains|loops|rows|walls|pairs|snapshots|steps|directions|intervals|ways"
+    )
+    plain = re.compile(rf"\{{[^}}#]*\}} (?:unstable )?(?:{nouns})\b")
+    assert plain.findall((ROOT / name).read_text()) == []
+    assert plain.search("{n} unstable contacts") and not plain.search("{n:#pair}")

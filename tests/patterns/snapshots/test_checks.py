@@ -12,7 +12,7 @@ import pytest
 
 from loops import InputError, contact_forces
 from patterns import read_snapshot, sample_cell, sample_path, snapshot_from_tables
-from patterns.snapshots.findings import rounding
+from patterns.snapshots.findings import finding, rounding
 from tests.patterns import snapshot_faults as faults
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
 from tests.patterns.snapshots.yade_samples import BOX
@@ -393,7 +393,7 @@ def test_walls_are_needed_or_not():
     assert says == "no walls known and none needed: no grain is pushed outward"
     free = snapshot_from_tables(square, {**pairs, "fn": [1.0] * 6}, strict=False)
     assert found(free, "walls").severity == "ok"
-    assert "4 of 4 grains out of balance are pushed outward, too few" in found(free, "walls").says
+    assert "4 of 4 grains out of balance pushed outward, too few" in found(free, "walls").says
 
 
 def test_one_snapshot_says_what_it_does_not_tell():
@@ -430,3 +430,15 @@ def test_a_cell_that_no_contact_crosses():
     assert found.severity == "doubt"
     assert "none of 3 contacts crosses" in found.says
     assert any("none of 3 contacts crosses" in note for note in row.notes)
+
+
+@pytest.mark.parametrize(("check", "one", "two"), [
+    ("unbalanced", "1 force stands out and has no", "2 forces stand out and have no"),
+    ("turned", "1 contact balances its grains if", "2 contacts balance their grains if"),
+    ("lost", "1 pair of grains overlaps and has no", "2 pairs of grains overlap and have no"),
+    ("crossings", "1 pair of branches crosses", "2 pairs of branches cross"),
+    ("radius", "1 grain with", "2 grains with"),
+])  # fmt: skip
+def test_one_thing_that_is_counted_is_no_plural(check, one, two):
+    assert finding(check, 1.0).says.startswith(one)
+    assert finding(check, 2.0).says.startswith(two)

@@ -15,6 +15,7 @@ import pytest
 
 import grainloops as gl
 from loops import InputError
+from loops.errors import counted
 from patterns import count_frames, read_frames, read_snapshot, snapshot_from_tables
 from tests.command import run
 from tests.patterns.dump_writers import Packing, write_lammps, write_liggghts
@@ -294,7 +295,7 @@ def test_fits_that_failed_are_doubted_and_spoil_no_other_check(tmp_path, name, r
     found = read(put(tmp_path, sample, contacts=contacts), sample, mu=0.5, kt=1.0)
     doubts = {one.check: one for one in found.findings if one.severity != "ok"}
     assert set(doubts) - {"kn", "friction", "sliding"} == {"unbalanced"}
-    assert f"{len(rows)} forces stand out" in doubts["unbalanced"].says
+    assert counted(len(rows), "force stands", "forces stand") + " out" in doubts["unbalanced"].says
     assert all(f"row {row}, " in doubts["unbalanced"].says for row in rows)
 
 

@@ -1,9 +1,18 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from loops import InputError
-from patterns import read_snapshot, sample_cell, sample_path, write_snapshot
+from patterns import (
+    read_frames,
+    read_snapshot,
+    sample_cell,
+    sample_path,
+    snapshot_from_tables,
+    write_snapshot,
+)
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
@@ -25,6 +34,27 @@ def test_written_files_are_read_back(tmp_path, ending, periodic):
     np.testing.assert_array_equal(second.regime, first.regime)
     np.testing.assert_array_equal(second.ids, first.ids)
     assert not [file for file in tmp_path.iterdir() if file.name.startswith(".")]
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+@pytest.mark.parametrize(
+    "when", [{}, {"step": 0.0}, {"time": 0.1 + 0.2}, {"step": 7e6, "time": 0.7}]
+)
+def test_the_step_and_the_time_are_kept(tmp_path, ending, when):
+    """In files and in tables in memory; what is not known stays unknown."""
+    first = replace(read_snapshot(sample_path()), **{"step": None, "time": None} | when)
+    write_snapshot(tmp_path / f"grains_1.{ending}", first)
+    (frame,) = read_frames(tmp_path / f"grains_1.{ending}")
+    again = read_snapshot(tmp_path / f"grains_1.{ending}"), snapshot_from_tables(**first.tables())
+    for second in (frame, *again, first.without(grains=first.ids[:1])):
+        assert (second.step, second.time) == (when.get("step"), when.get("time"))
+
+
+def test_a_written_dump_has_its_step(tmp_path):
+    first = read_snapshot(sample_path("lammps/dump.atoms.0.gz"))
+    first = replace(first, step=40000)
+    write_snapshot(tmp_path / "grains_1.parquet", first)
+    assert read_snapshot(tmp_path / "grains_1.parquet").step == first.step == 40000
 
 
 def test_another_snapshot_of_the_name_leaves_no_cell_behind(tmp_path):

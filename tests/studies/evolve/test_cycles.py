@@ -91,7 +91,11 @@ def test_loops_that_open_and_close_again_come_back():
     share = figure.axes[1].lines[0].get_ydata()
     assert {*share} == {0.0, 100.0} and share[0] == share[-1] == 0.0
     kinds = [text.get_text() for text in figure.axes[2].get_yticklabels()]
-    assert kinds == ["closed\nthroughout: 0", f"open,\nback: {len(loops)}", "open\nat the end: 0"]
+    assert kinds == [
+        "closed\nthroughout: 0",
+        f"opened,\nclosed again: {len(loops)}",
+        "open\nat the end: 0",
+    ]
 
 
 @pytest.mark.parametrize(

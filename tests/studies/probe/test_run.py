@@ -230,7 +230,7 @@ def test_directions_that_end_on_the_way_keep_their_rows_and_say_where(
     assert capsys.readouterr().out.startswith(
         "3 of 3 directions ended before 1e-05: shares are of the others; the first is direction "
     )
-    assert (last["message"] == "1 intervals were not enough").all()
+    assert (last["message"] == "1 interval was not enough").all()
 
 
 @pytest.mark.parametrize(
