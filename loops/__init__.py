@@ -45,17 +45,16 @@ if TYPE_CHECKING:
     from loops.graph import contact_frame as contact_frame
     from loops.graph import contact_state as contact_state
     from loops.graph import from_networkx as from_networkx
-    from loops.graph import reference_branch_vectors as reference_branch_vectors
     from loops.graph import to_networkx as to_networkx
     from loops.kinetics import OrderKinetics as OrderKinetics
     from loops.kinetics import order_kinetics as order_kinetics
-    from loops.laws import CohesiveFrictional as CohesiveFrictional
-    from loops.laws import ContactLaw as ContactLaw
-    from loops.laws import FrictionalLaw as FrictionalLaw
-    from loops.laws import HertzMindlin as HertzMindlin
-    from loops.laws import LinearFrictional as LinearFrictional
-    from loops.laws import Regime as Regime
-    from loops.laws import RollingResistance as RollingResistance
+    from loops.laws.frictional import ContactLaw as ContactLaw
+    from loops.laws.frictional import FrictionalLaw as FrictionalLaw
+    from loops.laws.frictional import Regime as Regime
+    from loops.laws.kinds import CohesiveFrictional as CohesiveFrictional
+    from loops.laws.kinds import HertzMindlin as HertzMindlin
+    from loops.laws.kinds import LinearFrictional as LinearFrictional
+    from loops.laws.kinds import RollingResistance as RollingResistance
     from loops.loop_batches import LoopBatch as LoopBatch
     from loops.loop_batches import loop_batches as loop_batches
     from loops.loop_batches import loop_tangents as loop_tangents

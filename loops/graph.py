@@ -310,22 +310,6 @@ def branch_vectors(graph: GrainGraph) -> Floats:
     return graph.branches
 
 
-def reference_branch_vectors(graph: GrainGraph) -> Floats:
-    """Branch vectors of the contacts in the reference configuration.
-
-    Parameters
-    ----------
-    graph : GrainGraph
-        Grain graph, batch axes `...` allowed.
-
-    Returns
-    -------
-    (..., C, 2) array
-        Reference branch vectors `d0` (length).
-    """
-    return graph.reference_branches
-
-
 def reduced_cell(cell: Floats) -> Floats:
     """Shortest vectors (columns) of the lattice of a cell, by Lagrange's reduction (2, 2)."""
     a, b = sorted(cell.T, key=lambda v: float(v @ v))

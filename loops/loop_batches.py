@@ -20,7 +20,7 @@ from loops.errors import InputError, check_choice, check_type
 from loops.faces import Faces, faces_by_order, find_faces
 from loops.geometry import polygon_area, polygon_centroid, polygon_perimeter, polygon_shape
 from loops.graph import GrainGraph, state_of
-from loops.laws import ContactLaw, Regime
+from loops.laws.frictional import ContactLaw, Regime
 from loops.stress_strain import love_weber_stress
 
 

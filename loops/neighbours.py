@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from loops.arrays import Floats, Integers
+from loops.validation import ordered
 
 
 def new_pairs(
@@ -67,14 +68,3 @@ def codes(*lists: tuple[Integers, Integers]) -> list[Integers]:
         ((grains[:, 0] * bodies + grains[:, 1]) * sides + images[:, 0]) * sides + images[:, 1]
         for grains, images in lists
     ]
-
-
-def ordered(grains: Integers, images: Integers) -> tuple[Integers, Integers]:
-    """The smaller grain first, of one grain the larger image."""
-    i, j = grains.T
-    back = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
-    flip = (i > j) | ((i == j) & back)
-    return (
-        np.where(flip[:, None], grains[:, ::-1], grains),
-        np.where(flip[:, None], -images, images),
-    )

@@ -126,26 +126,28 @@ def repeated_contacts(
     key = np.minimum(i, j) * grain_count + np.maximum(i, j)
     # Sorting values alone is faster than with their places; they are usually all different.
     ascending = np.sort(key)
-    if not (ascending[1:] == ascending[:-1]).any():
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    twice = ascending[1:][ascending[1:] == ascending[:-1]]
+    if not len(twice):
+        return twice, twice
     # Only pairs of grains that occur more than once need their images compared.
-    order = np.argsort(key, kind="stable")
-    same = key[order[1:]] == key[order[:-1]]
-    rows = np.sort(order[np.append(same, False) | np.append(False, same)])
-    table = key[rows, None]
-    if images is not None:
-        # Images as seen from the lower grain; of a grain's own images, one of the two signs.
-        i, j, image = i[rows], j[rows], images[rows]
-        backwards = (image[:, 0] < 0) | ((image[:, 0] == 0) & (image[:, 1] < 0))
-        flip = (i > j) | ((i == j) & backwards)
-        table = np.column_stack([table, np.where(flip[:, None], -image, image)])
-    # After sorting, equal rows are adjacent, in the order of the list.
-    order = np.lexsort(table.T)
-    starts = np.append(True, (np.diff(table[order], axis=0) != 0).any(axis=1))
-    earlier = np.empty_like(order)
-    earlier[order] = order[starts][np.cumsum(starts) - 1]
-    again = np.flatnonzero(earlier != np.arange(len(rows)))
-    return rows[again], rows[earlier[again]]
+    rows = np.flatnonzero(np.isin(key, twice))
+    at = np.zeros((len(rows), 2), dtype=np.int64) if images is None else images[rows]
+    table = np.hstack(ordered(contacts[rows], at))
+    _, first, which = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    earlier = rows[first][which.ravel()]
+    again = earlier != rows
+    return rows[again], earlier[again]
+
+
+def ordered(grains: Integers, images: Integers) -> tuple[Integers, Integers]:
+    """The smaller grain first, of one grain the larger image."""
+    i, j = grains.T
+    back = (images[:, 0] < 0) | ((images[:, 0] == 0) & (images[:, 1] < 0))
+    flip = (i > j) | ((i == j) & back)
+    return (
+        np.where(flip[:, None], grains[:, ::-1], grains),
+        np.where(flip[:, None], -images, images),
+    )
 
 
 def check_branches(what: str, contacts: Integers, branches: Floats) -> None:

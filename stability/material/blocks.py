@@ -11,8 +11,7 @@ import numpy as np
 from loops.arrays import Flags, Floats, Integers
 from loops.closures.ring import BALANCED, LOST, MOVING, RELAXED
 from loops.closures.rings import kernels
-from loops.laws import ContactLaw
-from loops.laws.frictional import require_law
+from loops.laws.frictional import ContactLaw, require_law
 from loops.shown import Shown
 from stability.material.cell import CONTACT_PARTS, CONTACT_ROWS, Cells, cell_steps, cells_of
 from stability.material.contact_steps import ContactSteps, lengths_at_touch, material_law

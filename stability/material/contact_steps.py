@@ -8,8 +8,7 @@ from loops.arrays import Floats
 from loops.compiled import given, laws
 from loops.errors import InputError
 from loops.graph import ContactState
-from loops.laws import ContactLaw, Regime
-from loops.laws.frictional import TOUCHING_RTOL
+from loops.laws.frictional import TOUCHING_RTOL, ContactLaw, Regime
 from loops.laws.of_pairs import KERNELS, PairLaw, require_movable
 from stability.material.kernels import ANSWER, CHUNK, NODES, contact_steps
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from loops.arrays import Flags, Floats
 from loops.errors import InputError, check_choice, counted, whole_number
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.shown import Shown
 from loops.validation import finite, nonnegative
 from stability.material.blocks import BLOCK_CONTACTS, CLOSURES, MaterialState, blocks_of

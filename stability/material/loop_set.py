@@ -13,7 +13,7 @@ from loops.arrays import Floats, Integers
 from loops.errors import InputError, counted, listed, whole_number
 from loops.geometry import polygon_area, require_loop
 from loops.graph import GrainGraph
-from loops.laws import ContactLaw
+from loops.laws.frictional import ContactLaw
 from loops.loop_batches import loop_batches
 from loops.scene import Subject, scene_of
 from loops.shown import Shown

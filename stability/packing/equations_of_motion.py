@@ -15,8 +15,8 @@ from scipy.sparse.linalg import eigsh
 from loops.arrays import Floats
 from loops.contacts import Contacts, contacts_at_start
 from loops.errors import InputError, counted, number, short, whole_number
-from loops.laws import Regime
 from loops.laws.compiled import COMPILED_STEPS
+from loops.laws.frictional import Regime
 from loops.laws.of_pairs import SMALL_OVERLAP
 from loops.scene import Scene, of_scene
 from loops.validation import finite, positive

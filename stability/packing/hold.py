@@ -14,8 +14,7 @@ from loops.boundary import Boundary, PlaneContacts, boundary_of
 from loops.contacts import Contacts, contacts_at_start, start_state
 from loops.errors import InputError, check_choice, counted, number, whole_number
 from loops.graph import GrainGraph, contact_state
-from loops.laws import Regime
-from loops.laws.frictional import FrictionalLaw
+from loops.laws.frictional import FrictionalLaw, Regime
 from loops.laws.of_pairs import law_of
 from loops.scene import Scene, of_scene
 from loops.shown import Shown

@@ -8,7 +8,6 @@ from loops import (
     branch_vectors,
     contact_frame,
     from_networkx,
-    reference_branch_vectors,
     to_networkx,
 )
 
@@ -97,7 +96,7 @@ def test_branch_vectors_in_a_sheared_cell():
     )
     expected = np.array([0.9, 0.2]) + cell @ [-1, 2]
     np.testing.assert_allclose(branch_vectors(graph)[0], expected, atol=1e-15)
-    np.testing.assert_allclose(reference_branch_vectors(graph)[0], [0.9 - 1, 0.2 + 2], atol=1e-15)
+    np.testing.assert_allclose(graph.reference_branches[0], [0.9 - 1, 0.2 + 2], atol=1e-15)
 
 
 def test_frame_is_right_handed_and_batched():

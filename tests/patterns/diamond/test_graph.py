@@ -10,7 +10,6 @@ from loops import (
     branch_vectors,
     contact_forces,
     nominal_stress,
-    reference_branch_vectors,
     traction_tangent,
 )
 from patterns import diamond
@@ -75,9 +74,7 @@ def test_units_and_reference():
         6.0 - 300.0 / 50.0 * unit.normal_force,
         rtol=1e-15,
     )
-    np.testing.assert_allclose(
-        np.linalg.norm(reference_branch_vectors(graph), axis=-1), 6.0, rtol=2e-16
-    )
+    np.testing.assert_allclose(np.linalg.norm(graph.reference_branches, axis=-1), 6.0, rtol=2e-16)
 
 
 def test_batch_axes_broadcast():
