@@ -37,7 +37,7 @@ from loops.in_place import (
 )
 from loops.multifrontal import _vertex_cover, dissection, frontal_lu, solve_sketches
 from patterns import read_snapshot, sample_path, synthetic_network
-from tests.loops.packing.whole_operators import CASES
+from tests.loops.packing.scenes import CASES
 from tests.oracles import eighty_bits
 from tests.packings import (
     LAW,

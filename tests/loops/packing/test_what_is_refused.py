@@ -10,7 +10,7 @@ from scipy import sparse
 from loops import Boundary, GrainGraph, InputError, LinearFrictional, Scene, find_faces
 from loops.multifrontal import Front, _tasks, frontal_lu
 from loops.system import carrying_grains
-from tests.loops.packing.whole_operators import CASES
+from tests.loops.packing.scenes import CASES
 from tests.packings import loops_in_place, outline_grains, packing, packing_system, plane_contacts
 
 LAW = LinearFrictional(1.0, 0.5)
