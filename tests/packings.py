@@ -20,7 +20,7 @@ from loops.contacts import contacts_of as contacts_of
 from loops.contacts import start_state as start_state
 from loops.in_place import loops_in_place as loops_in_place
 from loops.system import packing_system as packing_system
-from patterns import read_snapshot, sample_path, synthetic_network
+from patterns import Snapshot, read_snapshot, sample_path, synthetic_network, write_snapshot
 from stability import Programme, Stage
 from stability.packing import loop_changes as loop_changes
 from stability.packing import loop_rates as loop_rates
@@ -60,6 +60,19 @@ def strained(strain):
     """The stage that prescribes a displacement gradient."""
     given = Programme("strain", np.zeros((4, 4)), np.eye(4), np.ravel(strain))
     return Stage(given, "parameter", 1.0)
+
+
+def small_series(folder, count=3):
+    """Files of a jammed packing that is compressed along axis 1 and loses contacts."""
+    graph, folder = jammed(24, 3), Path(folder)
+    folder.mkdir()
+    moved = replay(Scene(graph, LAW), [[6e-3, 0], [0, -6e-3]], duration=500.0, rows=count - 1)
+    files = [folder / f"grains_{k}.parquet" for k in range(count)]
+    for file, state in zip(files, moved.states, strict=True):
+        own = state.graph()
+        regime = LAW.regime(contact_state(own))
+        write_snapshot(file, Snapshot(own, LAW, regime, np.arange(24), 0, ()))
+    return files
 
 
 def repeated(times):

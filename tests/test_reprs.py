@@ -16,6 +16,7 @@ from loops import PlaneContacts, Scene
 from loops.in_place import LoopsInPlace
 from loops.shown import LONGEST_REPR, Shown
 from loops.system import Carrying, System
+from patterns.snapshots.cells import rows_by_number
 from stability import rates_at
 from tests.packings import LAW, jammed, loop_rates, loops_in_place, plane_contacts
 
@@ -26,10 +27,17 @@ SHORT = 300
 def objects():
     """What the front door and the packings return, by name."""
     snapshot = gl.read_snapshot(gl.sample_path())
+    cells = rows_by_number(gl.sample_path("slow/cells.csv"))
+    before, after = (
+        gl.read_snapshot(
+            gl.sample_path(f"slow/grains_{k}.parquet"), cell=np.reshape(cells[k], (2, 2))
+        )
+        for k in (10, 11)
+    )
     loop = gl.loop(snapshot, 230)
     tangent = gl.traction_tangent(loop.graph, loop.law)
-    match = loops.match_contacts(snapshot.graph, snapshot.ids, snapshot.graph, snapshot.ids)
-    fates = loops.loop_fates(match, snapshot.faces, snapshot.faces)
+    match = loops.match_contacts(before.graph, before.ids, after.graph, after.ids)
+    fates = loops.loop_fates(match, before.faces, after.faces)
     kinetics = gl.order_kinetics([fates])
     stage = gl.Stage(gl.programmes.drained_biaxial(), "H11", 0.3)
     pentagon = gl.regular_polygon(5, strain=0.1)

@@ -101,3 +101,6 @@ def test_the_points_of_plates_lie_on_them_beside_the_corner():
     branch = np.array([[-0.4, 0.0], [0.0, -0.7]])
     walls = PlaneContacts(np.array([0, 1]), branch, np.ones(2), np.zeros(2), fixed=corner)
     np.testing.assert_allclose(x + walls.to_plates(x), [[0.0, -2.0], [-1.0, 0.0]], atol=1e-12)
+    # Without a corner it is that of the contacts, (0, 0) here.
+    free = PlaneContacts(np.array([0, 1]), branch, np.ones(2), np.zeros(2))
+    np.testing.assert_allclose(x + free.to_plates(x), [[0.0, 0.0], [0.0, 0.0]], atol=1e-12)

@@ -11,6 +11,7 @@ from PIL import Image
 
 import grainloops as gl
 from tests.command import run
+from tests.packings import small_series
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +46,9 @@ def test_stress_and_strain_of_a_path_are_those_of_its_rows(sample):
 
 
 def test_figures_of_a_series_are_drawn_from_its_folder(tmp_path):
-    files = sorted(gl.sample_path("slow").glob("grains_*.parquet"))[:3]
-    cells = gl.sample_path("slow") / "cells.csv"
-    run("series", *files, "--cells", cells, "--out", tmp_path / "out", "--figures", "none")
+    files = small_series(tmp_path / "in", 3)
+    how = ("--out", tmp_path / "out", "--figures", "none", "--workers", 1)
+    assert run("series", *files, *how) == 0
     evolution = pd.read_parquet(tmp_path / "out/evolution.parquet")
     ax = gl.plot.fates(tmp_path / "out", ax=Figure().add_subplot())
     born = (
@@ -60,7 +61,9 @@ def test_figures_of_a_series_are_drawn_from_its_folder(tmp_path):
     np.testing.assert_allclose(lines[0].get_ydata(), evolution["S11"])
     skill = pd.read_parquet(tmp_path / "out/skill.parquet")
     targets = skill["target"].nunique()
-    assert len(gl.plot.skill(tmp_path / "out").axes) == len(gl.plot.skill(skill).axes) > targets
+    assert len(gl.plot.skill(tmp_path / "out").axes) > targets
+    one = skill[skill["target"] == skill["target"].iloc[0]]
+    assert len(gl.plot.skill(one).axes) >= 1
     with pytest.raises(gl.InputError, match="no column born"):
         gl.plot.fates(evolution.drop(columns="born"))
 

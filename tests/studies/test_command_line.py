@@ -257,11 +257,11 @@ def test_python_is_told_of_directions_and_programmes():
         cell=[[2, 0], [0, 2]], normal_force=[0.001] * 8,
     )  # fmt: skip
     scene, told = gl.Scene(lattice, gl.LinearFrictional(1.0, 0.5, 0.5)), []
-    how = {"largest": 0.002, "spread": False}
+    how = {"largest": 0.002, "interval": 1e-4, "spread": False}
     found = gl.sustain(scene, [[-1, 0], [1, 0]], **how, progress=lambda *now: told.append(now))
     assert [(done, left) for done, _, left in told] == [(1, 1), (2, 0)]
     assert found.limit[0] == gl.sustain(scene, [[-1, 0]], **how).limit[0]
-    one = gl.loop(gl.read_snapshot(SAMPLE), 62)
+    one = gl.loop(gl.read_snapshot(SAMPLE), 6)
     told.clear()
     gl.loop_domain(one, "traction", directions=5, progress=lambda *now: told.append(now))
     assert [(done, left) for done, _, left in told] == [(1, 4), (2, 3), (3, 2), (4, 1), (5, 0)]

@@ -659,7 +659,7 @@ def test_series_are_taken_by_their_steps(tmp_path, capsys):
     law = ["--kn", "1", "--mu", "0"]
     for more, steps in (([], [9000, 10000, 110000]), (["--as-given"], [10000, 110000, 9000])):
         out = tmp_path / f"out{len(more)}"
-        run("series", *given, *law, *more, "--no-figures", "--out", out)
+        run("series", *given, *law, *more, "--workers", 1, "--no-figures", "--out", out)
         table = pa.parquet.read_table(out / "evolution.parquet")
         assert [int(name.split(".")[-1]) for name in table["name"].to_pylist()] == steps
         assert ("order of the steps" in capsys.readouterr().out) == (not more)
@@ -677,7 +677,7 @@ def test_series_are_taken_by_the_numbers_in_their_names(tmp_path, capsys):
     cell = ",".join(map(str, sample.cell.ravel()))
     given = sorted(str(tmp_path / f"grains_{number}.csv") for number in numbers)
     how = ["--cell", cell, "--kn", "1", "--mu", "0"]
-    run("series", *given, *how, "--no-figures", "--out", tmp_path / "out")
+    run("series", *given, *how, "--workers", 1, "--no-figures", "--out", tmp_path / "out")
     names = pa.parquet.read_table(tmp_path / "out/evolution.parquet")["name"].to_pylist()
     assert names == [f"grains_{number}.csv" for number in numbers]
     assert "order of the numbers in their names" in capsys.readouterr().out
@@ -942,7 +942,8 @@ def test_a_series_of_simple_shear_prints_its_shear(tmp_path, capsys):
         pairs = {name: sample.contacts()[name] for name in ("id1", "id2")}
         (tmp_path / f"contacts_{k}.csv").write_text(text(pairs))
     files = [tmp_path / f"grains_{k}.csv" for k in (0, 1)]
-    assert run("series", *files, "--figures", "none", "--out", tmp_path / "r") == 0
+    how = ("--workers", 1, "--figures", "none", "--out", tmp_path / "r")
+    assert run("series", *files, *how) == 0
     (line,) = (x for x in capsys.readouterr().out.splitlines() if x.startswith("strain between"))
     strains = dict(part.split(" = ") for part in line.partition(": ")[2].split("  "))
     assert float(strains["H12"]) == pytest.approx(1e-3, rel=1e-5)

@@ -77,7 +77,7 @@ def test_a_square_lattice_fails_where_its_contacts_open():
 
 def test_the_time_of_the_spread_is_told_apart():
     """Of halves of the interval alone, with other runs beside, of none where nothing is lost."""
-    how = {"largest": 0.02, "interval": 8e-4}
+    how = {"largest": 0.012, "interval": 1.6e-3}
     (alone,) = sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False).paths
     begin = thread_time()
     lost, held = sustain(Scene(SQUARE, LAW), [[-1, 0], [1, 0]], **how).paths
@@ -257,12 +257,12 @@ def test_grains_without_load_coast_in_the_spread_alone(monkeypatch):
         return step(solver, size, *args)
 
     monkeypatch.setattr(PackingPathSolver, "step", told)
-    how = {"largest": 0.02, "interval": 1e-3}
+    how = {"largest": 0.012, "interval": 2e-3}
     sustain(Scene(SQUARE, LAW), [[-1, 0]], **how, spread=False)
     assert not intervals
     sustain(Scene(SQUARE, LAW), [[-1, 0]], **how)
-    assert max(intervals) == pytest.approx(1e-3 / 5.0)
-    assert min(abs(one - 1e-3 / 7.0) for one in intervals) < 1e-12
+    assert max(intervals) == pytest.approx(2e-3 / 5.0)
+    assert min(abs(one - 2e-3 / 7.0) for one in intervals) < 1e-12
 
 
 def test_a_motion_ends_under_its_load_whatever_the_error_of_the_path_before():

@@ -86,19 +86,6 @@ def digests(planned):
     return [one.fingerprint for one in with_fingerprints(planned)]
 
 
-@pytest.fixture(scope="module")
-def paths(tmp_path_factory):
-    return write_series(tmp_path_factory.mktemp("snapshots") / "run", 5)
-
-
-@pytest.fixture(scope="module")
-def result(paths, tmp_path_factory):
-    """The whole series in one go, by the command in this process."""
-    out = tmp_path_factory.mktemp("results") / "series"
-    assert run_command("series", *paths, "--workers", 1, "--no-figures", "--out", out) == 0
-    return out
-
-
 def test_parts_hold_the_tables_of_the_snapshots(paths, result):
     """Against the table of each snapshot, made apart."""
     frame = pd.read_parquet(result / "loops")

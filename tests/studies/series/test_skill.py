@@ -15,7 +15,6 @@ from studies.series.skill import (
     score_skill,
     skill_tables,
 )
-from tests.studies.series.test_run import run, write_series
 
 
 def test_by_hand():
@@ -54,21 +53,14 @@ def test_a_perfect_score_and_none():
     assert np.isnan(score_skill(np.zeros(0), np.zeros(0), signed=True)["base"])
 
 
-@pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    paths = write_series(tmp_path_factory.mktemp("snapshots"), 3)
-    out = tmp_path_factory.mktemp("results") / "series"
-    run(paths, out)
-    return out
-
-
 def test_the_table_of_a_series(result):
     """One row an interval and predictor; rates as counted from the parts, persistence shifted."""
     table = pd.read_parquet(result / "skill.parquet")
     assert tuple(table.columns) == SKILL_COLUMNS
-    assert len(table) == 2 * table.predictor.nunique() == 20
+    assert len(table) == 4 * table.predictor.nunique() == 40
     work = [
-        pd.read_parquet(result / "increments" / f"part-0000{k}-0000{k + 1}.parquet") for k in (0, 1)
+        pd.read_parquet(result / "increments" / f"part-0000{k}-0000{k + 1}.parquet")
+        for k in range(4)
     ]
     rows = table.set_index(["snapshot_before", "predictor"])
     for k, own in enumerate(work):
