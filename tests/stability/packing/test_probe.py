@@ -166,6 +166,7 @@ def test_stress_on_the_sphere_keeps_the_strain_symmetric():
     assert np.allclose(H, np.swapaxes(H, 1, 2), atol=1e-12)
     parts = np.stack([P[:, 0, 0], P[:, 1, 1], (P[:, 0, 1] + P[:, 1, 0]) / 2**0.5], axis=1)
     assert np.allclose(parts, found.directions[known], atol=1e-10)
+    assert found.unstable_fraction == pytest.approx(np.mean(found.work[known] < 0), abs=1e-12)
 
 
 def test_many_contacts_at_yield_are_probed_one_direction_after_the_other(monkeypatch):
