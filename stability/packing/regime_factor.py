@@ -123,8 +123,13 @@ class RegimeFactor:
         self.motions[:4] = self._relative(self.factors.motions(self.factors.strained[0].T))
         self.set_load(self.load)
 
-    def _drop_columns(self) -> None:
-        """Forget the columns, and rates and stresses under them."""
+    def set_load(self, load: Floats) -> None:
+        """Replace the load, in the reference regimes."""
+        self.load = load
+        # On grains with contacts; in a cell without the resultant of all.
+        held = self._relative(np.where(np.repeat(self.touched, 3), load, 0.0)[None])
+        self.motions[4] = self._relative(self.factors.motions(held.T))[0] if held.any() else 0.0
+        # Forget the columns, and rates and stresses under them and the load before.
         self.motion_count[:] = 0
         self.small: Small | None = None
         self.at: dict[int, int] = {}
@@ -133,15 +138,6 @@ class RegimeFactor:
         # Stress rates under each of the motions, and its strain or force.
         self.unit_stress[:, :5] = self._stress(self.motions[:5])
         self.unit_stress[:, :4] += self.factors.affine / self.volume
-
-    def set_load(self, load: Floats) -> None:
-        """Replace the load, in the reference regimes."""
-        self.load = load
-        # On grains with contacts; in a cell without the resultant of all.
-        held = self._relative(np.where(np.repeat(self.touched, 3), load, 0.0)[None])
-        self.motions[4] = self._relative(self.factors.motions(held.T))[0] if held.any() else 0.0
-        # Rates under the load before are kept with the columns.
-        self._drop_columns()
 
     def _stress(self, motions: Floats) -> Floats:
         """Return stress rates (4, k) of motions (k, 3B) in the reference regimes."""

@@ -198,8 +198,9 @@ class RegimeRegions:
         # The region of these regimes, entered for the first time or known.
         region = self.number.setdefault(solved.active.tobytes(), len(self.number))
         if region == len(self.tangents):
-            tangent = self.basis @ solved.factor.tangent @ self.basis.T
-            lines = self.rates.leaving(solved.active, solved.factor.relative) @ self.basis.T
+            factor = self.rates.factor(solved.active)
+            tangent = self.basis @ factor.tangent @ self.basis.T
+            lines = self.rates.leaving(solved.active, factor.relative) @ self.basis.T
             if self.driven == "stress":
                 lines = lines @ np.linalg.inv(tangent)
             plane = len(self.basis) == 2

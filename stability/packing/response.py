@@ -201,14 +201,10 @@ class PackingResponse(Shown):
 
 
 class Solved(NamedTuple):
-    """A response, the candidates that slide in it and the factor with these sliding.
-
-    `solutions` (k, m) are the candidates that slide in each solution found.
-    """
+    """A response, the candidates that slide in it, and those (k, m) of each solution found."""
 
     response: PackingResponse
     active: Flags
-    factor: Factor
     solutions: Flags
 
 
@@ -461,7 +457,7 @@ class PackingRates:
             neutral=at_yield[np.abs(wrong) <= unsure],
         )
         sets = np.array([one.rates for one in found.solutions], dtype=bool)
-        return Solved(response, active, factor, sets.reshape(len(sets), len(self.rows)))
+        return Solved(response, active, sets.reshape(len(sets), len(self.rows)))
 
     def increment(self, control: MixedControl) -> PackingResponse:
         """Answer one control whose strain and stress are whole increments: `packing_increment`."""
