@@ -16,6 +16,7 @@ from loops.arrays import Floats
 from loops.assembly import RELATIVE
 from loops.errors import InputError
 from loops.system import REGULARISATION, System, relative_motion, stiffness_matrix
+from stability.programmes import NOTHING, ROUNDED, MixedControl
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Factors, Order
@@ -49,6 +50,33 @@ class Mechanisms(NamedTuple):
     R: Floats
     L: Floats
     compliance: Floats
+
+
+class Edge(NamedTuple):
+    """Contacts at yield in a linear packing: rates at which they leave the friction limit, or slip.
+
+    Of them all under unit strains (m, 4) and unit slips (m, k); the stress rates (4, 4), (4, k) of
+    these, and the motions under unit slips, in columns; `left` is the largest share of their loads
+    that no motion balances. Then rates (m,) and stress rates (4,) of a load that is there besides.
+    """
+
+    of_strain: Floats
+    of_slip: Floats
+    stress: Floats
+    stress_of_slip: Floats
+    motion: Floats
+    left: float = 0.0
+    of_load: Floats | float = 0.0
+    stress_of_load: Floats = NOTHING
+
+    def problem(self, control: MixedControl) -> tuple[Floats, Floats]:
+        """Return `q` and `M` of `w = q + M z`, strain that the stress drives eliminated."""
+        still = control._replace(rate=np.zeros((4, 1)))
+        driven = self.of_strain @ still.strains(self.stress, self.stress_of_slip)
+        M = self.of_slip + driven
+        M = np.where(np.abs(M) < ROUNDED * (1.0 + np.abs(driven)), 0.0, M)
+        h = control.strains(self.stress, self.stress_of_load)
+        return self.of_strain @ h + self.of_load, M
 
 
 class Factor:

@@ -21,7 +21,6 @@ from stability.spectra import COMPONENTS, restrict, spectrum, symmetric_part, sy
 
 if TYPE_CHECKING:
     from loops.contacts import Contacts
-    from stability.packing.motion import Motion
 
 EventKind = Literal[
     "yield",
@@ -98,6 +97,9 @@ PathStatus = Literal[
 ]
 # Statuses of paths under a growing load that end with a large motion.
 LARGE_MOTION: tuple[PathStatus, ...] = ("large motion, at rest again", "large motion, no rest")
+MotionStatus = Literal["at rest", "no rest"]
+# Grains that move by this share of the largest displacement take part in a mode.
+TAKES_PART = 0.1
 ModelOption = Literal["auto", "full"]
 # Terms of the work along a path, see `Path.work`.
 WORK_TERMS = ("external_work", "moment_work", "tangential_work", "dissipation")
@@ -273,6 +275,61 @@ class Pathologies(NamedTuple):
     def symmetric(self) -> bool | None:
         """Whether `M` is symmetric to rounding; None without a matrix."""
         return None if np.isnan(self.asymmetry) else self.asymmetry <= SYMMETRIC
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Shown):
+    """A motion from an equilibrium that was lost, under a constant load.
+
+    Attributes
+    ----------
+    status : {'at rest', 'no rest'}
+        'at rest': the packing found another equilibrium under the same load. 'no rest': it strained
+        by more than 0.02, or still moved after 60,000 steps.
+    lost, load : float
+        Stress along the direction, less that of the start, where the equilibrium was lost, and the
+        load under which it moved: a two-hundredth more.
+    cause : str
+        Why the equilibrium was lost.
+    contact : int
+        Contact without agreeing regimes; -1 where the control met its limit.
+    strain : (4,) array
+        Displacement gradient of the cell in the motion, 11, 12, 21, 22.
+    released : float
+        Energy that damping took, and that the motion still had (force times length).
+    kinetic : float
+        Largest kinetic energy at a look at the motion, all grains having the mean mass of discs of
+        unit density.
+    steps : int
+        Steps of the motion.
+    displacement : (G, 2) array
+        Of the grains beyond the affine motion until the strain was 2e-5, or until rest: the mode.
+    opened, closed, slid : int
+        Contacts that opened or closed in the mode, and that slide at its end and did not before.
+    loop_work : (L,) array
+        Area times additive work `w` of each loop in the mode (force times length).
+    """
+
+    status: MotionStatus
+    lost: float
+    load: float
+    cause: str
+    contact: int
+    strain: Floats
+    released: float
+    kinetic: float
+    steps: int
+    displacement: Floats
+    opened: int
+    closed: int
+    slid: int
+    loop_work: Floats
+
+    @property
+    def grains(self) -> Integers:
+        """Grains that move by at least a tenth of the largest displacement."""
+        size = np.linalg.norm(self.displacement, axis=1)
+        return np.flatnonzero(size >= TAKES_PART * size.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

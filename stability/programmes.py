@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,12 +27,40 @@ from loops.arrays import Floats
 from loops.errors import InputError, check_choice, check_type, listed, number, short
 from loops.shown import Shown
 from loops.validation import finite
-from stability.spectra import COMPONENTS
+from stability.spectra import COMPONENTS, subspace_basis
 
 Axis = Literal[1, 2]
 NOTHING = np.zeros(4)
 IDENTITY = np.eye(2).ravel()
 QUANTITIES = tuple(f"{tensor}{component}" for tensor in "HP" for component in COMPONENTS)
+# Entries of the matrix `M` of contacts at yield, one less what the packing gives way, below this
+# are rounding (rows: 9e-16).
+ROUNDED = 1e-13
+
+
+class MixedControl(NamedTuple):
+    """`stress @ P' + strain @ H' = rate`, four rows of either or of both; 11, 12, 21, 22."""
+
+    stress: Floats
+    strain: Floats
+    rate: Floats
+
+    def matrix(self, tangent: Floats) -> Floats:
+        """Return what the strain rate of a packing with this tangent (4, 4) is multiplied by."""
+        return self.stress @ tangent + self.strain
+
+    def require_regular(self, tangent: Floats) -> None:
+        """Raise `InputError` where stress rates leave strain rates of this tangent (4, 4) open."""
+        rows = self.matrix(tangent)
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        if np.linalg.cond(rows) > 1.0 / ROUNDED:
+            received = "stress rates that do not determine the strain rates"
+            raise InputError("P", received, "a sample that is stiff in all directions", "Give H.")
+
+    def strains(self, tangent: Floats, offset: Floats = NOTHING) -> Floats:
+        """Return strain rates (4,) at which the stress rate is `tangent @ H' + offset`."""
+        right = self.rate - self.stress @ offset
+        return np.asarray(np.linalg.solve(self.matrix(tangent), right))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,13 +134,13 @@ class Programme(Shown):
                 "Control four independent combinations and drive one of them.",
             )
 
-    def equations(self, H: Floats, P: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the coefficients `stress`, `strain` and `rate` at `H` and `P`, (4,) each.
+    def equations(self, H: Floats, P: Floats) -> MixedControl:
+        """Return the control of rates at `H` and `P`, (4,) each.
 
         They are the slopes of `values`.
         """
         if self.isochoric_row is None and self.cauchy_row is None:
-            return self.stress, self.strain, self.rate
+            return MixedControl(self.stress, self.strain, self.rate)
         stress, strain = self.stress.copy(), self.strain.copy()
         # (det F)' = cof F : F' and F' = -H'.
         cof = np.array([1.0 - H[3], H[2], H[1], 1.0 - H[0]])
@@ -126,7 +154,7 @@ class Programme(Shown):
             stress[row, own] = (IDENTITY - H)[own] / area
             strain[row] = (cauchy(H, P, row) + self.fluid_bulk_modulus) * cof / area
             strain[row, own] -= P[own] / area
-        return stress, strain, self.rate
+        return MixedControl(stress, strain, self.rate)
 
     def values(self, H: Floats, P: Floats) -> Floats:
         """Return what the equations control, (4,), at `H` and `P`, (4,) each.
@@ -404,6 +432,37 @@ def combination(
     'constant mean stress'
     """
     return Programme(name, stress, strain, rate)  # type: ignore[arg-type]
+
+
+def component_control(strain: ArrayLike, stress: ArrayLike | None = None) -> MixedControl:
+    """Return the control of components of `H'` where they are numbers, else of `P'`."""
+    H = np.asarray(strain, dtype=float)
+    P = np.zeros((2, 2)) if stress is None else np.asarray(stress, dtype=float)
+    driven = np.isnan(H)
+    if H.shape != (2, 2) or np.isinf(H).any():
+        expected = "(2, 2) finite numbers, or nan for stress control"
+        remedy = "Give a number for each component that is prescribed, nan for the others."
+        raise InputError("strain_rate", f"{H.tolist()}", expected, remedy)
+    if P.shape != (2, 2) or not np.isfinite(P[driven]).all():
+        expected = "finite numbers of shape (2, 2) where the strain is nan"
+        remedy = "Give zero to hold the stress."
+        raise InputError("stress_rate", f"{P.tolist()}", expected, remedy)
+    by_stress = np.diag(1.0 * driven.ravel())
+    return MixedControl(by_stress, np.eye(4) - by_stress, np.where(driven, P, H).ravel())
+
+
+def direction_control(direction: Floats, subspace: str, driven: str) -> MixedControl:
+    """Return the control that drives strain or stress along a direction of a subspace.
+
+    Strain outside of it is zero.
+    """
+    basis = subspace_basis(subspace)
+    m = len(basis)
+    # The rest of an orthonormal basis.
+    rows = np.vstack([basis, np.linalg.svd(basis)[2][m:]])
+    of_stress = np.diag((np.arange(4) < m) * float(driven == "stress"))
+    rate = np.append(direction, np.zeros(4 - m))
+    return MixedControl(of_stress @ rows, rows - of_stress @ rows, rate)
 
 
 def area_ratio(H: Floats) -> float:

@@ -18,10 +18,9 @@ from loops.system import packing_stress
 from loops.validation import real
 from stability.complementarity import STARTS
 from stability.packing.response import YIELD_BAND, PackingResponse, rate_problem
-from stability.packing.yielding import MixedControl, component_control
 from stability.paths.regimes import EdgeTrial, Held, rates_of_loop
 from stability.paths.supported import SupportedRates, supported_rates
-from stability.programmes import NOTHING, Programme, combination, programme_of
+from stability.programmes import NOTHING, MixedControl, Programme, component_control, programme_of
 from stability.regimes import Regimes
 
 
@@ -166,26 +165,24 @@ def rates_at(
     closure = closure_of(scene, closure, ("cell", "walls", "outline"))
     of_packing = ("yield_band", "starts")
     _refuse(options, of_packing if closure == "packing" else ("spins",), f"the {closure} closure")
-    strain, stress = _components(H, P) if programme is None else (np.eye(2), np.eye(2))
+    control: Programme | MixedControl
+    control = (
+        component_control(*_components(H, P)) if programme is None else programme_of(programme)
+    )
     if closure == "packing":
-        control = component_control(strain, stress)
         starts = STARTS if starts is None else whole_number("starts", starts, 0)
         rates = rate_problem(scene, yield_band=YIELD_BAND if yield_band is None else yield_band)
-        if programme is not None:
-            P = packing_stress(rates.system).ravel()
-            control = MixedControl(*programme_of(programme).equations(NOTHING, P))
+        if isinstance(control, Programme):
+            control = control.equations(NOTHING, packing_stress(rates.system).ravel())
         control.require_regular(rates.elastic.tangent)
         if regime is None:
             return rates.solved(control, starts).response
         return rates.given(control, rates.none if regime == "elastic" else ~rates.none)
     spins = spins or "blocked"
     check_choice("spins", spins, get_args(Spins))
-    if programme is None:
-        component_control(strain, stress)
-        driven = np.isnan(strain.ravel())
-        rate = np.where(driven, stress.ravel(), strain.ravel())
-        programme = combination(np.diag(1.0 * driven), np.diag(1.0 * ~driven), rate, "rates")
-    return rates_of_loop(scene, programme_of(programme), closure, spins, regime)
+    if not isinstance(control, Programme):
+        control = Programme("rates", *control)
+    return rates_of_loop(scene, control, closure, spins, regime)
 
 
 def _refuse(options: Mapping[str, object], taken: tuple[str, ...], where: str) -> None:

@@ -10,7 +10,6 @@ from stability.packing.loop_quantities import loop_changes as loop_changes
 from stability.packing.loop_quantities import loop_rates as loop_rates
 from stability.packing.loop_regimes import LoopsAtYield as LoopsAtYield
 from stability.packing.loop_regimes import loops_at_yield as loops_at_yield
-from stability.packing.motion import Motion as Motion
 from stability.packing.probe import Probe as Probe
 from stability.packing.probe import probe as probe
 from stability.packing.response import PackingRates as PackingRates
@@ -19,3 +18,4 @@ from stability.packing.response import packing_increment as packing_increment
 from stability.packing.response import rate_problem as rate_problem
 from stability.packing.sustain import Sustained as Sustained
 from stability.packing.sustain import sustain as sustain
+from stability.path import Motion as Motion

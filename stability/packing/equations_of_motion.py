@@ -20,9 +20,8 @@ from loops.laws.frictional import Regime
 from loops.laws.of_pairs import SMALL_OVERLAP
 from loops.scene import Scene, of_scene
 from loops.validation import finite, positive
-from stability.packing.yielding import MixedControl
 from stability.path import Path
-from stability.programmes import NOTHING, Stage, nominal
+from stability.programmes import NOTHING, MixedControl, Stage, nominal
 
 if TYPE_CHECKING:
     from loops.compiled.motion import Servo

@@ -21,7 +21,6 @@ from stability.packing.point import MAY_CLOSE_GAP, RELEASED, PackingPoint, regim
 from stability.packing.rattlers import free_rattlers, settle
 from stability.packing.regime_factor import ELASTIC, OPEN, RegimeFactor
 from stability.packing.strain_increment import MAX_SPEED_RATIO, StrainIncrement
-from stability.packing.yielding import MixedControl
 from stability.path import (
     FINISHED,
     Event,
@@ -32,7 +31,7 @@ from stability.path import (
     follow_stages,
     reason,
 )
-from stability.programmes import NOTHING, Stage
+from stability.programmes import NOTHING, MixedControl, Stage
 from stability.regimes import SlipProblem, agreeing
 
 # Candidates up to which minors and solutions are looked for.

@@ -12,9 +12,8 @@ import numpy as np
 from loops.arrays import Flags, Floats, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from stability.packing.regime_factor import ELASTIC, OPEN, SLIDING
-from stability.packing.yielding import MixedControl
 from stability.path import Event
-from stability.programmes import Stage
+from stability.programmes import MixedControl, Stage
 
 if TYPE_CHECKING:
     from stability.compiled.packing_system import Order

@@ -35,9 +35,8 @@ from stability.packing.regime_regions import (
     cones,
 )
 from stability.packing.response import YIELD_BAND, PackingRates, PackingResponse, rate_problem
-from stability.packing.yielding import direction_control
 from stability.path import Path
-from stability.programmes import NOTHING, Programme, Stage
+from stability.programmes import NOTHING, Programme, Stage, direction_control
 from stability.solution_branch import TURN
 from stability.spectra import subspace_basis
 

@@ -18,7 +18,8 @@ from loops.arrays import Flags, Floats, Integers, Regimes
 from loops.contacts import AT_YIELD, Contacts
 from loops.laws.frictional import Regime
 from loops.system import REGULARISATION
-from stability.packing.yielding import Edge, MixedControl
+from stability.factor import Edge
+from stability.programmes import MixedControl
 from stability.regimes import SlipProblem, agreeing
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from stability.packing.response import (
     PackingResponse,
     Solved,
 )
-from stability.packing.yielding import MixedControl, direction_control
+from stability.programmes import MixedControl, direction_control
 from stability.regimes import HELD_STUCK
 from stability.second_order_work import plane_cone
 from stability.solution_branch import TURN, SolutionBranch, solutions_over_slip, trace_branch

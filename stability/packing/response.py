@@ -54,8 +54,8 @@ from stability.complementarity import (
     raise_load,
     solve_from,
 )
-from stability.factor import Factor
-from stability.packing.yielding import ROUNDED, Edge, MixedControl, component_control
+from stability.factor import Edge, Factor
+from stability.programmes import ROUNDED, MixedControl, component_control
 from stability.regimes import HELD_STUCK, RateStatus, SlipProblem, agreeing, of_sets
 from stability.regimes import Regimes as Found
 

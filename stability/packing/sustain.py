@@ -32,13 +32,12 @@ from stability.packing.equations_of_motion import (
     work_of,
 )
 from stability.packing.loop_quantities import loop_sums
-from stability.packing.motion import Motion, MotionStatus
 from stability.packing.path import PackingPathOptions, PackingPathSolver, Stop, halved
 from stability.packing.point import RELEASED, PackingPoint
 from stability.packing.probe import Probe, probe, probe_directions, stage_along
 from stability.packing.regime_regions import Subspace
-from stability.packing.yielding import MixedControl
-from stability.path import LARGE_MOTION, Path, PathStatus
+from stability.path import LARGE_MOTION, Motion, MotionStatus, Path, PathStatus
+from stability.programmes import MixedControl
 
 # Share by which the load is raised where the equilibrium is lost: of 0.002, 0.005 and 0.02 all give
 # the same motion within its spread, the smaller ones more slowly (docs/sustaining.md).

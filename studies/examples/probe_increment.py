@@ -23,7 +23,7 @@ from loops.arrays import Floats
 from stability import follow
 from stability.packing import rate_problem
 from stability.packing.probe import stage_along
-from stability.packing.yielding import direction_control
+from stability.programmes import direction_control
 from studies.examples import run_example, save
 from studies.examples.probing import convected, increments, state
 from studies.style import BLUE, GREEN, TWO_COLUMNS, VERMILION, new_figure, styled

@@ -18,7 +18,7 @@ from loops import Regime, contact_state, love_weber_stress
 from loops.arrays import Floats
 from patterns import Snapshot, read_snapshot, sample_path
 from stability.packing import probe, rate_problem
-from stability.packing.yielding import component_control
+from stability.programmes import component_control
 from studies.examples import run_example, save
 from studies.output import components
 from studies.style import BLUE, GREY, VERMILION, new_panels, styled

@@ -41,9 +41,8 @@ from stability.packing import (
 from stability.packing.equations_of_motion import duration_of, masses_of, step_of
 from stability.packing.loop_quantities import EXPECTED, least_squares_nonaffinity
 from stability.packing.response import CANDIDATES
-from stability.packing.yielding import component_control
 from stability.path import Past
-from stability.programmes import nominal
+from stability.programmes import component_control, nominal
 from studies.output import Columns, Row
 from studies.questions import Replaying
 from studies.series.evolution import cell_strain, common_grains, moved_branches, sample_strain

@@ -12,7 +12,7 @@ from stability.complementarity import _every_solution, raise_load, violation
 from stability.packing import packing_increment, rate_problem
 from stability.packing import response as increment_module
 from stability.packing.probe import probe_by_increment
-from stability.packing.yielding import component_control
+from stability.programmes import component_control
 from tests.packings import BRANCH, LAW, jammed
 from tests.stability.packing.test_plates import KN, KT, MU, OVERLAP, ROUGH, box, one_grain
 from tests.stability.packing.walled_packings import between, jammed_in_box

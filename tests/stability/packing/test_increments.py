@@ -41,7 +41,7 @@ from stability.packing.sustain import (
     motion_past,
     move,
 )
-from stability.packing.yielding import component_control
+from stability.programmes import component_control
 from tests.packings import LAW, jammed, loop_changes, packing, start_state, strained
 from tests.stability.packing.test_path import unaccounted
 

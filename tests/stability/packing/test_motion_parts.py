@@ -23,7 +23,7 @@ from stability.packing.equations_of_motion import (
     steered,
     work_of,
 )
-from stability.packing.yielding import MixedControl
+from stability.programmes import MixedControl
 from tests.packings import LAW, contacts_of, jammed, start_state
 from tests.stability.packing.test_pairs import HERTZ, LINEAR, OVERLAP, RADII, triangle
 

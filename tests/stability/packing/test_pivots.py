@@ -9,7 +9,7 @@ from loops import Scene
 from stability import follow, rates_at
 from stability.packing import regime_factor, strain_increment
 from stability.packing.regime_factor import ELASTIC, RegimeFactor, disagreeing, pivot
-from stability.packing.yielding import MixedControl
+from stability.programmes import MixedControl
 from tests.packings import LAW, contacts_of, jammed, packing, start_state, strained
 from tests.stability.packing.test_regime_factor import stiffness
 

@@ -8,7 +8,7 @@ from stability import Stage, follow, programmes
 from stability.compiled.packing_system import stiffnesses
 from stability.packing import regime_factor, strain_increment
 from stability.packing.regime_factor import BATCH, ELASTIC, OPEN, SLIDING, RegimeFactor
-from stability.packing.yielding import MixedControl
+from stability.programmes import MixedControl
 from tests.packings import BRANCH, LAW, contacts_of, forces_after, jammed, packing, start_state
 from tests.stability.packing.yade_rest import STATES, yade_rest
 

@@ -12,7 +12,7 @@ from stability.packing.regime_factor import (
     SLIDING,
     RegimeFactor,
 )
-from stability.packing.yielding import MixedControl
+from stability.programmes import MixedControl
 from tests.packings import contacts_of, start_state
 from tests.stability.packing.test_regime_factor import ALL, CHANGES, HELD, NONE, OPENS, stiffness
 from tests.stability.packing.test_units import unequal

@@ -29,7 +29,7 @@ from stability import rates_at
 from stability.factor import UNIT_STRAINS
 from stability.packing import response
 from stability.packing.response import YIELD_BAND, rate_problem
-from stability.packing.yielding import component_control
+from stability.programmes import component_control
 from tests.oracles import eighty_bits
 from tests.oracles.cohesive import Cohesive
 from tests.packings import LAW, balanced, packing, step
