@@ -11,21 +11,21 @@ Examples
 
 from typing import Any
 
-from studies.command_figures import plot_chains as chains
-from studies.command_figures import plot_eigenvalues as eigenvalues
-from studies.command_figures import plot_fates as fates
-from studies.command_figures import plot_orders as orders
-from studies.command_figures import plot_polar as polar
-from studies.command_figures import plot_skill as skill
-from studies.command_figures import plot_stress_strain as stress_strain
+from studies.plots import plot_chains as chains
 from studies.plots import plot_cone as cone
 from studies.plots import plot_domain as domain
+from studies.plots import plot_eigenvalues as eigenvalues
 from studies.plots import plot_envelope as envelope
 from studies.plots import plot_evolution as evolution
+from studies.plots import plot_fates as fates
 from studies.plots import plot_loop as loop
 from studies.plots import plot_map as map
+from studies.plots import plot_orders as orders
 from studies.plots import plot_path as path
+from studies.plots import plot_polar as polar
 from studies.plots import plot_rose as rose
+from studies.plots import plot_skill as skill
+from studies.plots import plot_stress_strain as stress_strain
 from studies.style import figure_width
 
 # fmt: off

@@ -26,8 +26,7 @@ from loops.tracking import ExchangeCounts, LoopFates, exchange_matrix
 from patterns import Snapshot
 from stability import COMPONENTS
 from studies.output import Summary
-from studies.series.chains import PLACES, chain_summary
-from studies.series.evolution import PREDICTIONS
+from studies.series.evolution import PLACES, PREDICTIONS, chain_summary
 from studies.series.skill import (
     ALL,
     PREDICTORS,

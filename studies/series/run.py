@@ -25,8 +25,7 @@ from stability.path import Past
 from studies.output import SERIES, Row, Summary, values_of
 from studies.questions import Replaying, Tracking, taken
 from studies.reading import in_order, plan_series, reading
-from studies.series.chains import chain_summary
-from studies.series.evolution import verdict_row
+from studies.series.evolution import chain_summary, verdict_row
 from studies.series.packing import STRESS_ERROR, WAYS, Following, read_strains
 from studies.series.regions import require_series_regions, series_regions
 from studies.series.skill import (

@@ -20,7 +20,7 @@ from studies.frames import loop_table
 from studies.output import Row, folder_for_files, provenance
 from studies.reading import plan_series, reading
 from studies.series import evolution
-from studies.series.chains import chain_bends
+from studies.series.evolution import chain_bends
 from studies.series.packing import facts, nonaffinity
 from studies.series.skill import actual_values, score_skill
 from studies.snapshot.table import loop_columns

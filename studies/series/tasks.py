@@ -43,8 +43,9 @@ from studies.output import (
     write_whole,
 )
 from studies.reading import PlannedSnapshot
-from studies.series.chains import chain_bends, chain_row
 from studies.series.evolution import (
+    chain_bends,
+    chain_row,
     evolution_row,
     fate_columns,
     interval_row,

@@ -10,7 +10,7 @@ import pytest
 import grainloops as gl
 from loops import force_chains
 from studies.commands import printed
-from studies.series.chains import BUCKLES, PLACES, chain_bends, chain_summary
+from studies.series.evolution import BUCKLES, PLACES, chain_bends, chain_summary
 from studies.series.figures import buckling
 from tests.golden.answers import write_series
 from tests.studies.series.test_run import run
