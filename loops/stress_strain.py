@@ -247,6 +247,12 @@ def rotation_and_stretch(H: ArrayLike) -> tuple[Floats, Floats]:
     return angle, 0.5 * (strain + np.swapaxes(strain, -1, -2))
 
 
+def turning_change(P: Floats, dP: Floats, H: Floats) -> tuple[Floats, Floats]:
+    """Return `R^T (P + dP) - P` and `1 - U`: changes in the frame that turns with `1 - H = R U`."""
+    angle, strain = rotation_and_stretch(H)
+    return dP + rotation_minus_one(-angle) @ (P + dP), strain
+
+
 def rotation_minus_one(angle: ArrayLike) -> Floats:
     """`R - 1` of rotations by `angle`, to full relative precision for small ones."""
     turn = np.asarray(angle, dtype=float)

@@ -29,7 +29,7 @@ from loops.laws.frictional import Regime
 from loops.loop_batches import loop_batches
 from loops.scene import Scene, of_scene
 from loops.shown import Shown
-from loops.stress_strain import contact_forces
+from loops.stress_strain import contact_forces, turning_change
 from loops.system import System, packing_system, stiffness_matrix
 from loops.validation import real
 from stability.packing.response import PackingResponse
@@ -68,13 +68,14 @@ class LoopRates(Shown):
     stress : (L, 2, 2) array
         Nominal stress rate `P' = (1/(2 V)) sum f' (x) d`, contacts shared with the neighbours.
     second_order_work : (L,) array
-        `W2 = (P' - theta' J P) : sym H'`, in the frame that turns with the loop.
+        `W2 = (P' - theta' J P) : sym H'`, in the frame that turns with the loop; of changes
+        `(R^T (P + dP) - P) : (1 - U)` with `1 - H = R U`.
     normalised_work : (L,) array
         The same over the norms of its two factors.
     additive_work : (L,) array
         `w = -(1/(2 V)) sum f'.d'`: areas times `w` sum to the sample's `V P':H'`.
     nonaffinity : (L,) array
-        `|sym H'_loop - sym H'| / |sym H'|`.
+        `|sym H'_loop - sym H'| / |sym H'|`, of changes with `1 - U`.
     opening, closing : (L,) array
         Time until the first contact has lost its force, and until the first gap across the loop has
         closed, in the unit of time of `H'`; infinite if none does.
@@ -114,7 +115,8 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     turn = np.sum(state.t * branch, axis=1) / state.length
     normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
     losing = _time(state.normal_force, normal)
-    return _of_loops(graph, faces, carries, response.strain_rate, branch, force, losing)
+    rates, whole = (branch, force), response.strain_rate
+    return _of_loops(graph, faces, carries, whole, rates, losing, _turning_rate)
 
 
 def loop_changes(before: GrainGraph, after: Contacts, faces: Faces) -> LoopRates:
@@ -142,7 +144,13 @@ def loop_changes(before: GrainGraph, after: Contacts, faces: Faces) -> LoopRates
     overlap = before.radii[before.contacts].sum(axis=1) - length
     losing = _time(overlap, length - np.linalg.norm(end, axis=1))
     force, every = after.forces[:count] - contact_forces(before), np.ones(count, dtype=bool)
-    return _of_loops(before, faces, every, after.strain, end - d, force, losing)
+    return _of_loops(before, faces, every, after.strain, (end - d, force), losing, turning_change)
+
+
+def _turning_rate(P: Floats, rate: Floats, H: Floats) -> tuple[Floats, Floats]:
+    """Return the rates of stress and strain in the frame that turns with the spin of `H`."""
+    spin = 0.5 * (H[..., 0, 1] - H[..., 1, 0])
+    return rate - spin[..., None, None] * (QUARTER_TURN @ P), 0.5 * (H + np.swapaxes(H, -1, -2))
 
 
 def loop_sums(values: Floats, faces: Faces) -> Floats:
@@ -157,16 +165,17 @@ def _of_loops(
     faces: Faces,
     carries: Flags,
     strain: Floats,
-    branch_rate: Floats,
-    force_rate: Floats,
+    rates: tuple[Floats, Floats],
     losing: Floats,
+    turning: Callable[[Floats, Floats, Floats], tuple[Floats, Floats]],
 ) -> LoopRates:
     """Return rates of loops from those of a packing's branches and forces.
 
-    `losing` (C,) are the times until each contact loses its force.
+    `losing` (C,) are the times until each contact loses its force; `turning` takes stress, its rate
+    and `H'` to the rates in the frame that turns with the loop.
     """
-    forces, branches = contact_forces(graph), graph.branches
-    whole = 0.5 * (strain + strain.T)
+    (branch_rate, force_rate), forces, branches = rates, contact_forces(graph), graph.branches
+    whole = turning(np.zeros((2, 2)), np.zeros((2, 2)), strain)[1]
     count = len(faces.loops)
     out: dict[str, Floats] = {name: np.empty(count) for name in LoopRates.__annotations__}
     out |= {name: np.empty((count, 2, 2)) for name in ("strain", "stress")}
@@ -183,10 +192,7 @@ def _of_loops(
         H = -np.swapaxes(v, 1, 2) @ boundary_vectors(x) / area[:, None, None]
         half = 0.5 / area[:, None, None]
         stress = half * np.swapaxes(rate, 1, 2) @ sides
-        spin = 0.5 * (H[:, 0, 1] - H[:, 1, 0])
-        held = half * np.swapaxes(force, 1, 2) @ sides
-        turned = stress - spin[:, None, None] * (QUARTER_TURN @ held)
-        e = 0.5 * (H + np.swapaxes(H, 1, 2))
+        turned, e = turning(half * np.swapaxes(force, 1, 2) @ sides, stress, H)
         work = np.sum(turned * e, axis=(1, 2))
         with np.errstate(invalid="ignore", divide="ignore"):
             sizes = np.linalg.norm(turned, axis=(1, 2)) * np.linalg.norm(e, axis=(1, 2))

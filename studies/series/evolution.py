@@ -27,7 +27,7 @@ from loops.stress_strain import (
     best_fit_strain,
     loop_strain,
     rotation_and_stretch,
-    rotation_minus_one,
+    turning_change,
 )
 from loops.tracking import Fate, LoopFates, loop_fates, match_contacts
 from patterns import Snapshot
@@ -144,8 +144,7 @@ def _work(
     # A contact against the loop has both its force and its branch reversed.
     P0 = 0.5 * np.swapaxes(forces[0], 1, 2) @ branches / volume
     dP = 0.5 * np.swapaxes(forces[1] - forces[0], 1, 2) @ branches / volume
-    angle, e = rotation_and_stretch(H)
-    turned = dP + rotation_minus_one(-angle) @ (P0 + dP)
+    turned, e = turning_change(P0, dP, H)
     columns = components("dP", dP)
     columns["hill_work"], columns["hill_cosine"] = _product(dP, H)
     columns["W2"], columns["w2"] = _product(turned, e)

@@ -1,7 +1,10 @@
 """What loops do under a packing's response: sums over loops, rotations, straight motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.linalg import polar
 
 from grainloops import replay
 from loops import (
@@ -12,6 +15,8 @@ from loops import (
     find_faces,
     love_weber_stress,
 )
+from loops.contacts import contacts_at_start
+from loops.loop_batches import loop_batches
 from stability import rates_at
 from tests.packings import (
     LAW,
@@ -70,6 +75,27 @@ def test_nonaffinity_is_told_by_strains_whatever_the_sample_turns_by():
     )
     assert np.ptp(one) > 0.1
     np.testing.assert_allclose(two, one, rtol=1e-10)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, -2.5])
+def test_changes_are_those_in_the_frame_that_turns_with_the_loop(angle):
+    """Work and non-affinity of a finite motion, by the polar decomposition of scipy."""
+    graph = balanced(packing(24, seed=5))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    F = turn @ np.array([[0.97, 0.01], [0.01, 1.02]])
+    forces = {"normal_force": 1.3 * graph.normal_force, "shear_force": 0.5 * graph.shear_force}
+    moved = graph.replace(x=graph.x @ F.T, cell=F @ graph.cell, **forces)
+    after = replace(contacts_at_start(Scene(moved, LAW)), cell0=graph.cell)
+    changes = loop_changes(graph, after, find_faces(graph))
+    R, U = polar(np.eye(2) - changes.strain[0])
+    assert np.allclose([R, R @ U], [turn, F], atol=1e-12)
+    assert np.abs(changes.nonaffinity).max() < 1e-12
+    before = np.empty_like(changes.stress)
+    for loops in loop_batches(graph, find_faces(graph)):
+        before[loops.row] = 0.5 * love_weber_stress(loops.graph)
+    turned = R.T @ (before + changes.stress) - before
+    work = np.sum(turned * (np.eye(2) - U), axis=(1, 2))
+    np.testing.assert_allclose(changes.second_order_work, work, rtol=1e-12)
 
 
 def test_times_of_opening_and_closing_are_those_of_straight_motion():
