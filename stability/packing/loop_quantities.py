@@ -115,8 +115,7 @@ def loop_rates(response: PackingResponse, faces: Faces) -> LoopRates:
     turn = np.sum(state.t * branch, axis=1) / state.length
     normal = np.sum(state.n * force, axis=1) + state.shear_force * turn
     losing = _time(state.normal_force, normal)
-    rates, whole = (branch, force), response.strain_rate
-    return _of_loops(graph, faces, carries, whole, rates, losing, _turning_rate)
+    return _of_loops(graph, faces, carries, response.strain_rate, (branch, force), losing, _turning)
 
 
 def loop_changes(before: GrainGraph, after: Contacts, faces: Faces) -> LoopRates:
@@ -147,7 +146,7 @@ def loop_changes(before: GrainGraph, after: Contacts, faces: Faces) -> LoopRates
     return _of_loops(before, faces, every, after.strain, (end - d, force), losing, turning_change)
 
 
-def _turning_rate(P: Floats, rate: Floats, H: Floats) -> tuple[Floats, Floats]:
+def _turning(P: Floats, rate: Floats, H: Floats) -> tuple[Floats, Floats]:
     """Return the rates of stress and strain in the frame that turns with the spin of `H`."""
     spin = 0.5 * (H[..., 0, 1] - H[..., 1, 0])
     return rate - spin[..., None, None] * (QUARTER_TURN @ P), 0.5 * (H + np.swapaxes(H, -1, -2))
