@@ -121,7 +121,6 @@ PROGRAMMES = 181
 FAN_REACH = 0.95
 # Limits that end stability in (11, 22).
 STABILITY_LIMITS = ("det_Ks_zero", "limit")
-LONGEST = 60
 PRESENT = "from the present state"
 SLIDING_WORDS = {
     "sticking": "contacts never slide",

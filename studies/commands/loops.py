@@ -152,7 +152,8 @@ def _loops_of(
 
     Those of a domain are `given` by an option, and their orders are checked.
     """
-    from studies.paths.options import PolygonOptions, orders_of
+    from studies.paths.options import LONGEST, PolygonOptions, loop_options, orders_of
+    from studies.reading import read_planar
 
     known = {f.name for f in fields(PolygonOptions)} - {"order", "radii", "centres", "kappa"}
     named = asdict(choice).items()
@@ -165,7 +166,9 @@ def _loops_of(
             raise InputError(wrong, "given with --snapshot", expected, "Leave them out.")
         words = {name: value for name, value in words.items() if name not in OWN}
         words |= {"closure": closures[0]}
-        loop = _of_snapshot(choice.snapshot, choice.loop, words, reading)
+        path = choice.snapshot
+        snapshot = read_planar(path, **reading.how_of(path))
+        loop = loop_options(snapshot, choice.loop, path.name, **words)
         return (loop.order,), [loop]
     words["contact_law"] = law = _refuse_reading(choice.loop, reading)
     words["radii"] = numbers("--radii", choice.radii)
@@ -173,8 +176,11 @@ def _loops_of(
         words["centres"], words["radii"] = _ring_of(centres)
     sizes, every = words["radii"], orders_of(choice.compare) if choice.compare else ()
     orders = every or (choice.order or len(sizes or ()),)
-    if given:
-        _require_orders(orders, "number of --radii" if sizes else given, each=bool(every))
+    wrong = [n for n in orders if given and not 3 <= n <= LONGEST]
+    if wrong:
+        expected = f"a whole number from 3 to {LONGEST}{' for each order' if every else ''}"
+        where = "number of --radii" if sizes else given
+        raise InputError(where, str(wrong[0]), expected, "Correct it.")
     return orders, [
         PolygonOptions(n, **words | {"kappa": kappa, "closure": closure})
         for kappa in ratios or (KAPPA.get(law, 0.2),)
@@ -190,14 +196,6 @@ def _refuse_reading(loop: int | None, reading: OneReading) -> str:
         received = flags([*["loop"] * (loop is not None), *given], " ")
         raise InputError(received, "given", "--snapshot with it", "Leave it out.")
     return reading.law or "linear"
-
-
-def _of_snapshot(path: Path, loop: int | None, words: Any, reading: OneReading) -> Any:
-    """Options of one loop of a snapshot."""
-    from studies.paths.options import loop_options
-    from studies.reading import read_planar
-
-    return loop_options(read_planar(path, **reading.how_of(path)), loop, path.name, **words)
 
 
 def _polygon_lines(summary: Summary) -> list[str]:
@@ -357,16 +355,6 @@ def domain_command(
         summary = domain.run_domain(wanted, out, progress, **writing.files())
     lines = _loop_domain_lines(summary) if given else _domain_lines(summary)
     return answer(writing.json, out, lines, summary.get("notes", ()))
-
-
-def _require_orders(orders: Sequence[int], where: str, *, each: bool) -> None:
-    """Raise `InputError` for an order of which no domain is drawn; `each`: there are several."""
-    from studies.domain import LONGEST
-
-    for n in orders:
-        if not 3 <= n <= LONGEST:
-            expected = f"a whole number from 3 to {LONGEST}{' for each order' if each else ''}"
-            raise InputError(where, str(n), expected, "Correct it.")
 
 
 def _loop_domain_lines(summary: Summary) -> list[str]:

@@ -57,6 +57,8 @@ AFTER_B = 0.15
 PROGRAMME_SHARE = 0.4
 LARGEST_ORDER = 1000
 MOST_ORDERS = 40
+# Largest order of which a domain is drawn.
+LONGEST = 60
 # Default end of a programme on a snapshot's loop: E1 over the mean overlap.
 PROGRAMME_OVERLAPS = 5.0
 RING_NEWTON_STEPS = 20
