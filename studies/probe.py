@@ -27,7 +27,7 @@ from studies.frames import loop_work_table, order_work_table, work_shares
 from studies.output import Columns, Summary, components, readable, values_of
 from studies.questions import Holding, Probing, taken
 from studies.reading import read_planar, reading
-from studies.series.workers import in_directions, open_runner
+from studies.series.workers import do_all, open_runner
 from studies.snapshot.in_packing import (
     balance_notes,
     held_snapshot,
@@ -96,7 +96,7 @@ def run_probe(
             def shared(stages: Sequence[Stage]) -> Sequence[FollowedPath]:
                 one = partial(_follow, snapshot.scene, asked.past)
                 with open_runner(workers, scheduler, []) as runner:
-                    paths[:], reached[:] = zip(*in_directions(runner, one, stages), strict=True)
+                    paths[:], reached[:] = zip(*do_all(runner, one, stages), strict=True)
                 return paths
 
             found = probe_to(found, snapshot.scene, amplitude, shared)

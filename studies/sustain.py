@@ -37,7 +37,7 @@ from studies.output import (
 )
 from studies.questions import Sustaining, taken
 from studies.reading import read_planar, reading
-from studies.series.workers import Store, in_directions, open_runner, run_here
+from studies.series.workers import Store, do_all, open_runner, run_here
 from studies.snapshot.in_packing import held_snapshot, scene_at_rest
 from studies.study import files_of, study
 
@@ -80,7 +80,7 @@ def run_sustain(
 
             def follow(directions: Floats, loading: Loading) -> list[LoadedPath]:
                 load = partial(_load, scene, loading)
-                return in_directions(runner, load, directions, store, progress)
+                return do_all(runner, load, directions, store, progress)
 
             found = sustain_packing(scene, **asked, follow=follow)
         tables = sustain_tables(found)
@@ -177,7 +177,7 @@ def sustain(
 
     def follow(directions: Floats, loading: Loading) -> list[LoadedPath]:
         load = partial(_load, at_rest, loading)
-        return in_directions(run_here, load, directions, None, progress)
+        return do_all(run_here, load, directions, None, progress)
 
     return sustain_packing(at_rest, directions, follow=follow, **how)
 

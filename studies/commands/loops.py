@@ -176,11 +176,11 @@ def _loops_of(
         words["centres"], words["radii"] = _ring_of(centres)
     sizes, every = words["radii"], orders_of(choice.compare) if choice.compare else ()
     orders = every or (choice.order or len(sizes or ()),)
-    wrong = [n for n in orders if given and not 3 <= n <= LONGEST]
-    if wrong:
+    beyond = [n for n in orders if given and not 3 <= n <= LONGEST]
+    if beyond:
         expected = f"a whole number from 3 to {LONGEST}{' for each order' if every else ''}"
         where = "number of --radii" if sizes else given
-        raise InputError(where, str(wrong[0]), expected, "Correct it.")
+        raise InputError(where, str(beyond[0]), expected, "Correct it.")
     return orders, [
         PolygonOptions(n, **words | {"kappa": kappa, "closure": closure})
         for kappa in ratios or (KAPPA.get(law, 0.2),)

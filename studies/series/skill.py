@@ -46,8 +46,9 @@ EIGENVALUE_PREDICTORS = (
 )
 # The strain of a loop that came apart is unknown: closures have no prediction there.
 SURVIVED_TARGETS = ("W2_negative", "nonaffine")
-EVENT_PREDICTORS = {"packing_path": "path", "replay": "replay"}
-IN_PACKING = ("packing", "own_motion", "persistence", *EVENT_PREDICTORS)
+# Predictors of the packing, by the beginning of their columns.
+TIMES = {"packing": "packing", "own_motion": "own", "packing_path": "path", "replay": "replay"}
+IN_PACKING = (*TIMES, "persistence")
 # Predictors whose score is positive where they predict the target.
 SIGNED: dict[str, tuple[str, ...]] = {
     "W2_negative": (*IN_PACKING, *CLOSURE_PREDICTORS, *EIGENVALUE_PREDICTORS),
@@ -58,7 +59,6 @@ SIGNED: dict[str, tuple[str, ...]] = {
 # Columns of the structural indicators; `EXPECTED` has the sign of each as a predictor, fixed by its
 # meaning before anything was compared.
 INDICATORS = {name: f"indicator_{name}" for name in EXPECTED}
-TIMES = {"packing": "packing", "own_motion": "own", **EVENT_PREDICTORS}
 GRADIENT = ("H11", "H12", "H21", "H22")
 READ = (
     *("snapshot_before", "snapshot_after", "loop_before", "loop_after", "order", "w2"),

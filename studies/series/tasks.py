@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
@@ -59,7 +59,7 @@ from studies.series.packing import (
     indicator_columns,
     packing_predictions,
 )
-from studies.series.workers import Runner
+from studies.series.workers import Runner, do_all
 from studies.snapshot.table import loop_columns
 
 KEY = b"grainloops"
@@ -305,44 +305,43 @@ def do_tasks(
     if not open_tasks:
         return []
     console = Console(stderr=True)
-    if len(open_tasks) < len(tasks):
-        done = len(tasks) - len(open_tasks)
+    if done := len(tasks) - len(open_tasks):
         console.print(f"{title}: {done} of {len(tasks)} were finished before", highlight=False)
-    failures = []
     columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
     hidden = not console.is_terminal
-    with (
-        Progress(*columns, console=console, transient=True, disable=hidden) as bar,
-        # Closing drops the tasks that have not started, also after an error.
-        closing(runner(do_task, open_tasks)) as answers,
-    ):
-        row = bar.add_task(title, total=len(tasks), completed=len(tasks) - len(open_tasks))
-        for _, answer in answers:
-            bar.advance(row)
-            if answer is not None and not (skip_bad and answer.skippable):
-                raise answer.error()
-            if answer is not None:
-                failures.append(answer)
-    return sorted(failures, key=lambda failure: failure.number)
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+        row = bar.add_task(title, total=len(tasks), completed=done)
+        answers = do_all(
+            *(runner, partial(do_task, skip_bad=skip_bad), open_tasks),
+            progress=lambda ended, *_: bar.update(row, completed=done + ended),
+        )
+    return [answer for answer in answers if answer is not None]
 
 
-def do_task(task: PartTask) -> Failure | None:
-    """Write the files of a task, or return why it failed; a repetition writes the same bytes."""
+def do_task(task: PartTask, *, skip_bad: bool) -> Failure | None:
+    """Write the files of a task, or return why it is left out; a repetition writes the same bytes.
+
+    `InputError` for a failure that is not skipped.
+    """
     last = task.snapshots[-1]
     try:
         with one_blas_thread():
             (_write_snapshot if len(task.snapshots) == 1 else _write_pair)(task)
     except InputError as error:
         # What is refused on purpose is not left out.
-        return Failure(last.number, last.name, error, skippable=not last.how["strict"])
+        failure = Failure(last.number, last.name, error, skippable=not last.how["strict"])
     except OSError as error:
         # Errors of reading are InputErrors already.
         said = error.strerror or str(error)
         full = InputError(
             str(next(iter(task.parts.values()))), said, "a place to write", "Make room."
         )
-        return Failure(last.number, last.name, full, skippable=False)
-    return None
+        failure = Failure(last.number, last.name, full, skippable=False)
+    else:
+        return None
+    if skip_bad and failure.skippable:
+        return failure
+    raise failure.error()
 
 
 def _write_snapshot(task: PartTask) -> None:

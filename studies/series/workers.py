@@ -105,14 +105,14 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def in_directions(
+def do_all(
     runner: Runner,
     function: Function,
     given: Sequence[Any] | Floats,
     store: Store | None = None,
     progress: Progress | None = None,
 ) -> list[Any]:
-    """Answers for all directions, independent of the number of processes; a store keeps them."""
+    """Answers for all that is given, independent of the number of processes; a store keeps them."""
     found = {} if store is None else store.read(len(given))
     after_one = paced(progress, len(given), len(found))
     left = [k for k in range(len(given)) if k not in found]
