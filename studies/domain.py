@@ -34,7 +34,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from loops import (
-    ContactLaw,
     GrainGraph,
     InputError,
     LinearFrictional,
@@ -188,31 +187,23 @@ def programmes_of(spins: Spins, *, linear: bool) -> int:
 
 
 def present_fan(
-    graph: GrainGraph,
-    law: ContactLaw,
-    closure: Closure,
-    spins: Spins,
-    control: Control,
-    directions: int,
-    after_one: Callable[[], object] = lambda: None,
-) -> tuple[Fan, FanLimits]:
-    """Limits of the programmes from the present state of a loop in all directions."""
-    graph = graph.replace(x0=graph.x)
+    loop: Scene, closure: Closure, spins: Spins, control: Control, directions: int
+) -> Fan:
+    """Programmes from the present state of a loop in all directions."""
+    graph = loop.graph.replace(x0=loop.graph.x)
     contacts = contact_state(graph)
     overlap = float(np.mean(contacts.overlap / contacts.touching_length))
     # All directions, 45 degrees among them: the isotropic one for equal sides.
     around = 0.25 * np.pi + np.linspace(-np.pi, np.pi, directions, endpoint=False)
-    loop = Scene(graph, law)
-    fan = Fan(loop, closure, spins, control, around, REACH_OVERLAPS * overlap)
-    if present_tangent(fan)[1] == "unstable":
-        return fan, FanLimits.none(fan)
-    return fan, limits_along(fan, after_one)
+    return Fan(Scene(graph, loop.law), closure, spins, control, around, REACH_OVERLAPS * overlap)
 
 
 @one_blas_thread()
 def limits_along(fan: Fan, after_one: Callable[[], object] = lambda: None) -> FanLimits:
-    """Return first limits along the programmes."""
-    limits = FanLimits.none(fan)
+    """Return first limits along the programmes; none of a loop under load that is unstable."""
+    limits, loaded = FanLimits.none(fan), bool(fan.loop.graph.normal_force.any())
+    if loaded and present_tangent(fan)[1] == "unstable":
+        return limits
     for row in range(len(fan.programme)):
         limits.follow(fan, row)
         after_one()
@@ -317,9 +308,8 @@ def loop_domain(
     if scene.boundary.kind != "free":
         received, remedy = f"a scene that ends at {scene.boundary.kind}", "Cut one out: gl.loop."
         raise InputError("first argument", received, "one loop", remedy)
-    how: Any = closure, spins, control, directions, paced(progress, directions)
-    fan, limits = present_fan(scene.graph, scene.law, *how)
-    return domain_of(fan, limits, "force/length")
+    fan = present_fan(scene, closure, spins, control, directions)
+    return domain_of(fan, limits_along(fan, paced(progress, directions)), "force/length")
 
 
 def domain_of(fan: Fan, limits: FanLimits, stress_unit: str, *, loaded: bool = True) -> LoopDomain:
@@ -499,16 +489,13 @@ def require_odd(directions: int) -> None:
         raise InputError("--directions", received, expected, "Correct it.")
 
 
-def first_losses(
-    case: Case, directions: int, *, friction: bool, after_one: Callable[[], object] = lambda: None
-) -> tuple[Fan, FanLimits]:
-    """Losses of one diamond along its fan of programmes, whose P are the paper's stresses."""
+def diamond_fan(case: Case, directions: int, *, friction: bool) -> Fan:
+    """Fan of programmes of one diamond, whose P are the paper's stresses."""
     virgin, mu = diamond(case.alpha0), case.mu if friction else np.inf
     boundary = boundary_of(virgin, volume=2.0 * np.sin(2.0 * case.alpha0))
     loop = Scene(virgin, LinearFrictional(1.0, case.kappa, mu), boundary)
     programme = loop_fan(virgin.reference_branches, directions)
-    fan = Fan(loop, "affine", "blocked", "strain", programme, REACH)
-    return fan, limits_along(fan, after_one)
+    return Fan(loop, "affine", "blocked", "strain", programme, REACH)
 
 
 def domain_table(
@@ -518,9 +505,9 @@ def domain_table(
     parts, fans = [], [(case, friction) for case in cases for friction in _contacts(case)]
     after_one = paced(progress, len(fans) * directions)
     for case, friction in fans:
-        losses = first_losses(case, directions, friction=friction, after_one=after_one)
-        name = "frictional" if friction else "sticking"
-        parts += [loss_table(case, *losses, kind, name) for kind in LOSSES]
+        fan = diamond_fan(case, directions, friction=friction)
+        losses, name = limits_along(fan, after_one), "frictional" if friction else "sticking"
+        parts += [loss_table(case, fan, losses, kind, name) for kind in LOSSES]
     return pd.concat(parts, ignore_index=True)
 
 
@@ -709,25 +696,17 @@ def loop_fan(d0: Floats, directions: int) -> Floats:
     return np.arctan2(np.sin(turned) / size[1], np.cos(turned) / size[0])
 
 
-def loop_limits(
-    loop: PolygonOptions,
-    control: Control,
-    directions: int,
-    *,
-    friction: bool,
-    after_one: Callable[[], object] = lambda: None,
-) -> tuple[Fan, FanLimits]:
-    """First limits of one loop along its fan."""
-    graph, law = loop.graph(), loop.law()
+def programmes_along(
+    loop: PolygonOptions, control: Control, directions: int, *, friction: bool
+) -> Fan:
+    """Fan of one loop: from its present state in a snapshot, else from no load."""
+    whole = Scene(loop.graph(), loop.law())
     if isinstance(loop, LoopOptions):
-        how: Any = loop.closure, loop.spins, control, directions, after_one
-        return present_fan(graph, law, *how)
-    if not friction:
-        law = (loop if loop.phi_deg == 90.0 else replace(loop, phi_deg=90.0)).law()
-    around = loop_fan(graph.reference_branches, directions)
-    whole = Scene(graph, law)
-    fan = Fan(whole, loop.closure, loop.spins, control, around, FAN_REACH)
-    return fan, limits_along(fan, after_one)
+        return present_fan(whole, loop.closure, loop.spins, control, directions)
+    if not friction and loop.phi_deg < 90.0:
+        whole = replace(whole, law=replace(loop, phi_deg=90.0).law())
+    around = loop_fan(whole.graph.reference_branches, directions)
+    return Fan(whole, loop.closure, loop.spins, control, around, FAN_REACH)
 
 
 def unstable_share(fan: Fan, limits: FanLimits) -> float:
@@ -761,7 +740,8 @@ def loop_domains(
     after_one = paced(progress, len(fans) * parameters.directions)
     for loop, friction in fans:
         from_snapshot = isinstance(loop, LoopOptions)
-        fan, limits = loop_limits(loop, *fan_options, friction=friction, after_one=after_one)
+        fan = programmes_along(loop, *fan_options, friction=friction)
+        limits = limits_along(fan, after_one)
         named = {**_loop_columns(loop), "contacts": "frictional" if friction else "sticking"}
         parts += [limit_rows(fan, limits, kind, named) for kind in LIMITS]
         counts = {kind: int(limits.found[kind].sum()) for kind in sorted(LIMITS)}

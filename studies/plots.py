@@ -50,7 +50,7 @@ from studies.packing_figures import (
     response_envelope,
     stress_and_volume,
 )
-from studies.paths.figures import MOST_WITH_ARROWS, draw_grains, draw_polar, forces_key
+from studies.paths.figures import draw_grains, draw_polar, forces_key
 from studies.paths.followed import operator_diagram
 from studies.results import table_of
 from studies.series.figures import fates_over_strain, skill_by_predictor, stress_strain
@@ -65,7 +65,7 @@ from studies.snapshot.figures import (
     places_figure,
 )
 from studies.snapshot.sample import Fabric
-from studies.snapshot.summary import judges, snapshot_summary, unstable_loops
+from studies.snapshot.summary import snapshot_summary
 from studies.snapshot.table import group_rows, loop_columns
 from studies.style import (
     BLACK,
@@ -225,11 +225,9 @@ def plot_loop(graph: GrainGraph | SnapshotLoop | Scene, ax: Axes | None = None) 
     ax, regime = axes_or_new(ax), graph.regime
     if regime is None:
         regime = np.where(graph.normal_force > 0, Regime.ELASTIC, Regime.OPEN).astype(np.int8)
-    forces = graph.normal_force, graph.shear_force
-    largest = float(np.hypot(*forces).max(initial=0.0))
-    draw_grains(ax, graph.x, 2.0 * graph.radii, graph.contacts, *forces, regime, largest)
-    arrows = graph.grain_count <= MOST_WITH_ARROWS
-    key = forces_key(largest, "force units", {Regime(int(each)) for each in regime}, arrows=arrows)
+    largest = float(np.hypot(graph.normal_force, graph.shear_force).max(initial=0.0))
+    draw_grains(ax, graph.replace(regime=regime), largest)
+    key = forces_key(largest, "force units", regime, graph.grain_count)
     outer_legend(ax, "upper center", (0.5, 0.0), 5.0, handles=key)
     reach = graph.radii.max() + 1.4 * graph.radii.mean()
     (left, bottom), (right, top) = graph.x.min(axis=0) - reach, graph.x.max(axis=0) + reach
@@ -740,9 +738,7 @@ def plot_chains(snapshot: Snapshot | Subject) -> Figure:
     snapshot.mechanics()
     table, chains = _loops_of(snapshot), force_chains(snapshot.graph)
     table["chain_contacts"] = chains.on_loops(snapshot.faces)
-    unstable = {judge: unstable_loops(table, judge) for judge in judges(table)}
-    draw, links = loop_drawer(snapshot), chain_segments(snapshot, chains)
-    return places_figure(table, draw, group_rows(table["order"]), unstable, links)
+    return places_figure(table, loop_drawer(snapshot), chain_segments(snapshot, chains))
 
 
 @drawn(*vars(fates_over_strain)["size"])

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from loops import Regime
-from loops.arrays import Floats, Integers, Regimes, true_runs
+from loops import GrainGraph, Regime, contact_forces
+from loops.arrays import Floats, Regimes, true_runs
 from patterns.diamond.states import isotropic_tangents
 from stability import (
     COMPONENTS,
@@ -304,45 +304,33 @@ def draw_polar(diagram: PolarDiagram, ax: Axes, name: str = "") -> None:
 @styled()
 def draw_loops(found: Followed, names: Sequence[str]) -> Figure:
     """The loop at named states with its contact forces, and for few grains the external ones."""
-    count = len(names)
+    count, rows = len(names), [found.marks[name] for name in names]
     fig, (axes,) = new_panels(1, count, 3.6, count * TWO_COLUMNS / 2, sharex=True, sharey=True)
-    path, rows = found.path, [found.marks[name] for name in names]
-    x, size = path.x[rows], 2.0 * found.options.graph().radii
-    forces = [(path.normal_force[row], path.shear_force[row]) for row in rows]
-    largest = max(float(np.hypot(*both).max()) for both in forces)
-    reach = float(np.abs(x).max()) + (1.4 if len(size) <= MOST_WITH_ARROWS else 0.6)
-    for ax, name, row, at, both in zip(axes, names, rows, x, forces, strict=True):
-        draw_grains(ax, at, size, path.contacts, *both, path.regime[row], largest)
+    loops = [found.graph_at(row) for row in rows]
+    largest = max(float(np.hypot(one.normal_force, one.shear_force).max()) for one in loops)
+    grains = loops[0].grain_count
+    reach = max(float(np.abs(one.x).max()) for one in loops)
+    reach += 1.4 if grains <= MOST_WITH_ARROWS else 0.6
+    for ax, name, row, loop in zip(axes, names, rows, loops, strict=True):
+        draw_grains(ax, loop, largest)
         E1, E2 = (round(float(E[row]), 4) + 0.0 for E in (found.E1, found.E2))
         ax.set_title(f"{name}: $E_1 = {E1:.4f}$, $E_2 = {E2:.4f}$")
         ax.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
         ax.set(xlabel=r"$x_1 / l_0$ (–)", ylabel=r"$x_2 / l_0$ (–)")
         ax.locator_params(nbins=6)
         ax.label_outer()
-    regimes = {Regime(int(each)) for each in np.unique(path.regime[rows])}
-    key = forces_key(largest, r"$k_n l_0$", regimes, arrows=len(size) <= MOST_WITH_ARROWS)
-    fig.legend(
-        handles=key,
-        loc="outside lower center",
-        ncols=count if fig.get_figwidth() > TWO_COLUMNS - 0.1 else 1,
-    )
+    key = forces_key(largest, r"$k_n l_0$", found.path.regime[rows], grains)
+    beside = count if fig.get_figwidth() > TWO_COLUMNS - 0.1 else 1
+    fig.legend(handles=key, loc="outside lower center", ncols=beside)
     return fig
 
 
-def draw_grains(
-    ax: Axes,
-    x: Floats,
-    size: Floats,
-    pairs: Integers,
-    N: Floats,
-    T: Floats,
-    regime: Regimes,
-    largest: float,
-) -> None:
-    """Draw grains of the diameters `size`, and the force of every contact along its branch.
+def draw_grains(ax: Axes, graph: GrainGraph, largest: float) -> None:
+    """Draw the grains of a graph with regimes, and the force of every contact along its branch.
 
     Widths and arrows are in proportion to forces; the force `largest` is the widest.
     """
+    x, pairs, size, regime = graph.x, graph.contacts, 2.0 * graph.radii, np.asarray(graph.regime)
     ax.add_collection(
         EllipseCollection(
             size, size, 0.0 * size, units="xy", offsets=x, offset_transform=ax.transData,
@@ -353,16 +341,12 @@ def draw_grains(
     ax.add_collection(LineCollection(list(x[pairs[drawn]]), colors=LIGHT_GREY, linewidths=0.6))
     largest = max(largest, np.finfo(float).tiny)
     colours = [REGIME_COLOURS[Regime(int(each))] for each in regime]
-    width = FORCE_WIDTH * np.hypot(N, T) / largest
+    width = FORCE_WIDTH * np.hypot(graph.normal_force, graph.shear_force) / largest
     ax.add_collection(LineCollection(list(x[pairs]), colors=colours, linewidths=width))
     ax.plot(*x.T, "o", color=BLACK, markersize=1.5)
     if len(x) > MOST_WITH_ARROWS:
         return
-    d = x[pairs[:, 1]] - x[pairs[:, 0]]
-    n = d / np.linalg.norm(d, axis=1, keepdims=True)
-    # Forces on the second grain of every contact.
-    force = N[:, None] * n + T[:, None] * np.stack([-n[:, 1], n[:, 0]], axis=1)
-    external = np.zeros_like(x)
+    force, external = contact_forces(graph), np.zeros_like(x)
     np.add.at(external, pairs[:, 0], force)
     np.add.at(external, pairs[:, 1], -force)
     pull = np.linalg.norm(external, axis=1)
@@ -374,16 +358,17 @@ def draw_grains(
     )  # fmt: skip
 
 
-def forces_key(largest: float, unit: str, regimes: set[Regime], *, arrows: bool) -> list[Line2D]:
-    """Handles of the legend: regimes, the force of the widest line, and of the arrows."""
+def forces_key(largest: float, unit: str, regime: Regimes, grains: int) -> list[Line2D]:
+    """Handles of the legend: regimes, the force of the widest line, and of the arrows if any."""
+    present = {Regime(int(each)) for each in np.unique(regime)}
     key = [
-        Line2D([], [], color=REGIME_COLOURS[regime], lw=0.5 * FORCE_WIDTH, label=f"{name} contact")
-        for regime, name in REGIME_NAMES.items()
-        if regime in regimes
+        Line2D([], [], color=REGIME_COLOURS[one], lw=0.5 * FORCE_WIDTH, label=f"{name} contact")
+        for one, name in REGIME_NAMES.items()
+        if one in present
     ]
     width = f"contact force, widest: {largest:.3g} {unit}"
     key.append(Line2D([], [], color=BLACK, linewidth=FORCE_WIDTH, label=width))
-    if arrows:
+    if grains <= MOST_WITH_ARROWS:
         length = f"external force, {ARROW_LENGTH:g} diameters long: {largest:.3g} {unit}"
         key.append(
             Line2D([], [], color=BLACK, linewidth=0.0, marker=r"$\rightarrow$", label=length)

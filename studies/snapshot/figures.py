@@ -270,11 +270,11 @@ def snapshot_figures(
         yield "orders", lambda: order_bars(summary)
     yield "fabric", lambda: draw_rose(snapshot)
     if links is not None and summary["loops"]:
-        yield "chains", lambda: places_figure(table, draw, groups, unstable, links)
+        yield "chains", lambda: places_figure(table, draw, links)
     if snapshot.mechanical and summary["loops"]:
         yield "eigenvalues", lambda: eigenvalue_distribution(table, groups)
         if "region" in table:
-            yield "regions", lambda: places_figure(table, draw, groups, unstable)
+            yield "regions", lambda: places_figure(table, draw)
         if rose_judges(table, unstable):
             yield "directions", lambda: unstable_rose(table, unstable, summary)
         if "in_packing" in summary and np.isfinite(share := surroundings_share(table)).any():
@@ -391,13 +391,7 @@ def chain_segments(snapshot: Snapshot, chains: ForceChains) -> Floats:
 
 
 @styled()
-def places_figure(
-    table: Columns,
-    draw: Drawer,
-    groups: Groups,
-    unstable: dict[str, Flags],
-    links: Floats | None = None,
-) -> Figure:
+def places_figure(table: Columns, draw: Drawer, links: Floats | None = None) -> Figure:
     """Loops by their region, or force chains over them; unstable loops of each place."""
     figure, ((left, right),) = new_panels(1, 2, 3.3, width_ratios=(1.1, 1))
     if links is None:
@@ -414,26 +408,21 @@ def places_figure(
         lines = LineCollection(_joined(links) if many else list(links), linewidths=width, **look)
         left.add_collection(lines, autolim=False)
     left.set_title("regions" if links is None else "force chains")
-    compare_places(right, table, groups, unstable, places)
+    compare_places(right, table, places)
     return figure
 
 
-def compare_places(
-    ax: Axes,
-    table: Columns,
-    groups: Groups,
-    unstable: dict[str, Flags],
-    places: Mapping[str, Flags],
-) -> None:
+def compare_places(ax: Axes, table: Columns, places: Mapping[str, Flags]) -> None:
     """Smallest eigenvalue by order, median and quartiles of the loops at each place."""
-    judge, place = main_judge(table), np.arange(len(GROUPS))
-    smallest, step = verdicts(table, judge), 0.24
+    judge, place, step = main_judge(table), np.arange(len(GROUPS)), 0.24
+    smallest, unstable = verdicts(table, judge), unstable_loops(table, judge)
+    groups = group_rows(table["order"])
     for k, (name, here) in enumerate(places.items()):
         known = here & np.isfinite(smallest)
         parts = [smallest[groups[group]][known[groups[group]]] for group in GROUPS]
         quartiles = [np.quantile(v, (0.25, 0.5, 0.75)) if len(v) else [np.nan] * 3 for v in parts]
         low, middle, high = np.array(quartiles).T
-        percent = 100.0 * np.mean(unstable[judge][known]) if known.any() else np.nan
+        percent = 100.0 * np.mean(unstable[known]) if known.any() else np.nan
         of = "" if known[here].all() else f" of {np.count_nonzero(known)}"
         ax.errorbar(
             place + step * (k - 0.5 * (len(places) - 1)), middle, (middle - low, high - middle),

@@ -11,7 +11,7 @@ from loops import HertzMindlin, LinearFrictional, RollingResistance, Scene
 from patterns import regular_polygon
 from stability import Stage, follow, programmes
 from stability.paths.domain import Fan, FanLimits
-from studies.domain import loop_limits, unstable_share
+from studies.domain import limits_along, programmes_along, unstable_share
 from studies.examples.larger_loops import KAPPA, LINEAR, ORDERS, rolling_threshold, threshold
 from studies.paths.options import PolygonOptions
 from tests.docs.pages import DOCS, of_size, page, says, section, tables
@@ -144,7 +144,8 @@ def test_unstable_shares():
         for order in range(3, 13):
             assert says(row[str(order)], kept[closure, contacts, float(row["κ"]), order])
     loop = PolygonOptions(3, kappa=0.1, phi_deg=20.0, closure="affine")
-    found = unstable_share(*loop_limits(loop, "strain", 61, friction=True))
+    fan = programmes_along(loop, "strain", 61, friction=True)
+    found = unstable_share(fan, limits_along(fan))
     assert found == pytest.approx(kept["affine", "frictional", 0.1, 3], abs=1e-9)
     relaxed = kept["traction", "frictional"]
     stuck = kept["traction", "sticking"]
@@ -166,7 +167,8 @@ def test_drawn_losses_are_those_of_the_fan():
     kept = pd.read_csv(DOCS / "figures" / "larger-domains.csv")
     own = kept[(kept.closure == "affine") & (kept.contacts == "frictional") & (kept.order == 4)]
     loop = PolygonOptions(4, kappa=0.3, phi_deg=20.0, closure="affine")
-    fan, limits = loop_limits(loop, "strain", 61, friction=True)
+    fan = programmes_along(loop, "strain", 61, friction=True)
+    limits = limits_along(fan)
     angle = np.degrees(fan.programme)
     assert len(own) > 50
     for _, row in own.iloc[::10].iterrows():

@@ -21,8 +21,9 @@ from stability.paths.domain import (
 from studies.domain import (
     LoopDomainParameters,
     limit_rows,
+    limits_along,
     loop_fan,
-    loop_limits,
+    programmes_along,
     run_domain,
     unstable_share,
 )
@@ -110,7 +111,8 @@ OTHER_LOOPS = [
 
 def held_to_single_paths(loop, control, directions=3):
     """Strain and stress of the first loss of every kind beside those of `follow`; their number."""
-    fan, limits = loop_limits(loop, control, directions, friction=loop.phi_deg < 90.0)
+    fan = programmes_along(loop, control, directions, friction=loop.phi_deg < 90.0)
+    limits = limits_along(fan)
     compared = 0
     for row, angle in enumerate(fan.programme):
         end = 0.95 * (1.0 if control == "strain" else STRESS_REACH)
@@ -246,7 +248,7 @@ def test_sticking_contacts_of_relaxed_loops_part_with_their_shear_force():
 @pytest.mark.slow
 def test_free_spins_are_unstable_from_the_first_load():
     loop = PolygonOptions(5, kappa=KAPPA, closure="traction", spins="free", phi_deg=90.0)
-    _, limits = loop_limits(loop, "strain", 3, friction=False)
+    limits = limits_along(programmes_along(loop, "strain", 3, friction=False))
     assert limits.found["cone_opening"].all()
     assert np.abs(limits.states["cone_opening"].H).max() < 1e-6
 
@@ -368,6 +370,6 @@ def test_unstable_share_of_the_diamond_converges_to_the_closed_one(phi, closure)
     loop = PolygonOptions(4, kappa=KAPPA, phi_deg=phi, closure=closure)
     errors = []
     for directions in (11, 41):
-        found = loop_limits(loop, "strain", directions, friction=phi < 90.0)
-        errors.append(abs(unstable_share(*found) - exact))
+        fan = programmes_along(loop, "strain", directions, friction=phi < 90.0)
+        errors.append(abs(unstable_share(fan, limits_along(fan)) - exact))
     assert 0.2 < exact < 0.99 and errors[1] < 0.5 * errors[0] and errors[1] < 0.01

@@ -8,8 +8,7 @@ from matplotlib.collections import LineCollection
 from loops import find_faces, force_chains
 from studies.snapshot import figures
 from studies.snapshot.figures import chain_segments, loop_drawer
-from studies.snapshot.summary import unstable_loops
-from studies.snapshot.table import group_rows, loop_columns
+from studies.snapshot.table import loop_columns
 from tests.studies.snapshot.test_table import synthetic_snapshot
 
 
@@ -26,8 +25,7 @@ def drawn_with():
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(figures, "VECTOR_LIMIT", limit)
             patch.setattr(figures, "JOINED", 20)
-            groups, unstable = group_rows(table["order"]), unstable_loops(table, "traction")
-            figure = figures.places_figure(table, draw, groups, {"traction": unstable}, links)
+            figure = figures.places_figure(table, draw, links)
         lines = [c for c in figure.axes[0].collections if isinstance(c, LineCollection)]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
