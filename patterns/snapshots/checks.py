@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from loops.arrays import Floats, Integers, in_threads, median, quantiles
+from loops.graph import contact_state
 from patterns.snapshots.checked import FEWEST, ROUNDINGS, Checked
 from patterns.snapshots.findings import Finding, few, finding, power_of_ten, rounding, sentences
 from patterns.snapshots.missing import cell, lost_contacts, walls
@@ -54,8 +55,11 @@ GAPS = 0.01
 
 
 def touching(state: Checked) -> Finding | None:
-    """Contacts that carry load across a gap."""
-    gap = -state.overlap[state.loaded]
+    """Contacts that carry load across a gap, beyond that at which a bond breaks."""
+    gap = -state.overlap
+    if state.law is not None and state.law.cohesive:
+        gap = state.law.gap(contact_state(state.graph))
+    gap = gap[state.loaded]
     if len(gap) == 0:
         return None
     share = float(np.mean(gap > rounding(state.x) + 1e-9 * state.length[state.loaded]))
@@ -110,10 +114,13 @@ ALONG = 0.4
 
 
 def directions(state: Checked) -> Finding:
-    """Forces along the branches: signs, exchanged columns."""
+    """Forces along the branches, or as the springs of a cohesive law: signs, exchanged columns."""
     normal, shear = state.judged
+    side: Floats | float = 1.0
+    if state.law is not None and state.law.cohesive:
+        side = np.sign(state.stiffnesses[0] * state.overlap - state.law.attraction)
     size = float(np.hypot(normal, shear).sum())
-    share = float(normal.sum()) / size
+    share = float((side * normal).sum()) / size
     if share >= ALONG:
         return finding("directions", share)
     if share <= -ALONG:
@@ -121,7 +128,7 @@ def directions(state: Checked) -> Finding:
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
     exchanged = 2 * n[:, 0] * n[:, 1] * normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * shear
-    other = float(exchanged.sum()) / size
+    other = float((side * exchanged).sum()) / size
     case = "exchanged" if abs(other) > 2 * ALONG else "others"
     return finding("directions", share, case, other=other)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from loops import InputError
+from loops import CohesiveFrictional, GrainGraph, InputError, Scene, contact_state
 from patterns import (
     read_frames,
     read_snapshot,
@@ -91,3 +91,32 @@ def test_rotations_of_the_grains_are_kept(tmp_path, ending):
     write_snapshot(tmp_path / f"grains_1{ending}", found)
     again = read_snapshot(tmp_path / f"grains_1{ending}")
     np.testing.assert_array_equal(again.rotation, found.rotation)
+
+
+@pytest.mark.parametrize("overlaps", [(0.002, 0.002), (0.005, 0.015)], ids=["pull", "no pressure"])
+@pytest.mark.parametrize("bonded", [True, False])
+def test_forces_of_a_cohesive_lattice_push_or_pull_as_its_springs(tmp_path, bonded, overlaps):
+    """It is read as it was written; forces with the other sign, or of the other axis, are not."""
+    law = CohesiveFrictional(1.0, 0.5, 0.5, adhesion=0.01, bonded=bonded)
+    step = 1.0 - np.array(overlaps) + (0.01 if bonded else 0.0)
+    at, row = np.divmod(np.arange(25), 5)
+    beside, above = 5 * at + (row + 1) % 5, (np.arange(25) + 5) % 25
+    images = np.zeros((50, 2), dtype=int)
+    images[:25, 0], images[25:, 1] = row == 4, at == 4
+    contacts = np.column_stack([np.tile(np.arange(25), 2), np.append(beside, above)])
+    graph = GrainGraph(
+        np.column_stack([row, at]) * step, np.full(25, 0.5), contacts,
+        images=images, cell=5 * np.diag(step),
+    )  # fmt: skip
+    graph = graph.replace(normal_force=law.normal_force(contact_state(graph)))
+    write_snapshot(tmp_path / "grains_1.csv", Scene(graph, law))
+    found = read_snapshot(tmp_path / "grains_1.csv")
+    np.testing.assert_allclose(found.graph.normal_force, graph.normal_force, rtol=0, atol=1e-15)
+    assert not any("doubt" in note for note in found.notes)
+    tables = found.tables()
+    given = {name: np.array(column) for name, column in tables["contacts"].items()}
+    x, y = given["fx_on_2"], given["fy_on_2"]
+    for fx, fy, words in ((-x, -y, "they pull"), (y, x, "x and y exchanged")):
+        tables["contacts"] = given | {"fx_on_2": fx, "fy_on_2": fy}
+        with pytest.raises(InputError, match=words):
+            snapshot_from_tables(**tables)
