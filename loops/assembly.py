@@ -66,13 +66,12 @@ def translational_blocks(state: ContactState, law: ContactLaw, regime: Regimes) 
     >>> translational_blocks(state, law, law.regime(state)).round(12).tolist()
     [[[1.0, 0.0], [0.0, 0.25]]]
     """
-    return _to_global(state, local_blocks(state, law, regime))
+    return _turned(_frame(state), local_blocks(state, law, regime))
 
 
 def translational_sizes(state: ContactState, law: ContactLaw, regime: Regimes) -> Floats:
     """Sums of the sizes of the terms of `translational_blocks`."""
-    frame = np.abs(_frame(state))
-    return frame @ local_sizes(state, law, regime) @ np.swapaxes(frame, -1, -2)
+    return _turned(np.abs(_frame(state)), local_sizes(state, law, regime))
 
 
 def contact_tangent(
@@ -198,8 +197,7 @@ def _frame(state: ContactState) -> Floats:
     return np.stack([state.n, state.t], axis=-1)
 
 
-def _to_global(state: ContactState, local: Floats) -> Floats:
-    frame = _frame(state)
+def _turned(frame: Floats, local: Floats) -> Floats:
     return frame @ local @ np.swapaxes(frame, -1, -2)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from loops.arrays import Flags, Floats, Integers, Regimes
-from loops.assembly import assembled_sparse, contact_regime
+from loops.assembly import assembled_sparse, contact_regime, motions
 from loops.boundary import Rows
 from loops.errors import InputError, counted
 from loops.graph import GrainGraph
@@ -187,9 +187,7 @@ def system_of(scene: Scene, regimes: Regimes) -> System:
 
 def relative_motion(system: System, v: Floats, strain_rate: Floats | None = None) -> Floats:
     """Return motions `r` (E, 4) or (E, 4, k) of the contacts from the freedoms, and from `H'`."""
-    padded = np.concatenate([v, np.zeros((1, *v.shape[1:]))])
-    at = padded[system.ends]
-    r = np.concatenate([at[:, 2:4] - at[:, :2], at[:, 4:]], axis=1)
+    r = motions(v.reshape(len(v), -1), system.ends).reshape(-1, 4, *v.shape[1:])
     if strain_rate is not None:
         r[:, :2] -= np.tensordot(system.branches, strain_rate, (1, 1))
     return r

@@ -156,11 +156,9 @@ def form_of(graph: GrainGraph, closure: Closure, spins: Spins, volume: Floats) -
 
 def drive(form: ClosureForm) -> Floats:
     """Return (..., C, 4, 4) `A`, the prescribed motions of the contacts per component of `H'`."""
-    batch = form.radii.shape[:-2]
-    if form.branches is not None:
-        batch = np.broadcast_shapes(batch, form.branches.shape[:-2])
-    if form.spin is not None:
-        batch = np.broadcast_shapes(batch, form.spin.row.shape[:-1])
+    branches = () if form.branches is None else form.branches.shape[:-2]
+    spin = () if form.spin is None else form.spin.row.shape[:-1]
+    batch = np.broadcast_shapes(form.radii.shape[:-2], branches, spin)
     A = np.zeros((*batch, len(form.ends), 4, 4))
     if form.branches is not None:
         A[..., 0, :2] = A[..., 1, 2:] = -form.branches

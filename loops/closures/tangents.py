@@ -110,11 +110,9 @@ class MacroTangent(Shown):
                 "unit": "force/length", "error up to": f"{error:.1e} force/length"}  # fmt: skip
 
     def __str__(self) -> str:
-        good = int(np.count_nonzero(self.trusted))
-        return (
-            f"{self.closure} tangent, spins {self.spins}: {good} of {self.trusted.size} trusted, "
-            f"error up to {np.max(self.error, initial=0.0, where=self.trusted):.1e} force/length"
-        )
+        facts = self.facts()
+        good, error = facts["trusted"], facts["error up to"]
+        return f"{self.closure} tangent, spins {self.spins}: {good} trusted, error up to {error}"
 
 
 def amplification(bound: Floats, matrix: Floats) -> Floats:
