@@ -16,7 +16,6 @@ from patterns.diamond.closed_form import isotropic_strain_of_stress as isotropic
 from patterns.diamond.closed_form import isotropic_tangent as isotropic_tangent
 from patterns.diamond.closed_form import material_tangent as material_tangent
 from patterns.diamond.closed_form import opposite_gaps as opposite_gaps
-from patterns.diamond.closed_form import overlap_ratio as overlap_ratio
 from patterns.diamond.closed_form import sliding_moduli as sliding_moduli
 from patterns.diamond.closed_form import stress_of_isotropic_strain as stress_of_isotropic_strain
 from patterns.diamond.closed_form import tangent as tangent

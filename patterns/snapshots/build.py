@@ -101,7 +101,9 @@ def build_snapshot(frame: Frame, source: Source) -> Snapshot:
         notes += words
     lacks, law, regime = lacks_of(source, table), None, None
     sizes = ("force of contacts",) if table.has("force") and not known else ()
-    findings += _unused((*frame.unused, *sizes), known)
+    if unused := (*frame.unused, *sizes):
+        case = "ok" if known else "forces"
+        findings.append(finding("columns", len(unused), case, names=", ".join(unused)))
     if not known:
         lacks = ["shear forces" if table.has("fn") else "forces", *lacks]
         lone = "normal forces without shear forces" if table.has("fn") else "no contact forces"
@@ -181,14 +183,6 @@ def _strip(
         cell = high_cell(cell, free, bodies.x, 2 * float(bodies.radii.max()))
         of = f"the cell {cell.tolist()}, which may hold more than the packing"
     return cell, f"periodic along {along} alone: stress refers to {of}"
-
-
-def _unused(columns: Sequence[str], known: bool) -> list[Finding]:
-    """Finding on columns that were not used: a doubt where forces lack."""
-    if not columns:
-        return []
-    case = "ok" if known else "forces"
-    return [finding("columns", len(columns), case, names=", ".join(columns))]
 
 
 def _notes_of(findings: Sequence[Finding], lacks: Sequence[str], forces_known: bool) -> list[str]:

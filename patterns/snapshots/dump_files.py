@@ -31,11 +31,11 @@ from patterns.snapshots.geometry import (
     axis_across,
     index_of,
     nearest_images,
-    places_of,
     plane_note,
     read_contacts,
     refuse_radii,
     refuse_repeated,
+    refuse_unknown,
     sample_rows,
 )
 from patterns.snapshots.source import Source
@@ -420,7 +420,10 @@ def find_ids(
     columns["id1"], columns["id2"] = best[1]
     other = "Take both dumps from one step of one run, with all the atoms."
     other = SIX_DIGITS if coarse else other
-    return places_of(table, best[1], atoms.bodies.ids, "an id of the dump of atoms", other)
+    named = np.column_stack([table.integers(name) for name in best[1]])
+    grains = index_of(atoms.bodies.ids, named)
+    refuse_unknown(table, best[1], named, grains, other, "an id of the dump of atoms")
+    return grains
 
 
 # Columns of the fix: flag, force on the atom, contact point.

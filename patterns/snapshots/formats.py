@@ -272,18 +272,12 @@ def _in_cells(source: Source, cells: str | Path | None) -> Callable[[int | None]
     return lambda frame: replace(source, cell=as_cell(cell_of(source.path, frame)))
 
 
-def count_frames(
-    path: str | Path,
-    contacts: str | Path | None = None,
-    *,
-    format: str = "auto",
-    columns: Mapping[str, str | int] | None = None,
-) -> int:
+def count_frames(path: str | Path, contacts: str | Path | None = None, **options: Any) -> int:
     """Number of snapshots in a file.
 
     Parameters
     ----------
-    path, contacts, format, columns
+    path, contacts, **options
         See `read_snapshot`.
 
     Returns
@@ -296,7 +290,7 @@ def count_frames(
     InputError
         For a missing or empty file, and for one with no snapshot that has contacts.
     """
-    return len(frames_of(source_of(path, contacts, format=format, columns=columns)))
+    return len(frames_of(source_of(path, contacts, **options)))
 
 
 def frame_steps(path: Path, how: Mapping[str, Any]) -> list[float | None]:

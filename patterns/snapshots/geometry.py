@@ -139,21 +139,20 @@ def named_rows(
     then, and don't as they are. `InputError` for an unknown id.
     """
     named = np.column_stack([contacts.integers(name) for name in ("id1", "id2")])
-    found, notes, walls = index_of(ids, named), list[str](), None
+    walls, notes = np.asarray(False), list[str]()
     if contacts.has("type1", "type2"):
         types = np.column_stack([contacts.integers(name) for name in ("type1", "type2")])
         rows = (types != WALL).any(axis=1)
-        if rows.any() and not (found[rows].min() >= 0 and _touch(grains, found[rows], cell)):
+        found = index_of(ids, named[rows])
+        if rows.any() and not (found.min() >= 0 and _touch(grains, found, cell)):
             walls = types != WALL
             notes.append(f"columns 'type1', 'type2': {counted(rows.sum(), 'contact')} with walls")
-    for shift in (0, -1, 1):
-        moved = found if shift == 0 else index_of(ids, named + shift)
-        if walls is not None:
+    for shift in (0, -1, 1, 0):
+        moved = index_of(ids, named + shift if shift else named)
+        if walls.any():
             moved = np.where(walls, len(ids), moved)
         if moved.min() >= 0 and _touch(grains, moved, cell):
             break
-    else:
-        shift, moved = 0, found if walls is None else np.where(walls, len(ids), found)
     if shift:
         by = "more" if shift < 0 else "less"
         notes.append(f"ids of {contacts.path} are one {by} than those of {grains.path}")
@@ -267,16 +266,6 @@ def rows_between_grains(table: Table, pairs: Integers, *, along_space: bool) -> 
     if len(rows) == 0:
         raise InputError(table.path, "no contact between grains", "contacts", "Check the export.")
     return rows
-
-
-def places_of(
-    table: Table, names: tuple[str, str], ids: Integers, expected: str, remedy: str
-) -> Integers:
-    """(C, 2) array: places of the ids of two columns; `InputError` for an unknown id."""
-    given = np.column_stack([table.integers(name) for name in names])
-    found = index_of(ids, given)
-    refuse_unknown(table, names, given, found, remedy, expected)
-    return found
 
 
 def refuse_unknown(

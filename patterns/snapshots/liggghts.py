@@ -56,9 +56,8 @@ def is_liggghts(path: Path, head: bytes) -> bool:
         names = frame_at(contacts, head_of(contacts)).names
     except InputError:
         return False
-    numbered = {f"[{k + 1}]" for k in range(len(names))}
-    stems = {name.rpartition("[")[0] for name in names}
-    return len(names) >= 3 and len(stems) == 1 and {n[n.rfind("[") :] for n in names} == numbered
+    stem = "".join(names[:1]).rpartition("[")[0]
+    return len(names) >= 3 and {*names} == {f"{stem}[{k + 1}]" for k in range(len(names))}
 
 
 def liggghts_frames(source: Source) -> Frames:
@@ -114,15 +113,12 @@ def finer_cell(
     if misfit > FIT * edges.max() or change > 1e-5:
         note = f"{coarse}; overlaps don't fit it better ({misfit:.2g}); give --cell"
         return atoms, contacts, note
-    atoms = atoms._replace(cell=np.diag(edges))
-    return (
-        atoms,
-        atoms.contacts(contacts.table.path, contacts.pairs, contacts.d),
-        (
-            f"cell {edges.tolist()} from the overlaps of {counted(len(across), 'contact')} across "
-            f"its border, which it fits to {misfit:.1g}: the header has six digits"
-        ),
+    note = (
+        f"cell {edges.tolist()} from the overlaps of {counted(len(across), 'contact')} across "
+        f"its border, which it fits to {misfit:.1g}: the header has six digits"
     )
+    atoms = atoms._replace(cell=np.diag(edges))
+    return atoms, atoms.contacts(contacts.table.path, contacts.pairs, contacts.d), note
 
 
 def _crosses(contacts: Contacts) -> Flags:
