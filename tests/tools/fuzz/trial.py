@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import tempfile
 import time
@@ -18,7 +19,9 @@ from tests.tools.fuzz.samples import Sample
 
 # What a child leaves with.
 OUTCOMES = {0: "snapshot", 1: "clear error", 2: "exception", 3: "half-written"}
-SECONDS = 20.0
+OUTCOMES[-signal.SIGXCPU] = "hang"
+SECONDS = 20  # of the processor that a child may take
+WAITED = 15.0  # times as long on a busy machine
 
 
 def try_one(sample: Sample, seed: int, *, whole: bool) -> tuple[str, str]:
@@ -50,6 +53,7 @@ def _damaged_copy(sample: Sample, seed: int, folder: Path) -> Path:
 def _attempt(path: Path, sample: Sample, out: Path | None, writer: int) -> None:
     """In the child: leave with the number of the outcome."""
     status, message = 2, ""
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
     try:
         quiet = os.open(os.devnull, os.O_WRONLY)
         os.dup2(quiet, 1)
@@ -88,7 +92,7 @@ def _study(path: Path, sample: Sample, out: Path) -> tuple[int, str]:
 
 
 def _wait(child: int) -> str:
-    end = time.monotonic() + SECONDS
+    end = time.monotonic() + WAITED * SECONDS
     while time.monotonic() < end:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
