@@ -51,7 +51,8 @@ def scheduler(tmp_path):
     file = tmp_path / "scheduler.json"
     process = dask("scheduler", *QUIET, "--port", 0, "--scheduler-file", file)
     try:
-        wait_for(file.exists)
+        # It is there before its content is.
+        wait_for(lambda: file.exists() and file.read_text())
         yield process, json.loads(file.read_text())["address"]
     finally:
         process.kill()
