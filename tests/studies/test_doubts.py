@@ -126,7 +126,7 @@ def test_the_major_stress_is_driven_unless_an_axis_is_named(
 ):
     name, *more = command
     other = f"axis {3 - major}; the major stress is along axis {major}"
-    for axis, said in ((None, f"axis {major}, of the major stress"), (3 - major, other)):
+    for axis, said in ((None, f"axis {major}, that of the major stress"), (3 - major, other)):
         out = tmp_path / f"{axis}"
         given = () if axis is None else ("--axis", axis)
         assert run(name, across[major], *more, *given, "--no-figures",

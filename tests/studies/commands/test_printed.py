@@ -85,7 +85,7 @@ def test_every_template_can_be_read():
 @pytest.mark.parametrize(
     ("programme", "axis", "words"),
     [
-        ("drained", 2, "drained along axis 2, of the major stress"),
+        ("drained", 2, "drained along axis 2, that of the major stress"),
         ("drained", 1, "drained along axis 1; the major stress is along axis 2"),
         ("isotropic-stress", 2, "isotropic-stress"),
     ],
