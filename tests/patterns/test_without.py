@@ -154,3 +154,14 @@ def test_ids_of_a_scene_are_whole_numbers_one_a_grain():
     for ids in ([1, 2, 3], [0.5, 1.0, 2.0, 3.0]):
         with pytest.raises(gl.InputError, match="ids of a scene"):
             gl.Scene(graph, LAW, ids=ids)
+
+
+def test_contacts_that_stay_keep_their_springs():
+    sample = gl.read_snapshot(gl.sample_path())
+    pairs = sample.ids[sample.graph.contacts]
+    less = sample.without(grains=sample.ids[:1], contacts=pairs[[40]])
+    stays = ~(pairs == sample.ids[0]).any(axis=1) & ~(pairs == pairs[40]).all(axis=1)
+    assert np.ptp(sample.law.kn) > 0 and 1 < np.count_nonzero(~stays) < 10
+    assert np.array_equal(less.law.kn, sample.law.kn[stays])
+    for name in ("mass", "rotation"):
+        assert np.array_equal(getattr(less, name), getattr(sample, name)[1:])

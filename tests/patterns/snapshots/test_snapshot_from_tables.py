@@ -182,3 +182,12 @@ def test_tables_for_files_are_told_where_they_go():
     for path, contacts in (frames, ("grains_1.csv", frames[1])):
         with pytest.raises(InputError, match=r"got DataFrame.*call snapshot_from_tables"):
             read_snapshot(path, contacts)
+
+
+@pytest.mark.parametrize("ids", [[0, 1, 2], [2, 0, 1], [5, 7, 9], [9, 5, 7], [3, 10**12, -4]])
+@pytest.mark.parametrize("unknown", [6, -5, 10, 2**62])
+def test_an_id_that_no_grain_has_is_named(ids, unknown):
+    grains = {"id": ids, "x": [0.0, 0.9, 0.4], "y": [0.0, 0.0, 0.8], "d": [1.0, 1.0, 1.0]}
+    contacts = {"i": [*ids[:2], ids[0]], "j": [*ids[1:], unknown], "fn": [1.0, 1.0, 1.0]}
+    with pytest.raises(InputError, match=rf"column 'id2' of contacts, row 2: got grain {unknown},"):
+        snapshot_from_tables(grains, contacts, kn=10.0, mu=0.0)
