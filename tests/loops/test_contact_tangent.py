@@ -1,6 +1,7 @@
 """Blocks of a law whose normal force answers to shear: the protocol allows it."""
 
 import numpy as np
+import pytest
 
 from loops import (
     GrainGraph,
@@ -62,3 +63,17 @@ def test_sizes_bound_every_entry_by_its_own_terms():
         entries, sizes = (of(state, law, regime) for of in (contact_tangent, contact_sizes))
         assert np.abs(entries[:, 2:, first : first + 2]).max() > 0.01
         assert (np.abs(entries) <= sizes * (1 + 1e-15)).all()
+
+
+def test_sizes_are_the_sums_of_the_terms():
+    """Of a contact along axis 1: kt and N/l, which the entries subtract, are added."""
+    pair = GrainGraph(
+        x=[[0.0, 0.0], [0.9, 0.0]], radii=[0.5, 0.5], contacts=[[0, 1]],
+        normal_force=[0.1], shear_force=[0.05],
+    )  # fmt: skip
+    state, regime = contact_state(pair), np.full(1, Regime.ELASTIC, dtype=np.int8)
+    law = LinearFrictional(kn=1.2, kt=0.5)
+    entries, (sizes,) = (of(state, law, regime) for of in (contact_tangent, contact_sizes))
+    wanted = np.array([[1.2, 0.05 / 0.9], [0.0, 0.5 + 0.1 / 0.9]])
+    np.testing.assert_allclose(sizes[:2, :2], wanted, rtol=1e-14, atol=1e-16)
+    assert abs(entries[0, 1, 1]) == pytest.approx(0.5 - 0.1 / 0.9, rel=1e-14)

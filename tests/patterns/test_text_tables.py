@@ -140,3 +140,11 @@ def test_scalar_shear_with_the_other_sign_is_found_by_the_balance(tmp_path):
     size = np.abs(plain.normal_force).max()
     # The file's normals and shear vectors agree with the branches to 1e-9 of the force.
     np.testing.assert_allclose(found.shear_force, plain.shear_force, rtol=0, atol=1e-8 * size)
+
+
+def test_rows_may_end_with_a_delimiter_that_the_header_lacks(tmp_path, plain):
+    def ended(written):
+        head, *rows = written.splitlines()
+        return "\n".join([head, *(f"{row};" for row in rows)]) + "\n"
+
+    same(read_snapshot(deck(tmp_path, ";", change=ended)), plain)
