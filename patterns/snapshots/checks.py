@@ -121,10 +121,8 @@ def directions(state: Checked) -> Finding:
         side = np.sign(state.stiffnesses[0] * state.overlap - state.law.attraction)
     size = float(np.hypot(normal, shear).sum())
     share = float((side * normal).sum()) / size
-    if share >= ALONG:
-        return finding("directions", share)
-    if share <= -ALONG:
-        return finding("directions", share, "pull")
+    if abs(share) >= ALONG:
+        return finding("directions", share, "ok" if share > 0 else "pull")
     n = state.d / state.length[:, None]
     # The force with its components exchanged, along the branch.
     exchanged = 2 * n[:, 0] * n[:, 1] * normal + (n[:, 0] ** 2 - n[:, 1] ** 2) * shear

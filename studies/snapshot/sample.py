@@ -40,7 +40,7 @@ class Fabric(Shown):
         Mean of `n (x) n` over the contacts, of `sum e (x) e / sum |e|^2` over the loops.
     anisotropy, anisotropy_error : (n,) array
         Difference of the principal values, half the amplitude of the density of directions, and its
-        standard error, as if contacts and loops were independent.
+        standard error, as if contacts and loops were independent; nan of fewer than two.
     direction, direction_error : (n,) array
         Of the larger principal value, degrees from axis 1 in (-90, 90], and its standard error.
     snapshot : Snapshot
@@ -129,12 +129,13 @@ def fabric(snapshot: Snapshot | Subject) -> Fabric:
     tensor = np.stack([mean.mean for mean in means])
     anisotropy, direction = principal(tensor)
     errors = [axis_errors(*one, angle) for one, angle in zip(sets.values(), direction, strict=True)]
-    along, across = np.array(errors).T
+    count = np.array([mean.number for mean in means])
+    along, across = np.where(count > 1, np.array(errors).T, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         turned = np.degrees(0.5 * across / anisotropy)
     return Fabric(
         of=np.array([*sets]),
-        count=np.array([mean.number for mean in means]),
+        count=count,
         tensor=tensor,
         anisotropy=np.asarray(anisotropy),
         anisotropy_error=along,

@@ -111,6 +111,16 @@ def test_fabric_tells_contacts_by_force_and_loops_by_order(snapshot):
     np.testing.assert_allclose(areas, gl.loop_table(snapshot)["area"], rtol=1e-12)
 
 
+def test_one_loop_or_none_has_no_error_of_its_fabric():
+    """A disc that touches its own images: two contacts, none of them strong, and one loop."""
+    own = gl.GrainGraph([[0, 0]], [0.505], [[0, 0]] * 2, normal_force=[0.01] * 2,
+                        images=[[1, 0], [0, 1]], cell=np.eye(2))  # fmt: skip
+    found = gl.fabric(gl.Scene(own, gl.LinearFrictional(1.0, 0.4, 0.5)))
+    error = dict(zip(found.of.tolist(), found.anisotropy_error.tolist(), strict=True))
+    assert error["contacts"] == pytest.approx(np.sqrt(0.5), rel=1e-15)
+    assert np.isnan([error[of] for of in ("strong contacts", "loops", "loops of order 4")]).all()
+
+
 def test_errors_of_the_fabric_are_those_of_repeated_samples():
     rng = np.random.default_rng(7)
     found, said = [], []
