@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from loops import GrainGraph, Scene, contact_state
+from loops import Scene
 from loops.arrays import Flags, Floats, Regimes
 from loops.closures import Closure, Spins
-from loops.laws.frictional import TOUCHING_RTOL, Regime
+from loops.laws.frictional import Regime
 from stability.path import Path
 from stability.paths.loop_path import RELEASE, LoopPathOptions, follow_loop
 from stability.paths.model import law_scale
@@ -86,7 +86,7 @@ class FanLimits:
             end *= STRESS_REACH * law_scale(fan.loop.contact_state, fan.loop.law)
         stages = [Stage(load, "parameter", end)]
         path = follow_loop(fan.loop, stages, fan.closure, options, rows=1, stop=LAST)
-        for kind, at, values in limits_of(path, fan.loop.graph):
+        for kind, at, values in limits_of(path):
             if not self.found[kind][row]:
                 self.found[kind][row] = True
                 H, P, x, regime = self.states[kind]
@@ -94,8 +94,8 @@ class FanLimits:
                 regime[row] = path.regime[at]
 
 
-def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[ArrayLike, ...]]]:
-    """Limits along a path that began as this graph: kind, row of its regimes, `H`, `P` and `x`."""
+def limits_of(path: Path) -> Iterator[tuple[str, int, tuple[ArrayLike, ...]]]:
+    """Limits along a path: kind, row of its regimes, `H`, `P` and `x`."""
 
     def state(at: int) -> tuple[ArrayLike, ...]:
         return path.H[at], path.P[at], path.x[at]
@@ -111,9 +111,7 @@ def limits_of(path: Path, graph: GrainGraph) -> Iterator[tuple[str, int, tuple[A
     for kind in begun:
         yield kind, 0, state(0)
     events, lost = path.events, path.H[0] if "det_K_zero" in begun else None
-    ends = (contact_state(graph.replace(x=x)) for x in (graph.x, path.x[-1]))
-    touched, touches = (s.overlap >= -TOUCHING_RTOL * s.touching_length for s in ends)
-    if ((path.regime[0] == Regime.OPEN) & touched & ~touches).any():
+    if len(path) == 1 and path.status == "unfinished":
         # Contacts that just touch part at once.
         yield "opening", 0, state(0)
         events = ()

@@ -107,7 +107,8 @@ class LoopPathSolver:
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
     `symmetry_kept`: How far the symmetry served; `stop`: Kinds of events at the first of which, in
-    the first subspace, the path ends; `in_full`: Combinations of regimes up to which all are tried.
+    the first subspace, the path ends, 'opening' also where contacts that touch part at its start;
+    `in_full`: Combinations of regimes up to which all are tried.
     """
 
     model: PathModel
@@ -190,6 +191,8 @@ class LoopPathSolver:
             if before is None:
                 if away := stage.away(sense):
                     return "lost", away
+                if "opening" in self.stop and self._parts(here):
+                    return STOPPED
                 # Length of the stage in the space of H, judged from its start.
                 rate = abs(stage.value(here.rates.H, here.rates.P, here.rates.parameter))
                 left = abs(stage.target - stage.value(here.H, here.P, 0.0))
@@ -362,6 +365,12 @@ class LoopPathSolver:
         own = ("", self.options.subspaces[0])
         events = self.record.events
         return bool(self.stop) and any(e.kind in self.stop and e.subspace in own for e in events)
+
+    def _parts(self, here: StateRates) -> bool:
+        """Whether contacts that just touch part at once."""
+        touches = here.contacts.overlap >= -TOUCHING_RTOL * self.model.touching
+        leaves = here.rates.un > UNMOVED * self.model.length
+        return bool((touches & leaves & (self.mode.regime == Regime.OPEN)).any())
 
     def _carries_nothing(self, here: StateRates) -> bool:
         """Whether every contact force is below `RELEASE`."""

@@ -121,3 +121,13 @@ def test_branches_that_keep_their_length_do_not_part(length, kn):
     limits = limits_of(fan_of(regular_polygon(6), "affine", "strain", degrees, **options))
     assert limits.found["opening"].tolist() == [False, True]
     assert (limits.states["opening"].H[1] == 0.0).all()
+
+
+def test_a_programme_ends_where_contacts_part_at_once():
+    """A ring that just touches, drawn apart: nothing behind its start is followed."""
+    fan = fan_of(regular_polygon(6), "traction", "strain", (-135.0,), 0.3)
+    limits = limits_of(fan)
+    assert limits.found["opening"][0] and not limits.found["yield"][0]
+    for kind in ("opening", "end"):
+        assert not limits.states[kind].H[0].any()
+    assert (limits.states["opening"].regime[0] == 0).all()
