@@ -14,7 +14,7 @@ from loops.arrays import Flags, Floats, Regimes
 from loops.closures import Closure, Spins
 from loops.laws.frictional import Regime
 from stability.path import Path
-from stability.paths.loop_path import RELEASE, LoopPathOptions, follow_loop
+from stability.paths.loop_path import RELEASE, SINGULAR_RTOL, LoopPathOptions, follow_loop
 from stability.paths.model import law_scale
 from stability.programmes import Stage, proportional_strain, proportional_stress
 from stability.spectra import operator_norm, restrict, symmetric_spectrum
@@ -28,8 +28,6 @@ LIMITS = (*SPECTRAL, "yield", "opening", "branching", "limit")
 LAST = ("det_K_zero", "opening")
 # Stress over kn at which programmes of stress end, over their reach in strain.
 STRESS_REACH = 5.0
-# A normalised eigenvalue this small is zero.
-SINGULAR_RTOL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +108,8 @@ def limits_of(path: Path) -> Iterator[tuple[str, int, tuple[ArrayLike, ...]]]:
     begun = [kind for kind, holds in zip(SPECTRAL, stable, strict=True) if not holds]
     for kind in begun:
         yield kind, 0, state(0)
-    events, lost = path.events, path.H[0] if "det_K_zero" in begun else None
-    if len(path) == 1 and path.status == "unfinished":
-        # Contacts that just touch part at once.
-        yield "opening", 0, state(0)
-        events = ()
-    for event in events:
+    lost = path.H[0] if "det_K_zero" in begun else None
+    for event in path.events:
         # Events of the state at which det K is lost still count.
         if lost is not None and np.abs(np.subtract(lost, event.H)).max() > SINGULAR_RTOL:
             break

@@ -52,7 +52,7 @@ from stability.paths.state import (
 from stability.paths.state_rates import UNIT_PARAMETER, StateRates
 from stability.programmes import Programme, Stage
 from stability.regimes import ENUMERATION_LIMIT, RateStatus, Regimes
-from stability.spectra import subspace_basis
+from stability.spectra import operator_norm, restrict, subspace_basis
 
 # Statuses of a rate problem without regimes to go on with.
 UNANSWERED: tuple[RateStatus, ...] = ("none", "none found")
@@ -70,6 +70,8 @@ REACHED = 1e-15
 UNMOVED = 1e-13
 # Force that a parting contact may drop, over kn times length.
 RELEASE = 1e-9
+# A normalised eigenvalue this small is zero.
+SINGULAR_RTOL = 1e-12
 # Status of a path that kept its symmetry to the end.
 SYMMETRY_KEPT = "to the end"
 STOPPED: tuple[PathStatus, str] = ("unfinished", "an event ends the path")
@@ -107,7 +109,7 @@ class LoopPathSolver:
     `y` (Y,): Integrated variables; `atol`: Tolerance in natural units; `rows`: Rows of a stage;
     `steps_left`: Steps until the path is given up; `common`: Symmetry that all programmes keep;
     `symmetry_kept`: How far the symmetry served; `stop`: Kinds of events at the first of which, in
-    the first subspace, the path ends, 'opening' also where contacts that touch part at its start;
+    the first subspace, the path ends; it begins with the opening of contacts that part at once;
     `in_full`: Combinations of regimes up to which all are tried.
     """
 
@@ -186,13 +188,11 @@ class LoopPathSolver:
             here = self._take_regimes(stage, problem, before)
             if sense == 0.0:
                 return FINISHED
-            if self._stops():
+            if self._stops() or self._begins_lost(here):
                 return STOPPED
             if before is None:
                 if away := stage.away(sense):
                     return "lost", away
-                if "opening" in self.stop and self._parts(here):
-                    return STOPPED
                 # Length of the stage in the space of H, judged from its start.
                 rate = abs(stage.value(here.rates.H, here.rates.P, here.rates.parameter))
                 left = abs(stage.target - stage.value(here.H, here.P, 0.0))
@@ -272,6 +272,8 @@ class LoopPathSolver:
         here = self.at(stage.programme, trial.rates.gauge)
         if not self.record.rows:
             self.record.row(model, here)
+            if self.stop and (parting := self._parting(here)):
+                self.record.event("opening", 0.0, parting, cause="start")
             record_start(self.record, model, self.mode)
             return here
         record_changes(self.record, old, self.mode, self.parameter, problem)
@@ -290,7 +292,7 @@ class LoopPathSolver:
         The closure's system may be singular in a single state. Steps of other lengths pass it.
         """
         strain = float(np.abs(here.H).max())
-        size = min(max(reach if np.isfinite(reach) else 1.0, strain), 1.0)
+        size = min(max(reach, strain), 1.0)
         about = self.model, self.mode, stage, start, sense, size
         functions = event_functions(*about, self.options.subspaces)
         row_step = min(reach, 1.0) / self.rows if self.rows else np.inf
@@ -366,11 +368,19 @@ class LoopPathSolver:
         events = self.record.events
         return bool(self.stop) and any(e.kind in self.stop and e.subspace in own for e in events)
 
-    def _parts(self, here: StateRates) -> bool:
-        """Whether contacts that just touch part at once."""
+    def _parting(self, here: StateRates) -> tuple[int, ...]:
+        """Return contacts that just touch and part at once."""
         touches = here.contacts.overlap >= -TOUCHING_RTOL * self.model.touching
         leaves = here.rates.un > UNMOVED * self.model.length
-        return bool((touches & leaves & (self.mode.regime == Regime.OPEN)).any())
+        parts = touches & leaves & (self.mode.regime == Regime.OPEN)
+        return tuple(np.flatnonzero(parts).tolist())
+
+    def _begins_lost(self, here: StateRates) -> bool:
+        """Whether the path is to end at a loss of det K, and begins beyond it."""
+        if "det_K_zero" not in self.stop or len(self.record.rows) > 1:
+            return False
+        K = np.nan_to_num(restrict(here.A, self.options.subspaces[0]))
+        return bool(np.linalg.eigvals(K).real.min() <= SINGULAR_RTOL * operator_norm(K))
 
     def _carries_nothing(self, here: StateRates) -> bool:
         """Whether every contact force is below `RELEASE`."""

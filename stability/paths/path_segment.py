@@ -14,16 +14,7 @@ from loops.arrays import Floats, Integers
 from loops.laws.frictional import Regime
 from stability.paths.kernels import QUANTITIES, EventFunctions, answer, follow
 from stability.paths.model import PathModel
-from stability.paths.segment import (
-    EVENT,
-    ROW,
-    SIMULTANEOUS,
-    SINGULAR,
-    STUCK,
-    TOO_LONG,
-    Steps,
-    System,
-)
+from stability.paths.segment import EVENT, ROW, SIMULTANEOUS, SINGULAR, TOO_LONG, Steps, System
 from stability.paths.state import NO_PAIRS, Mode, pair_overlaps, pairs_in_reach
 from stability.paths.state_rates import Answers, StateRates
 from stability.programmes import NOTHING, Stage
@@ -47,11 +38,6 @@ KINDS = list(CROSSING_TOLERANCE)
 SPECTRAL = ("det_Ks_zero", "det_K_zero")
 # An eigenvalue of K whose imaginary part is below this fraction of |K| is real.
 REAL_RTOL = 1e-7
-MESSAGES = {
-    SINGULAR: "no step size keeps the error within its tolerance",
-    STUCK: "no step size keeps the error within its tolerance",
-    TOO_LONG: "the limit on the number of steps was reached",
-}
 
 
 def event_functions(
@@ -150,7 +136,10 @@ def follow_segment(
     here = replace(start, y=end, gauge=last)
     if code != EVENT:
         singular = [("singular", -1)] if code == SINGULAR else []
-        return SegmentEnd(here, singular, steps, MESSAGES[code])
+        message = "no step size keeps the error within its tolerance"
+        if code == TOO_LONG:
+            message = "the limit on the number of steps was reached"
+        return SegmentEnd(here, singular, steps, message)
     events = [(KINDS[kind], item) for kind, item in functions.watch[fired].tolist()]
     pairs = NO_PAIRS
     if ("opposite_contact", -1) in events:
