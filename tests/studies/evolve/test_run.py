@@ -105,7 +105,7 @@ def test_a_path_past_instabilities_says_how_far_another_way_is(tmp_path, capsys)
     found = follow(Scene(graph, BRANCH), stage, closure="packing", **how)
     assert found.stress_spread > 0
     assert summary["stress_spread"] == pytest.approx(found.stress_spread, rel=1e-6)
-    percent = f"{100 * summary['stress_spread']:.2g}"
+    percent = f"{100 * summary['stress_spread']:.3g}"
     assert f"{said}{percent} % of its change" in capsys.readouterr().out
 
 
