@@ -12,10 +12,9 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import grainloops as gl
-from grainloops import probe
 from loops.arrays import one_blas_thread
 from loops.scene import of_scene
-from stability.packing import packing_increment, sustain
+from stability.packing import packing_increment, probe, sustain
 from tests.packings import LAW, jammed, loops_in_place
 
 ROOT = Path(__file__).parents[2]
