@@ -54,8 +54,6 @@ WAYS = {"path": "events", "replay": "replay"}
 # Parts of the way that places are told by; 1 to 8 forecast losses alike (docs/knobs.md).
 PARTS = 4
 NEVER = PARTS
-# Ends of the classes of reach (driven strain over p/kn), each about one step of the series.
-REACHES = (0.02, 0.1, 0.6, 4.0)
 # Factor beyond the outer mean reaches up to which there are probabilities; 5 kept the skill.
 BEYOND = 2.0
 CALIBRATION = Path(__file__).with_name("forecast.json")

@@ -73,8 +73,8 @@ def require_law(law: object, contacts: tuple[int, ...] | None = None) -> None:
     """
     if not isinstance(law, FrictionalLaw):
         received = f"the class {law.__name__}" if isinstance(law, type) else type(law).__name__
-        expected = "a law with its tangent and its edge"
-        remedy = "Give gl.LinearFrictional(kn, kt, mu), say, or derive it from gl.FrictionalLaw."
+        expected = "a law derived from gl.FrictionalLaw"
+        remedy = "Give gl.LinearFrictional(kn, kt, mu), say, or derive yours."
         raise InputError("contact law", "none" if law is None else received, expected, remedy)
     if contacts is None:
         return
@@ -91,7 +91,7 @@ def _require_fit(name: str, shape: tuple[int, ...], contacts: tuple[int, ...]) -
     # A number for all contacts of each state has an axis of one contact.
     if not fits(shape, contacts, 1) or (shape == (1,) and contacts[-1] != 1):
         received = counted(shape[-1], "value") if len(shape) == 1 else f"shape {shape}"
-        expected = f"a number, or one for each contact of the graph, {contacts[-1]}"
+        expected = f"a number, or one for each of the {contacts[-1]} contacts of the graph"
         remedy = "Give law.take(kept), with the contacts that the graph has kept."
         raise InputError(name, received, expected, remedy)
 

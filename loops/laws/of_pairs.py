@@ -451,7 +451,7 @@ def require_movable(law: object, state: ContactState) -> FrictionalLaw:
     if not len(state.length):
         raise InputError("packing", "no contacts", "a packing that carries", "Compress it first.")
     sheared = law.law if isinstance(law, RollingResistance) else law
-    if not isinstance(sheared, FrictionalLaw):
+    if isinstance(sheared, RollingResistance) or not isinstance(sheared, FrictionalLaw):
         expected = "a law derived from gl.FrictionalLaw, and at most one spring for rolling"
         remedy = "Give another, or compute tangents alone."
         raise InputError("law", type(sheared).__name__, expected, remedy)

@@ -208,8 +208,8 @@ class Solved(NamedTuple):
     solutions: Flags
 
 
-@dataclass(eq=False)
-class PackingRates:
+@dataclass(eq=False, repr=False)
+class PackingRates(Shown):
     """The rate problem of one state, for any number of controls, and its increments.
 
     Candidates for sliding are contacts within a band of their strength; in `system` they stick.

@@ -166,8 +166,8 @@ def _share_of_band(found: LoopsAtYield, hold: bool) -> dict[str, Any]:
     if soft:
         remedy = "take another state" if hold else "bring the state to rest first with --hold"
         why = (
-            f"{soft} of {counted(contacts, 'contact')} that may slide driven on by their slip "
-            f"(M_cc <= 0), so that next to no rates agree; {remedy}"
+            f"their slip drives on {soft} of {contacts} contacts that may slide (M_cc <= 0), "
+            f"so that next to no rates agree; {remedy}"
         )
     return {
         "band": found.band,
@@ -319,7 +319,7 @@ def _require_rest(held: HeldPacking) -> None:
         remedy = "Hold the cell in place of the stress, or take a sample that bears this stress."
     else:
         kept = left - held.gained
-        received = f"a flow: {kept} of {counted(held.lost + kept, 'contact')} between grains left"
+        received = f"a flow: {kept} of {held.lost + kept} contacts between grains are left"
         remedy = "Look for grains and contacts that are missing, or take a sample that is jammed."
     where = f"the sample, which was brought to rest first ({held.place})"
     raise InputError(where, received, "a state at rest", remedy)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import grainloops as gl
-from grainloops import hold, probe, replay
+from grainloops import hold, replay
 from loops import (
     CohesiveFrictional,
     HertzMindlin,
@@ -17,7 +17,7 @@ from loops import (
     contact_state,
 )
 from stability import Stage, follow, programmes
-from stability.packing.probe import probe_to
+from stability.packing.probe import probe, probe_to
 from studies.series.evolution import track_loops
 from studies.series.packing import Following, packing_predictions
 from studies.snapshot.in_packing import sample_edge

@@ -392,7 +392,7 @@ class Integrated(Springs):
         (Coupled(k=1.0, kt=0.5, mu=MU), "a normal force of the overlap alone"),
         (Integrated(k=1.0, kt=0.5, mu=MU), "Integrated with keeps_strength"),
         (FrictionalLaw(kn=1.0, kt=0.5), "FrictionalLaw.closed_force"),
-        ("linear", "str without"),
+        ("linear", "got str, expected a law derived from"),
         (None, "got none, expected a contact law"),
     ],
 )

@@ -191,7 +191,7 @@ def test_a_law_without_an_edge_is_refused_before_anything_is_computed():
         lambda: directional_work(graph, law, [[1.0, 0.0]], closure="affine"),
         lambda: RollingResistance(law, k_r=0.1),
     ):
-        with pytest.raises(InputError, match=r"LawWithoutEdge without .*strength"):
+        with pytest.raises(InputError, match=r"LawWithoutEdge, expected a law derived"):
             call()
 
 

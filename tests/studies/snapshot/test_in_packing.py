@@ -246,7 +246,7 @@ def test_contacts_that_their_slip_drives_on_leave_no_share():
         patch.setattr("studies.snapshot.in_packing.MOVING", np.inf)
         _, table, summary = judged(driven)
     at_rest = summary["packing_at_rest"]
-    assert "1 of 60 contacts that may slide are driven on" in at_rest["bands"][1]["withheld"]
+    assert "their slip drives on 1 of 60 contacts that may slide" in at_rest["bands"][1]["withheld"]
     assert "bring the state to rest first with --hold" in at_rest["says"]
     assert at_rest["bands"][1]["count"] == 0 and at_rest["judged"] == 0
     assert np.isnan(table["packing_lambda_min_held"]).all()
