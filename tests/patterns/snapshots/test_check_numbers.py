@@ -75,12 +75,13 @@ def uneven(seed=0, *, walls=True, forces=None, **changes):
 
 def in_units(made, force, length):
     """The same state in other units of force and length."""
-    graph = SimpleNamespace(
+    graph = GrainGraph(
         x=length * made.x,
         radii=length * made.radii,
         contacts=made.contacts,
         normal_force=force * made.normal,
         shear_force=force * made.shear,
+        images=made.graph.images,
         cell=None if made.graph.cell is None else length * made.graph.cell,
     )
     each = np.ones(len(made.contacts))
