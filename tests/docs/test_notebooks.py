@@ -7,6 +7,7 @@ import sys
 import pytest
 from matplotlib.testing.compare import compare_images
 
+from studies.output import as_json
 from tests.docs.pages import DOCS, page
 
 sys.path.insert(0, str(DOCS / "site"))
@@ -46,7 +47,7 @@ def test_a_notebook_of_the_gallery_runs(tmp_path, monkeypatch):
     for cell in cells:
         exec(cell, names)
     summary = json.loads((tmp_path / "three_discs" / "summary.json").read_text())
-    assert json.loads(json.dumps(names["numbers"], default=float))["cases"] == summary["cases"]
+    assert json.loads(as_json(names["numbers"]))["cases"] == summary["cases"]
     (picture,) = (part.value for part in ast.walk(ast.parse(shows))
                   if isinstance(part, ast.Constant))  # fmt: skip
     assert (tmp_path / picture).is_file()
