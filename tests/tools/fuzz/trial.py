@@ -14,6 +14,7 @@ import numpy as np
 
 from loops import InputError
 from patterns import read_snapshot
+from tests.command import run_snapshot
 from tests.tools.fuzz.damage import damaged
 from tests.tools.fuzz.samples import Sample
 
@@ -74,8 +75,6 @@ def _attempt(path: Path, sample: Sample, out: Path | None, writer: int) -> None:
 
 
 def _study(path: Path, sample: Sample, out: Path) -> tuple[int, str]:
-    from tests.command import run_snapshot
-
     before = set(path.parent.iterdir())
     status, message = 0, ""
     try:
