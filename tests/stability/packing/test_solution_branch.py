@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from grainloops import hold, probe
+from grainloops import hold
 from loops import GrainGraph, InputError, LinearFrictional, Scene
 from patterns import read_snapshot, sample_path
 from stability import follow
@@ -20,7 +20,7 @@ from stability.complementarity import (
     solve_from,
 )
 from stability.factor import Factor
-from stability.packing import rate_problem
+from stability.packing import probe, rate_problem
 from stability.packing.equations_of_motion import Moving, masses_of, servo_of, step_of
 from stability.packing.probe import stage_along
 from stability.packing.regime_regions import RegimeRegions
