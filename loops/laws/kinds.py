@@ -444,10 +444,7 @@ class RollingResistance(FrictionalLaw):
         return RollingResistance(self.law.parted(opened), self.k_r, self.mu_r)
 
 
-# What forces, regimes and overlaps depend on is the other law's.
-for _name in (
-    *("mu", "shear_increment", "shear_history", "keeps_strength", "shear_kinematics"),
-    *("local_stiffness", "regime", "normal_force", "closed_force", "gap", "strength"),
-    "normal_energy",
-):
-    setattr(RollingResistance, _name, property(attrgetter(f"law.{_name}")))
+# The rest is the other law's, but that no columns of a table hold the spring.
+for _name in {*vars(FrictionalLaw)} - {*vars(RollingResistance), "take", "table_words"}:
+    if not _name.startswith("_"):
+        setattr(RollingResistance, _name, property(attrgetter(f"law.{_name}")))

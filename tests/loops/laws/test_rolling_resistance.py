@@ -3,6 +3,7 @@ import pytest
 from scipy.optimize import brentq
 
 from loops import (
+    CohesiveFrictional,
     ContactLaw,
     GrainGraph,
     HertzMindlin,
@@ -118,6 +119,21 @@ def test_everything_else_is_the_other_laws():
                 for law in (LAW, LINEAR)
             )
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
+
+
+def test_what_a_law_overrides_holds_beside_a_spring():
+    """Formulae and facts for checks of tables too, which the base would answer for itself."""
+    bonds = CohesiveFrictional(2.0, 0.5, 0.3, 0.01, bonded=True)
+    spheres = HertzMindlin(1.0, 0.3, 0.2, shear_history="displacement")
+    state = contact_state(random_loop(6, seed=7, polydispersity=0.2, strain=0.05))
+    for law in (bonds, spheres):
+        both = RollingResistance(law, KR)
+        for name in ("stiffnesses", "coupling", "strength", "strength_slope", "gap"):
+            one, other = (np.asarray(getattr(each, name)(state)) for each in (both, law))
+            np.testing.assert_array_equal(one, other)
+        for name in ("cohesive", "bonded", "adhesion", "overlap_power", "of_moduli", "mu"):
+            assert getattr(both, name) == getattr(law, name)
+        assert both.table_words is None
 
 
 def test_open_contacts_have_no_spring_and_springs_add_up():
