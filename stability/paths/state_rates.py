@@ -234,7 +234,7 @@ class StateRates:
 
     @cached_property
     def answers(self) -> Answers:
-        """What kernels and numpy are asked of this state."""
+        """Rates, contacts and events of this state by kernels or numpy, each computed when used."""
         answers = Answers(self.model, self.mode, self.programme)
         shared = answers.p.shared
         shared[0, : len(self.y)], shared[1, :5] = self.y, self.gauge

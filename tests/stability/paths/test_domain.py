@@ -131,3 +131,14 @@ def test_a_programme_ends_where_contacts_part_at_once():
     for kind in ("opening", "end"):
         assert not limits.states[kind].H[0].any()
     assert (limits.states["opening"].regime[0] == 0).all()
+
+
+@pytest.mark.parametrize(("overlap", "begins_lost"), [(0.29, False), (0.31, True)])
+def test_a_programme_that_begins_beyond_the_loss_of_det_k_is_not_followed(overlap, begins_lost):
+    """A diamond loses det K at the strain kappa/(1 + kappa): at this overlap over the distance."""
+    assert (1.0 + overlap > 1.0 + KAPPA) == begins_lost
+    fan = fan_of(regular_polygon(4), "affine", "strain", (10.0, 130.0), overlap=overlap, reach=0.01)
+    limits = limits_of(fan)
+    assert (limits.states["end"].H == 0.0).all() == begins_lost
+    found = limits.found["det_K_zero"] & (limits.states["det_K_zero"].H == 0.0).all(axis=1)
+    assert found.all() == begins_lost
