@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from loops import InputError
 from loops.arrays import Flags, Floats, Integers, in_threads
 from loops.compiled import load_ahead
+from loops.errors import library
 from patterns.snapshots.files import (
     Text,
     line_at,
@@ -553,11 +554,8 @@ def _npy_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any
 
 
 def _hdf5_entries(path: Path) -> Entries:
-    try:
+    with library(str(path), "h5py"):
         import h5py
-    except ImportError:
-        remedy = "Install it: pip install h5py."
-        raise InputError(str(path), "an HDF5 file", "h5py", remedy) from None
     found: list[tuple[str, Any]] = []
     with open(path, "rb") as raw, h5py.File(raw, "r") as file:
         file.visititems(lambda name, item: found.append((name, item)))

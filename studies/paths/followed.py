@@ -594,10 +594,8 @@ def operator_values(
 
     `determinants` (2, 1): Of K and of Ks.
     """
-    verdict, plane = (
-        judge(K),
-        {name: column[0] for name, column in plane_columns(K[None], *determinants).items()},
-    )
+    columns, verdict = plane_columns(K[None], *determinants), judge(K)
+    plane = {name: column[0] for name, column in columns.items()}
     return {
         **{name: float(plane[name]) for name in ("det_K", "det_Ks")},
         "K": K,
