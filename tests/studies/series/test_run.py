@@ -215,7 +215,7 @@ import os, signal, sys
 from rich.progress import Progress
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    Progress.advance = lambda *_: {how}
+    Progress.update = lambda *_, **__: {how}
     sys.argv = {["grainloops", "series", *map(str, paths), *map(str, options)]!r}
     from studies.cli import main
     main()
